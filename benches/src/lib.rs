@@ -1,0 +1,1 @@
+//! Benchmarks of stillflux live in `benches/`.

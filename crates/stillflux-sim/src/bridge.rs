@@ -1,0 +1,354 @@
+//! Three bridge legs: gate timing with dead time, thresholds, and what a leg without current does.
+//!
+//! A leg has an interval of potentials `[v_lo, v_hi]` (against the negative rail) in which none of its
+//! four devices conducts:
+//!
+//! | gates | `v_lo` | `v_hi` |
+//! |---|---|---|
+//! | upper on | `u_dc - u_th` | `u_dc + u_th` |
+//! | lower on | `-u_th` | `u_th` |
+//! | both off | `-u_th` | `u_dc + u_th` |
+//!
+//! `i > 0` (towards the motor) holds the leg at `v_lo - r_d i`, `i < 0` at `v_hi - r_d i`; at `i = 0` it
+//! floats at the induced potential while that stays inside. One rule covers switch, diode, dead time,
+//! zero-current clamping and the blocked bridge. `r_d` is folded into the stator resistance.
+
+use crate::adc::nearest;
+use crate::machine::{AXIS, Circuit, Field, State, V2, phases, space_vector};
+use stillflux::params::Inverter;
+
+/// Which switch of a leg is on. Bit 0: `v_lo` at the positive rail; bit 1: `v_hi` there.
+pub(crate) type Gate = u8;
+pub(crate) const LOW: Gate = 0b00;
+pub(crate) const OFF: Gate = 0b10;
+pub(crate) const HIGH: Gate = 0b11;
+
+/// One leg's gate and the changes ahead of it in this period.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Leg {
+    pub gate: Gate,
+    /// Commanded level.
+    level: bool,
+    /// Time within the period at which the commanded switch turns on, infinite if it already has.
+    turn_on: f64,
+    /// Next entry of the list.
+    next: usize,
+    n: usize,
+    /// At most: carried turn-on, and Off + on for each of three edges.
+    t: [f64; 8],
+    to: [Gate; 8],
+}
+
+impl Leg {
+    const BLOCKED: Self =
+        Self { gate: OFF, level: false, turn_on: f64::INFINITY, next: 0, n: 0, t: [f64::INFINITY; 8], to: [OFF; 8] };
+
+    #[inline(always)]
+    fn push(&mut self, t: f64, to: Gate) {
+        self.t[self.n] = t;
+        self.to[self.n] = to;
+        self.n += 1;
+    }
+
+    /// A command edge: what is on goes off now, the other switch comes on a dead time later. A turn-on still
+    /// pending is cancelled: a pulse shorter than the dead time never turns its switch on.
+    #[inline(always)]
+    fn edge(&mut self, t: f64, level: bool, dead_time: f64) {
+        if self.turn_on < t {
+            self.push(self.turn_on, if self.level { HIGH } else { LOW });
+        }
+        self.push(t, OFF);
+        self.level = level;
+        self.turn_on = t + dead_time;
+    }
+
+    /// Lists the changes of one period `T` for a pulse of half width `half` about its centre.
+    #[inline(always)]
+    fn load(&mut self, half: f64, period: f64, dead_time: f64) {
+        (self.n, self.next) = (0, 0);
+        let centre = 0.5 * period;
+        let full = half >= centre;
+        if self.level != full {
+            self.edge(0.0, full, dead_time);
+        }
+        if half > 0.0 && !full {
+            self.edge(centre - half, true, dead_time);
+            self.edge(centre + half, false, dead_time);
+        }
+        if self.turn_on < period {
+            self.push(self.turn_on, if self.level { HIGH } else { LOW });
+            self.turn_on = f64::INFINITY;
+        } else {
+            self.turn_on -= period;
+        }
+        self.t[self.n] = f64::INFINITY;
+    }
+
+    /// Time of the next change that matters to a leg with current of this sign: a positive current sees only
+    /// `v_lo`, a negative one only `v_hi`.
+    #[inline(always)]
+    fn next_change(&self, sign: f64) -> f64 {
+        let see: Gate = if sign > 0.0 { 0b01 } else { 0b10 };
+        let mut k = self.next;
+        if sign != 0.0 {
+            while k < self.n && (self.to[k & 7] ^ self.gate) & see == 0 {
+                k += 1;
+            }
+        }
+        self.t[k & 7]
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bridge {
+    pub u_dc: f64,
+    pub u_th: f64,
+    pub dead_time: f64,
+    period: f64,
+    /// Timer ticks per half period and length of a tick; zero: no quantisation.
+    ticks: f64,
+    tick: f64,
+    pub on: bool,
+    pub legs: [Leg; 3],
+    /// Sign of each leg's current; 0: the leg floats.
+    pub sign: [f64; 3],
+}
+
+/// How the bridge presently feeds the stator.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Feed {
+    /// All legs conduct: a constant voltage.
+    Voltage(V2),
+    /// Leg `k` floats; the voltage is that with its potential zero.
+    Float(usize, V2),
+    /// No leg conducts.
+    Open,
+    /// Average model: mean potentials, drop of each leg at full current, 1/band of the drop's transition.
+    Average { v: [f64; 3], drop: [f64; 3], inv_band: f64 },
+}
+
+impl Bridge {
+    pub fn new(inv: &Inverter) -> Self {
+        let (ticks, tick) = if inv.f_clk > 0.0 { (inv.f_clk / (2.0 * inv.f_s), 1.0 / inv.f_clk) } else { (0.0, 0.0) };
+        Self {
+            u_dc: inv.u_dc,
+            u_th: inv.u_th,
+            dead_time: inv.dead_time,
+            period: 1.0 / inv.f_s,
+            ticks,
+            tick,
+            on: false,
+            legs: [Leg::BLOCKED; 3],
+            sign: [0.0; 3],
+        }
+    }
+
+    /// Half width of the pulse the timer makes of a duty: symmetric up/down counter, one compare value.
+    #[inline(always)]
+    pub fn half_width(&self, duty: f64) -> f64 {
+        let centre = 0.5 * self.period;
+        if self.ticks > 0.0 { (nearest(duty * self.ticks) * self.tick).min(centre) } else { duty * centre }
+    }
+
+    /// Prepares one period. Blocking acts at once, unblocking turns the lower switches on at once.
+    pub fn load(&mut self, duty: [f64; 3], on: bool) {
+        if !on {
+            self.legs = [Leg::BLOCKED; 3];
+        } else {
+            if !self.on {
+                self.legs = [Leg { gate: LOW, ..Leg::BLOCKED }; 3];
+            }
+            for k in 0..3 {
+                let half = self.half_width(duty[k]);
+                self.legs[k].load(half, self.period, self.dead_time);
+            }
+        }
+        self.on = on;
+    }
+
+    /// Takes the current signs from a current vector.
+    pub fn set_signs(&mut self, i: V2, zero: f64) {
+        self.sign = phases(i).map(|i| if i.abs() <= zero { 0.0 } else { i.signum() });
+        if self.sign.iter().filter(|s| **s == 0.0).count() > 1 {
+            self.sign = [0.0; 3];
+        }
+    }
+
+    /// Carries out the gate changes due at `t`.
+    #[inline(always)]
+    pub fn apply(&mut self, t: f64) {
+        for leg in &mut self.legs {
+            while leg.t[leg.next & 7] <= t {
+                leg.gate = leg.to[leg.next & 7];
+                leg.next += 1;
+            }
+        }
+    }
+
+    /// Time of the next gate change that any current notices.
+    #[inline(always)]
+    pub fn next_change(&self) -> f64 {
+        let t = |k: usize| self.legs[k].next_change(self.sign[k]);
+        t(0).min(t(1)).min(t(2))
+    }
+
+    #[inline(always)]
+    pub fn lo(&self, k: usize) -> f64 {
+        (if self.legs[k].gate & 0b01 != 0 { self.u_dc } else { 0.0 }) - self.u_th
+    }
+
+    #[inline(always)]
+    pub fn hi(&self, k: usize) -> f64 {
+        (if self.legs[k].gate & 0b10 != 0 { self.u_dc } else { 0.0 }) + self.u_th
+    }
+
+    /// Potential of a conducting leg; 0 for a floating one.
+    #[inline(always)]
+    fn potential(&self, k: usize) -> f64 {
+        match self.sign[k] {
+            s if s > 0.0 => self.lo(k),
+            s if s < 0.0 => self.hi(k),
+            _ => 0.0,
+        }
+    }
+
+    #[inline(always)]
+    fn voltage(&self) -> V2 {
+        space_vector([self.potential(0), self.potential(1), self.potential(2)])
+    }
+
+    /// Room left for an isolated star point when no leg conducts: it exists where some common potential puts
+    /// every induced voltage inside its leg's interval. Also the legs that bound it, (lower, upper).
+    pub fn room(&self, emf: V2) -> (f64, usize, usize) {
+        let e = phases(emf);
+        let (mut p, mut q) = (0, 0);
+        for k in 1..3 {
+            if self.lo(k) - e[k] > self.lo(p) - e[p] {
+                p = k;
+            }
+            if self.hi(k) - e[k] < self.hi(q) - e[q] {
+                q = k;
+            }
+        }
+        (self.hi(q) - e[q] - self.lo(p) + e[p], p, q)
+    }
+
+    /// Decides for each leg at zero current whether it floats or which way it conducts, and returns the feed.
+    /// `lift`: the star point has just run out of room, do not ask again.
+    #[inline(always)]
+    pub fn feed<const SAT: bool>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
+        if self.sign[0] != 0.0 && self.sign[1] != 0.0 && self.sign[2] != 0.0 {
+            return Feed::Voltage(self.voltage());
+        }
+        self.feed_at_zero::<SAT>(c, x, f, lift)
+    }
+
+    #[inline(never)]
+    fn feed_at_zero<const SAT: bool>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
+        if self.sign == [0.0; 3] {
+            let (room, p, q) = self.room(c.open::<SAT>(x, f));
+            if p == q || (room >= 0.0 && !lift) {
+                return Feed::Open;
+            }
+            (self.sign[p], self.sign[q]) = (1.0, -1.0);
+        }
+        let k = self.sign.iter().position(|s| *s == 0.0).unwrap_or(0);
+        let u = self.voltage();
+        let v = c.float::<SAT>(x, f, k, u).1;
+        if v < self.lo(k) {
+            self.sign[k] = 1.0;
+        } else if v > self.hi(k) {
+            self.sign[k] = -1.0;
+        } else {
+            return Feed::Float(k, u);
+        }
+        Feed::Voltage(self.voltage())
+    }
+
+    /// The average model of one period.
+    ///
+    /// A leg loses `sat(i/band) (u_th + T_d u_dc/T_s)`; legs that do not switch lose the threshold only.
+    pub fn average(&self, duty: [f64; 3], band: f64) -> Feed {
+        let (mut v, mut drop) = ([0.0; 3], [self.u_th; 3]);
+        for k in 0..3 {
+            let d = 2.0 * self.half_width(duty[k]) / self.period;
+            v[k] = d * self.u_dc;
+            if d > 0.0 && d < 1.0 {
+                drop[k] += self.dead_time / self.period * self.u_dc;
+            }
+        }
+        Feed::Average { v, drop, inv_band: 1.0 / band }
+    }
+}
+
+impl Feed {
+    /// Right-hand side of the stator equation.
+    #[inline(always)]
+    pub fn average_voltage(v: &[f64; 3], drop: &[f64; 3], inv_band: f64, i: V2) -> V2 {
+        let p = phases(i);
+        space_vector([0, 1, 2].map(|k| v[k] - drop[k] * (p[k] * inv_band).clamp(-1.0, 1.0)))
+    }
+
+    pub fn dpsi_s<const SAT: bool>(&self, c: &Circuit, x: &State, f: &Field) -> V2 {
+        let minus_ri = |u: V2| [u[0] - c.R * f.i[0], u[1] - c.R * f.i[1]];
+        match self {
+            Feed::Voltage(u) => minus_ri(*u),
+            Feed::Float(k, u) => c.float::<SAT>(x, f, *k, *u).0,
+            Feed::Open => c.open::<SAT>(x, f),
+            Feed::Average { v, drop, inv_band } => minus_ri(Self::average_voltage(v, drop, *inv_band, f.i)),
+        }
+    }
+}
+
+/// Current of one phase.
+#[inline(always)]
+pub(crate) fn phase(i: V2, k: usize) -> f64 {
+    AXIS[k][0] * i[0] + AXIS[k][1] * i[1]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const T: f64 = 100e-6;
+
+    fn gates(leg: &mut Leg, half: f64, dead: f64) -> Vec<(f64, Gate)> {
+        leg.load(half, T, dead);
+        let list: Vec<_> = (0..leg.n).map(|k| ((leg.t[k] * 1e7).round() / 10.0, leg.to[k])).collect();
+        if let Some(last) = list.last() {
+            leg.gate = last.1;
+        }
+        list
+    }
+
+    #[test]
+    fn pulse_is_centred_and_turn_on_is_delayed() {
+        let mut leg = Leg { gate: LOW, ..Leg::BLOCKED };
+        assert_eq!(gates(&mut leg, 20e-6, 2e-6), [(30.0, OFF), (32.0, HIGH), (70.0, OFF), (72.0, LOW)]);
+    }
+
+    #[test]
+    fn short_pulses_and_gaps_never_turn_on() {
+        let mut leg = Leg { gate: LOW, ..Leg::BLOCKED };
+        assert_eq!(gates(&mut leg, 0.5e-6, 2e-6), [(49.5, OFF), (50.5, OFF), (52.5, LOW)], "upper switch stays off");
+        assert_eq!(gates(&mut leg, 49.5e-6, 2e-6), [(0.5, OFF), (2.5, HIGH), (99.5, OFF)], "turn-on falls past the end");
+        assert_eq!(gates(&mut leg, 49.5e-6, 2e-6), [(0.5, OFF), (2.5, HIGH), (99.5, OFF)], "and is cancelled there");
+        assert_eq!(gates(&mut leg, 20e-6, 2e-6)[0], (1.5, LOW), "carried over");
+    }
+
+    #[test]
+    fn zero_and_full_duty_do_not_switch() {
+        let mut leg = Leg { gate: LOW, ..Leg::BLOCKED };
+        assert_eq!(gates(&mut leg, 0.0, 2e-6), []);
+        assert_eq!(gates(&mut leg, 50e-6, 2e-6), [(0.0, OFF), (2.0, HIGH)]);
+        assert_eq!(gates(&mut leg, 50e-6, 2e-6), []);
+        assert_eq!(gates(&mut leg, 0.0, 2e-6), [(0.0, OFF), (2.0, LOW)]);
+    }
+
+    #[test]
+    fn edges_are_multiples_of_the_timer_clock() {
+        let b = Bridge::new(&Inverter { f_clk: 10e6, ..Inverter::preset_2k2() });
+        assert!((b.half_width(0.3333) - 16.7e-6).abs() < 1e-18, "0.3333 · 500 = 166.65 → 167 ticks");
+        assert_eq!(b.half_width(1.0), 0.5 * b.period);
+    }
+}

@@ -1,0 +1,20 @@
+//! Plant and closed loop.
+//!
+//! [`Plant`] is the drive's physical side: induction machine, two-level bridge, sensors, shaft, resolved at
+//! every switching edge, dead-time end and zero of a phase current. One [`Plant::step`] is one PWM period.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+mod adc;
+mod bridge;
+mod machine;
+mod mechanics;
+mod plant;
+mod rng;
+mod thermal;
+
+pub use adc::{Adc, Sample};
+pub use machine::Energy;
+pub use mechanics::Mechanics;
+pub use plant::{Mode, Plant, PlantParams, Truth};
+pub use thermal::Thermal;

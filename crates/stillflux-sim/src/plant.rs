@@ -1,0 +1,678 @@
+//! The plant: one PWM period at a time, exact at every event.
+//!
+//! Between events the stator voltage is constant and the equations are smooth, so one Runge-Kutta step
+//! carries a whole segment. A segment ends at a gate change that some current notices, or where within it a
+//! phase current reaches zero, a floating leg reaches one of its diodes or switches, the shaft comes to rest
+//! or breaks away: these are found on the integrator's own solution by bracketed secant steps.
+#![allow(non_snake_case)]
+
+use crate::adc::{Adc, Converter, Sample};
+use crate::bridge::{Bridge, Feed, phase};
+use crate::machine::{Circuit, Energy, Field, State, Step, V2, dot, phases};
+use crate::mechanics::{Mechanics, Shaft};
+use crate::thermal::Thermal;
+use stillflux::params::{Inverter, Machine, ParamError, check};
+
+/// How the bridge is modelled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// Every edge, dead time and diode event resolved.
+    Switching,
+    /// Mean leg voltages; the dead time as a saturating function of the phase current.
+    Averaged,
+}
+
+/// Everything the plant is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlantParams {
+    /// The machine; `R_s` is that of the cold winding.
+    pub machine: Machine,
+    /// The bridge.
+    pub inverter: Inverter,
+    /// Load inertia and friction, or an imposed speed.
+    pub mechanics: Mechanics,
+    /// Measurement.
+    pub adc: Adc,
+    /// Winding temperature; `None`: cold throughout.
+    pub thermal: Option<Thermal>,
+    /// Model of the bridge.
+    pub mode: Mode,
+    /// Whether to use the machine's saturation curve, if it has one.
+    pub saturation: bool,
+    /// Seed of the measurement noise.
+    pub seed: u64,
+}
+
+impl PlantParams {
+    /// Switching model, saturation if the machine has a curve, no friction, 12-bit converters without error.
+    #[must_use]
+    pub fn new(machine: Machine, inverter: Inverter) -> Self {
+        Self {
+            machine,
+            inverter,
+            mechanics: Mechanics::default(),
+            adc: Adc::new(&machine, &inverter),
+            thermal: None,
+            mode: Mode::Switching,
+            saturation: true,
+            seed: 1,
+        }
+    }
+
+    /// Checks every field against its admissible range.
+    ///
+    /// # Errors
+    /// The first field found outside its range.
+    pub fn validate(&self) -> Result<(), ParamError> {
+        self.machine.validate()?;
+        self.inverter.validate()?;
+        // Below 10 µs of stray time constant the sub-steps would no longer be few.
+        check("(R_s + r_d + R_R)/L_sigma", stray_rate(&self.machine, &self.inverter), 0.0, 1e5, "1/s")?;
+        self.mechanics.validate()?;
+        self.adc.validate()?;
+        self.thermal.map_or(Ok(()), |t| t.validate())
+    }
+}
+
+fn stray_rate(m: &Machine, inv: &Inverter) -> f64 {
+    (m.R_s + inv.r_d + m.R_R) / m.L_sigma
+}
+
+/// What only a simulation knows. Space vectors in stator coordinates, amplitude-invariant, SI.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Truth {
+    /// Time, s.
+    pub t: f64,
+    /// Stator flux, V·s.
+    pub psi_s: [f64; 2],
+    /// Rotor flux of the inverse-Γ circuit, `psi_s - L_sigma i_s` with the operating point's `L_sigma`, V·s.
+    pub psi_r: [f64; 2],
+    /// Stator current, A.
+    pub i_s: [f64; 2],
+    /// Voltage at the machine's terminals, mean of the last period, V.
+    pub u_s: [f64; 2],
+    /// Mechanical speed, rad/s.
+    pub omega_m: f64,
+    /// Shaft angle, not wrapped, mechanical rad.
+    pub theta_m: f64,
+    /// Air-gap torque, N·m.
+    pub torque: f64,
+    /// Load torque during the last period, N·m.
+    pub load_torque: f64,
+    /// Resistance of the winding as it is now, without the bridge's `r_d`, Ω.
+    pub R_s: f64,
+    /// Dc-link voltage, V.
+    pub u_dc: f64,
+    /// Electrical speed of `psi_s`, mean of the last period, rad/s.
+    pub omega_s: f64,
+}
+
+/// What can end a segment before its time.
+#[derive(Clone, Copy, Debug)]
+enum Event {
+    /// The current of leg `k` reaches zero.
+    Current(usize),
+    /// The floating leg `k` begins to conduct with this sign.
+    Lift(usize, f64),
+    /// The isolated star point can no longer avoid some diode or switch.
+    LiftAny,
+    /// The sliding shaft comes to rest.
+    Rest,
+    /// The sticking shaft breaks away.
+    Breakaway,
+}
+
+/// Tolerances below which a violated condition is rounding, not an event.
+#[derive(Clone, Copy, Debug)]
+struct Tolerance {
+    current: f64,
+    voltage: f64,
+    speed: f64,
+    torque: f64,
+    time: f64,
+    /// A current below this is looked at for a zero inside the segment that its end does not show.
+    near: f64,
+}
+
+/// Induction machine, bridge, sensors and shaft.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    params: PlantParams,
+    circuit: Circuit,
+    bridge: Bridge,
+    shaft: Shaft,
+    adc: Converter,
+    x: State,
+    f: Field,
+    theta: f64,
+    t: f64,
+    period: f64,
+    h_max: f64,
+    tol: Tolerance,
+    /// Duties for the coming period.
+    preload: [f64; 3],
+    /// `∫ i_s dt` since the period began.
+    int_i: V2,
+    /// Band of the average model, A.
+    band: f64,
+    /// Leg signs are out of date because the last step went past the bridge model.
+    stale: bool,
+    kelvin: f64,
+    energy: Option<Energy>,
+    truth: Truth,
+}
+
+/// Longest step of the average model and of [`Plant::step_voltage`], s.
+const H_MAX: f64 = 50e-6;
+
+/// Half width of the current band in which the mean dead-time voltage changes sign, in units of
+/// `(2/3) u_dc T_d/L_sigma`, the change of a phase current within one dead time. See `average_band_fits_switching`.
+const BAND: f64 = 0.5;
+
+impl Plant {
+    /// A plant at rest: no flux, bridge blocked, 50 % duty in the preload register.
+    ///
+    /// # Errors
+    /// The first parameter found outside its range.
+    pub fn new(params: PlantParams) -> Result<Self, ParamError> {
+        params.validate()?;
+        let PlantParams { machine: m, inverter: inv, .. } = params;
+        let circuit = Circuit::new(&m, inv.r_d, params.saturation);
+        let i_n = std::f64::consts::SQRT_2 * m.I_N;
+        let mut plant = Self {
+            params,
+            circuit,
+            bridge: Bridge::new(&inv),
+            shaft: Shaft::new(params.mechanics, m.J),
+            adc: Converter::new(params.adc, params.seed),
+            x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
+            f: Field::default(),
+            theta: 0.0,
+            t: 0.0,
+            period: 1.0 / inv.f_s,
+            h_max: (0.05 / (stray_rate(&m, &inv) + 1.5 * m.omega_sR())).min(60e-6),
+            tol: Tolerance {
+                current: 1e-11 * i_n,
+                voltage: 1e-10 * inv.u_dc,
+                speed: 1e-13 * m.omega_sR(),
+                torque: 1e-12 * m.T_N,
+                time: 1e-13 / inv.f_s,
+                near: 2e-3 * i_n,
+            },
+            preload: [0.5; 3],
+            int_i: [0.0; 2],
+            band: (BAND * (2.0 / 3.0) * inv.u_dc * inv.dead_time / m.L_sigma).max(1e-4 * i_n),
+            stale: false,
+            kelvin: 0.0,
+            energy: None,
+            truth: Truth::default(),
+        };
+        plant.refresh();
+        Ok(plant)
+    }
+
+    /// Runs one PWM period and returns the reading at its end, the carrier peak.
+    ///
+    /// `duty` (high share of each leg, clamped to 0…1, NaN as 0) goes to the modulator's preload register and
+    /// acts in the *next* period; this one runs with the duties given the period before. `gates_on` acts at
+    /// once. `load_torque` in N·m opposes positive rotation and is active, as a crane's.
+    pub fn step(&mut self, duty: [f64; 3], gates_on: bool, load_torque: f64) -> Sample {
+        let active = std::mem::replace(&mut self.preload, duty.map(|d| d.max(0.0).min(1.0)));
+        let begin = self.begin(load_torque);
+        let averaged = self.params.mode == Mode::Averaged && gates_on;
+        match (averaged, self.circuit.saturates()) {
+            (false, false) => self.switched::<false>(active, gates_on),
+            (false, true) => self.switched::<true>(active, gates_on),
+            (true, false) => self.smooth::<false>(self.bridge.average(active, self.band), self.period),
+            (true, true) => self.smooth::<true>(self.bridge.average(active, self.band), self.period),
+        }
+        self.finish(begin, self.period);
+        self.sample()
+    }
+
+    /// Applies a constant voltage vector to the terminals for `dt` seconds, past the bridge (and its `r_d`).
+    pub fn step_voltage(&mut self, u_s: [f64; 2], dt: f64, load_torque: f64) {
+        let begin = self.begin(load_torque);
+        let r_d = std::mem::replace(&mut self.circuit.r_d, 0.0);
+        self.circuit.set_R_s(self.circuit.R_s);
+        if self.circuit.saturates() {
+            self.smooth::<true>(Feed::Voltage(u_s), dt);
+        } else {
+            self.smooth::<false>(Feed::Voltage(u_s), dt);
+        }
+        self.circuit.r_d = r_d;
+        self.circuit.set_R_s(self.circuit.R_s);
+        self.finish(begin, dt);
+    }
+
+    /// A reading at the present instant. Every call draws fresh noise.
+    pub fn sample(&mut self) -> Sample {
+        let i = self.phase_currents();
+        self.adc.read(i, self.bridge.u_dc)
+    }
+
+    /// The true state at the end of the last period.
+    #[must_use]
+    pub fn truth(&self) -> &Truth {
+        &self.truth
+    }
+
+    /// The parameters the plant was made with.
+    #[must_use]
+    pub fn params(&self) -> &PlantParams {
+        &self.params
+    }
+
+    /// True phase currents, A; exactly zero where a leg does not conduct.
+    #[must_use]
+    pub fn phase_currents(&self) -> [f64; 3] {
+        let mut i = phases(self.f.i);
+        if !self.stale {
+            for k in 0..3 {
+                if self.bridge.sign[k] == 0.0 {
+                    i[k] = 0.0;
+                }
+            }
+        }
+        i
+    }
+
+    /// Sets the winding's cold resistance, Ω.
+    pub fn set_R_s(&mut self, R_s: f64) {
+        self.params.machine.R_s = R_s;
+        self.warm();
+    }
+
+    /// Sets the rotor resistance of the inverse-Γ circuit, Ω.
+    pub fn set_R_R(&mut self, R_R: f64) {
+        self.params.machine.R_R = R_R;
+        self.circuit.set_R_R(&self.params.machine);
+        self.refresh();
+    }
+
+    /// Sets the present offset of the current channels, A; the drift goes on from there.
+    pub fn set_offset(&mut self, offset: [f64; 3]) {
+        self.adc.offset = offset;
+    }
+
+    /// Sets the dc-link voltage, V.
+    pub fn set_u_dc(&mut self, u_dc: f64) {
+        self.bridge.u_dc = u_dc;
+        self.truth.u_dc = u_dc;
+    }
+
+    /// Imposes a shaft speed (mechanical rad/s) from now on, or with `None` lets the shaft go.
+    pub fn set_speed(&mut self, speed: Option<f64>) {
+        self.x.omega = speed.unwrap_or(self.x.omega);
+        self.shaft.impose(speed, self.x.omega);
+        self.refresh();
+    }
+
+    /// Puts the machine into a state: stator flux and inverse-Γ rotor flux in V·s, mechanical rad/s.
+    pub fn set_state(&mut self, psi_s: [f64; 2], psi_r: [f64; 2], omega_m: f64) {
+        self.x = State { psi_s, psi_r: self.circuit.psi_r_of(psi_s, psi_r), omega: omega_m };
+        self.shaft.restart(omega_m);
+        self.stale = true;
+        self.refresh();
+    }
+
+    /// Starts (from zero) or stops the account of energies.
+    pub fn track_energy(&mut self, on: bool) {
+        self.energy = on.then(Energy::default);
+    }
+
+    /// Energies since tracking began, if it did.
+    #[must_use]
+    pub fn energy(&self) -> Option<&Energy> {
+        self.energy.as_ref()
+    }
+
+    /// Energy now stored in the machine's magnetic field, J.
+    #[must_use]
+    pub fn magnetic_energy(&self) -> f64 {
+        self.circuit.magnetic_energy(&self.x)
+    }
+
+    fn begin(&mut self, load_torque: f64) -> V2 {
+        self.shaft.load = load_torque;
+        self.int_i = [0.0; 2];
+        if self.shaft.stuck {
+            self.shaft.at_rest(self.f.torque);
+        }
+        self.x.psi_s
+    }
+
+    /// The books of a period of length `dt` that began with flux `psi`.
+    fn finish(&mut self, psi: V2, dt: f64) {
+        self.t += dt;
+        self.adc.drift(dt);
+        let (now, w) = (self.x.psi_s, 1.0 / dt);
+        // psi_s' = u_s - R_s i_s, integrated.
+        let mean_i = [w * self.int_i[0], w * self.int_i[1]];
+        let R_s = self.circuit.R_s;
+        self.truth.u_s = [w * (now[0] - psi[0]) + R_s * mean_i[0], w * (now[1] - psi[1]) + R_s * mean_i[1]];
+        self.truth.omega_s = w * angle(psi, now);
+        self.truth.load_torque = self.shaft.load;
+        if let Some(thermal) = &self.params.thermal {
+            let m = &self.params.machine;
+            let load = R_s / m.R_s * dot(mean_i, mean_i) / (2.0 * m.I_N * m.I_N);
+            self.kelvin = thermal.advance(self.kelvin, load, dt);
+            self.warm();
+        }
+        self.publish();
+    }
+
+    fn warm(&mut self) {
+        let alpha = self.params.thermal.map_or(0.0, |t| t.alpha);
+        self.circuit.set_R_s(self.params.machine.R_s * (1.0 + alpha * self.kelvin));
+        self.truth.R_s = self.circuit.R_s;
+    }
+
+    /// Recomputes what follows from the state after it was changed from outside.
+    fn refresh(&mut self) {
+        self.f = self.circuit.field::<true>(&self.x);
+        self.publish();
+    }
+
+    fn publish(&mut self) {
+        let t = &mut self.truth;
+        (t.t, t.psi_s, t.psi_r, t.i_s) = (self.t, self.x.psi_s, self.circuit.psi_R(&self.x), self.f.i);
+        (t.omega_m, t.theta_m, t.torque) = (self.x.omega, self.theta, self.f.torque);
+        (t.R_s, t.u_dc) = (self.circuit.R_s, self.bridge.u_dc);
+    }
+
+    /// A period of the bridge.
+    fn switched<const SAT: bool>(&mut self, duty: [f64; 3], gates_on: bool) {
+        if self.stale {
+            self.bridge.set_signs(self.f.i, self.tol.current);
+            self.stale = false;
+        }
+        self.bridge.load(duty, gates_on);
+        let (mut t, mut lift, mut stall) = (0.0, false, 0);
+        while t < self.period {
+            self.bridge.apply(t);
+            let feed = self.bridge.feed::<SAT>(&self.circuit, &self.x, &self.f, lift);
+            let end = self.bridge.next_change().min(self.period).min(t + self.h_max);
+            match self.segment::<SAT, true>(&feed, end - t, stall > 8) {
+                None => (t, lift, stall) = (end, false, 0),
+                Some((tau, event)) => {
+                    // Conditions that contradict each other by rounding alone could repeat at one instant;
+                    // after a few turns the segment is integrated as it stands.
+                    stall = if tau <= self.tol.time { stall + 1 } else { 0 };
+                    t += tau;
+                    lift = matches!(event, Event::LiftAny);
+                }
+            }
+        }
+    }
+
+    /// A stretch without a bridge: only the shaft has events.
+    fn smooth<const SAT: bool>(&mut self, feed: Feed, dt: f64) {
+        self.stale = true;
+        let n = (dt / self.h_max.min(H_MAX) - 1e-9).ceil().max(1.0);
+        for _ in 0..n as u64 {
+            let (mut left, mut stall) = (dt / n, 0);
+            while left > 0.0 {
+                match self.segment::<SAT, false>(&feed, left, stall > 8) {
+                    None => break,
+                    Some((tau, _)) => {
+                        stall = if tau <= self.tol.time { stall + 1 } else { 0 };
+                        left -= tau;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Integrates over `h`, or to the first event within and what it was.
+    #[inline(always)]
+    fn segment<const SAT: bool, const BRIDGE: bool>(&mut self, feed: &Feed, h: f64, blind: bool) -> Option<(f64, Event)> {
+        let step = self.trial::<SAT>(feed, &self.x, &self.f, h);
+        let f = self.circuit.field::<SAT>(&step.x);
+        let near = BRIDGE && {
+            let (s, i) = (&self.bridge.sign, phases(f.i));
+            (s[0] * i[0]).min(s[1] * i[1]).min(s[2] * i[2]) < self.tol.near
+        };
+        if near || self.shaft.stuck || self.shaft.dir * step.x.omega < 0.0 {
+            return self.eventful::<SAT, BRIDGE>(feed, h, step, f, blind);
+        }
+        self.commit::<SAT>(feed, h, step, f);
+        None
+    }
+
+    #[inline(always)]
+    fn commit<const SAT: bool>(&mut self, feed: &Feed, h: f64, step: Step, f: Field) {
+        if self.energy.is_some() {
+            self.account::<SAT>(feed, h, &step, &f);
+        }
+        (self.x, self.f) = (step.x, f);
+        self.int_i[0] += step.int_i[0];
+        self.int_i[1] += step.int_i[1];
+        self.theta += step.dtheta;
+    }
+
+    #[inline(always)]
+    fn trial<const SAT: bool>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
+        let (c, s) = (&self.circuit, &self.shaft);
+        if let Feed::Voltage(u) = *feed {
+            return c.rk4::<SAT>(s, x, f, h, |_, f| [u[0] - c.R * f.i[0], u[1] - c.R * f.i[1]]);
+        }
+        if let Feed::Average { v, drop, inv_band } = *feed {
+            return c.rk4::<SAT>(s, x, f, h, |_, f| {
+                let u = Feed::average_voltage(&v, &drop, inv_band, f.i);
+                [u[0] - c.R * f.i[0], u[1] - c.R * f.i[1]]
+            });
+        }
+        self.trial_at_zero::<SAT>(feed, x, f, h)
+    }
+
+    #[inline(never)]
+    fn trial_at_zero<const SAT: bool>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
+        let c = &self.circuit;
+        c.rk4::<SAT>(&self.shaft, x, f, h, |x, f| feed.dpsi_s::<SAT>(c, x, f))
+    }
+
+    /// Simpson's rule over the segment: the order of the integrator.
+    #[inline(never)]
+    fn account<const SAT: bool>(&mut self, feed: &Feed, h: f64, step: &Step, f: &Field) {
+        let c = &self.circuit;
+        let mid = self.trial::<SAT>(feed, &self.x, &self.f, 0.5 * h).x;
+        let power = |x: &State, f: &Field| c.power(x, f, feed.dpsi_s::<SAT>(c, x, f));
+        let p = [power(&self.x, &self.f), power(&mid, &c.field::<SAT>(&mid)), power(&step.x, f)];
+        if let Some(e) = &mut self.energy {
+            for (p, k) in p.iter().zip([1.0, 4.0, 1.0]) {
+                e.add(k * h / 6.0, p);
+            }
+        }
+    }
+
+    /// The end of a segment that may hold an event.
+    #[inline(never)]
+    fn eventful<const SAT: bool, const BRIDGE: bool>(
+        &mut self,
+        feed: &Feed,
+        h: f64,
+        step: Step,
+        f: Field,
+        blind: bool,
+    ) -> Option<(f64, Event)> {
+        let mut hit = None;
+        let (mut h, mut step, mut f) = (h, step, f);
+        if !blind {
+            let sliding = [Event::Rest];
+            let sticking = [Event::Breakaway];
+            let shaft: &[Event] = if self.shaft.stuck { &sticking } else if self.shaft.dir != 0.0 { &sliding } else { &[] };
+            let currents = [0, 1, 2].map(Event::Current);
+            let (float, open);
+            let legs: &[Event] = match *feed {
+                Feed::Float(k, _) => {
+                    float = [Event::Lift(k, 1.0), Event::Lift(k, -1.0)];
+                    &float
+                }
+                Feed::Open => {
+                    open = [Event::LiftAny];
+                    &open
+                }
+                _ => &[],
+            };
+            let bridge = if BRIDGE { currents.iter().chain(legs) } else { [].iter().chain(&[]) };
+            for event in shaft.iter().chain(bridge) {
+                let tol = self.tolerance(*event);
+                let mut end = (h, step, f);
+                if self.margin::<SAT>(*event, feed, &step.x, &f) >= -tol {
+                    match self.dip::<SAT>(*event, feed, h, &f) {
+                        Some(dip) => end = dip,
+                        None => continue,
+                    }
+                }
+                (h, step, f) = self.locate::<SAT>(*event, feed, end);
+                hit = Some((h, *event));
+            }
+        }
+        self.commit::<SAT>(feed, h, step, f);
+        match *feed {
+            Feed::Float(k, _) => self.circuit.clear_leg::<SAT>(&mut self.x, &mut self.f, k),
+            Feed::Open => self.circuit.clear_all::<SAT>(&mut self.x, &mut self.f),
+            _ => {}
+        }
+        match hit.map(|(_, e)| e) {
+            Some(Event::Current(k)) => {
+                self.bridge.sign[k] = 0.0;
+                self.circuit.clear_leg::<SAT>(&mut self.x, &mut self.f, k);
+                if self.bridge.sign.iter().filter(|s| **s == 0.0).count() > 1 {
+                    self.bridge.sign = [0.0; 3];
+                    self.circuit.clear_all::<SAT>(&mut self.x, &mut self.f);
+                }
+            }
+            Some(Event::Lift(k, sign)) => self.bridge.sign[k] = sign,
+            Some(Event::Rest) => {
+                self.x.omega = 0.0;
+                self.f = self.circuit.field::<SAT>(&self.x);
+                self.shaft.at_rest(self.f.torque);
+            }
+            Some(Event::Breakaway) => self.shaft.release(self.f.torque),
+            Some(Event::LiftAny) | None => {}
+        }
+        if blind && BRIDGE {
+            self.bridge.set_signs(self.f.i, self.tol.current);
+        }
+        hit
+    }
+
+    /// A current with the right sign at both ends of a segment may still have crossed zero between: its course
+    /// is nearly a parabola, so the state at the vertex decides.
+    fn dip<const SAT: bool>(&self, event: Event, feed: &Feed, h: f64, f: &Field) -> Option<(f64, Step, Field)> {
+        let Event::Current(k) = event else { return None };
+        let s = self.bridge.sign[k];
+        if s == 0.0 || s * phase(f.i, k) > self.tol.near || s * phase(self.f.i, k) > self.tol.near {
+            return None;
+        }
+        let slope = |step: &Step, f: &Field| {
+            s * phase(self.circuit.di::<SAT>(&step.x, f, feed.dpsi_s::<SAT>(&self.circuit, &step.x, f)), k)
+        };
+        let at = |tau: f64| {
+            let step = self.trial::<SAT>(feed, &self.x, &self.f, tau);
+            (tau, step, self.circuit.field::<SAT>(&step.x))
+        };
+        let (start, end) = (at(0.0), at(h));
+        let (d0, d1) = (slope(&start.1, &start.2), slope(&end.1, &end.2));
+        if d0 >= 0.0 || d1 <= 0.0 {
+            return None;
+        }
+        let low = at(h * d0 / (d0 - d1));
+        (s * phase(low.2.i, k) < -self.tol.current).then_some(low)
+    }
+
+    fn tolerance(&self, event: Event) -> f64 {
+        match event {
+            Event::Current(_) => self.tol.current,
+            Event::Lift(..) | Event::LiftAny => self.tol.voltage,
+            Event::Rest => self.tol.speed,
+            Event::Breakaway => self.tol.torque,
+        }
+    }
+
+    /// Distance from an event; negative once it has happened.
+    fn margin<const SAT: bool>(&self, event: Event, feed: &Feed, x: &State, f: &Field) -> f64 {
+        let c = &self.circuit;
+        match (event, feed) {
+            (Event::Current(k), _) => self.bridge.sign[k] * phase(f.i, k),
+            (Event::Lift(k, sign), Feed::Float(_, u)) => {
+                let v = c.float::<SAT>(x, f, k, *u).1;
+                if sign > 0.0 { v - self.bridge.lo(k) } else { self.bridge.hi(k) - v }
+            }
+            (Event::LiftAny, _) => self.bridge.room(c.open::<SAT>(x, f)).0,
+            (Event::Rest, _) => self.shaft.dir * x.omega,
+            (Event::Breakaway, _) => self.shaft.breakaway() - (f.torque - self.shaft.load).abs(),
+            (Event::Lift(..), _) => f64::INFINITY,
+        }
+    }
+
+    /// Finds the event's instant in (0, end], where its condition is violated at `end`: bracketed secant
+    /// (Illinois) on the integrator's own solution from the segment's start.
+    fn locate<const SAT: bool>(&self, event: Event, feed: &Feed, end: (f64, Step, Field)) -> (f64, Step, Field) {
+        let at = |tau: f64| {
+            let step = self.trial::<SAT>(feed, &self.x, &self.f, tau);
+            let f = self.circuit.field::<SAT>(&step.x);
+            ((tau, step, f), self.margin::<SAT>(event, feed, &step.x, &f))
+        };
+        let (mut a, mut fa) = (0.0, self.margin::<SAT>(event, feed, &self.x, &self.f));
+        let (mut b, mut fb) = (end.0, self.margin::<SAT>(event, feed, &end.1.x, &end.2));
+        let mut best = end;
+        // Starting on the boundary: an excursion to the admissible side, however short, precedes the event.
+        for _ in 0..12 {
+            if fa > 0.0 {
+                break;
+            }
+            let (p, fp) = at(0.25 * b);
+            if fp > 0.0 {
+                (a, fa) = (p.0, fp);
+            } else {
+                (b, fb, best) = (p.0, fp, p);
+            }
+        }
+        if fa <= 0.0 {
+            return at(0.0).0;
+        }
+        let mut last = 0;
+        for _ in 0..60 {
+            if b - a <= self.tol.time || fb == 0.0 {
+                break;
+            }
+            let tau = b - fb * (b - a) / (fb - fa);
+            let moved = (tau - best.0).abs();
+            let (p, fp) = at(tau);
+            if fp > 0.0 {
+                (a, fa) = (tau, fp);
+                if last > 0 {
+                    fb *= 0.5;
+                }
+                last = 1;
+            } else {
+                (b, fb) = (tau, fp);
+                if last < 0 {
+                    fa *= 0.5;
+                }
+                last = -1;
+            }
+            best = p;
+            if moved <= self.tol.time || fp.abs() <= 1e-3 * self.tolerance(event) {
+                break;
+            }
+        }
+        best
+    }
+}
+
+/// Angle from `a` to `b`, rad.
+fn angle(a: V2, b: V2) -> f64 {
+    let (sin, cos) = (a[0] * b[1] - a[1] * b[0], dot(a, b));
+    if cos > 0.0 && sin.abs() < 0.05 * cos {
+        // The turn of one period is small: the arctangent's series, exact to 1e-12 here.
+        let r = sin / cos;
+        let r2 = r * r;
+        r * (1.0 - r2 * (1.0 / 3.0 - r2 * (0.2 - r2 * (1.0 / 7.0 - r2 / 9.0))))
+    } else {
+        sin.atan2(cos)
+    }
+}

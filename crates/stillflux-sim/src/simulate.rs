@@ -1,0 +1,434 @@
+//! Closed loop: a drive on a plant, references and load from profiles, signals into columns.
+//!
+//! The drive sees what the ADC delivers and nothing else. Truth and estimate are recorded apart:
+//! truth under the plain name (`omega_m`), the drive's view under `estimate.`; what links the two
+//! (`angle_error`, `drift`) is computed from plant truth.
+
+use std::borrow::Cow;
+
+use stillflux::config::DriveParams;
+use stillflux::drive::Status;
+use stillflux::params::{Inverter, Machine, ParamError, check};
+
+use crate::plant::{Plant, PlantParams};
+use crate::si::{Arithmetic, Command, EstimateSi, MemorySi, SiDrive, Vector};
+
+/// Piecewise linear function of time; two points at one time make a step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Profile {
+    points: Vec<(f64, f64)>,
+}
+
+impl Profile {
+    /// A constant.
+    #[must_use]
+    pub fn constant(value: f64) -> Self {
+        Self { points: vec![(0.0, value)] }
+    }
+
+    /// Through points `(t, value)` with `t` ascending; constant before the first and after the last.
+    ///
+    /// # Errors
+    /// A time that is below the one before it, or a value that is not finite.
+    pub fn new(points: Vec<(f64, f64)>) -> Result<Self, ParamError> {
+        let mut last = f64::MIN;
+        for &(t, value) in &points {
+            check("profile time", t, last, 1e9, "s")?;
+            check("profile value", value, -1e9, 1e9, "")?;
+            last = t;
+        }
+        Ok(Self { points })
+    }
+
+    /// Value at `t`; `from` remembers the segment, since time only advances.
+    fn at(&self, t: f64, from: &mut usize) -> f64 {
+        let p = &self.points;
+        if p.is_empty() {
+            return 0.0;
+        }
+        while *from + 1 < p.len() && p[*from + 1].0 <= t {
+            *from += 1;
+        }
+        let (t0, v0) = p[*from];
+        match p.get(*from + 1) {
+            Some(&(t1, v1)) if t > t0 => v0 + (v1 - v0) * (t - t0) / (t1 - t0),
+            _ => v0,
+        }
+    }
+}
+
+/// What a reference profile is of.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ReferenceProfile {
+    /// Mechanical speed, rad/s.
+    Speed(Profile),
+    /// Torque, N·m.
+    Torque(Profile),
+}
+
+/// Something that happens to the plant during a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(non_snake_case)]
+pub enum Change {
+    /// Stator resistance at its reference temperature, Ω.
+    R_s(f64),
+    /// Offsets of the current channels, A.
+    CurrentOffset([f64; 3]),
+    /// dc-link voltage, V.
+    DcLink(f64),
+    /// Imposed shaft speed, rad/s, or free again.
+    Speed(Option<f64>),
+}
+
+/// A closed-loop experiment.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// Machine as the drive knows it.
+    pub machine: Machine,
+    /// Inverter as the drive knows it.
+    pub inverter: Inverter,
+    /// Settings of the drive.
+    pub drive: DriveParams,
+    /// Arithmetic of the drive.
+    pub arithmetic: Arithmetic,
+    /// The real machine, inverter, sensors and shaft.
+    pub plant: PlantParams,
+    /// Reference.
+    pub reference: ReferenceProfile,
+    /// Load torque, N·m.
+    pub load: Profile,
+    /// Changes, ascending in time.
+    pub changes: Vec<(f64, Change)>,
+    /// Duration, s.
+    pub duration: f64,
+    /// Record every so many control periods.
+    pub record_every: u32,
+    /// Signals to record; `None`: all of [`SIGNALS`].
+    pub signals: Option<Vec<String>>,
+    /// What an earlier run stored.
+    pub memory: Option<MemorySi>,
+}
+
+impl Scenario {
+    /// Speed zero, no load, drive and plant with the same parameters.
+    #[must_use]
+    pub fn new(machine: Machine, inverter: Inverter, duration: f64) -> Self {
+        Self {
+            drive: DriveParams::new(&machine, &inverter),
+            plant: PlantParams::new(machine, inverter),
+            machine,
+            inverter,
+            arithmetic: Arithmetic::default(),
+            reference: ReferenceProfile::Speed(Profile::constant(0.0)),
+            load: Profile::constant(0.0),
+            changes: Vec::new(),
+            duration,
+            record_every: 10,
+            signals: None,
+            memory: None,
+        }
+    }
+}
+
+/// One moment of a run: what the signals are taken from.
+struct Moment<'a> {
+    plant: &'a Plant,
+    estimate: EstimateSi,
+    drive: &'a SiDrive,
+    measured: Vector,
+    reference: f64,
+    drift: Vector,
+}
+
+/// Value of a signal.
+enum Value {
+    Real(f64),
+    Complex(Vector),
+}
+
+/// Definition of a recordable signal.
+pub struct Signal {
+    /// Name.
+    pub name: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    get: fn(&Moment<'_>) -> Value,
+}
+
+macro_rules! signals {
+    ($($name:literal, $unit:literal, $kind:ident, |$m:ident| $e:expr;)*) => {
+        /// All signals a run can record.
+        pub const SIGNALS: &[Signal] = &[$(Signal { name: $name, unit: $unit, get: |$m| Value::$kind($e) },)*];
+    };
+}
+
+signals! {
+    "psi_s", "V s", Complex, |m| m.plant.truth().psi_s;
+    "psi_r", "V s", Complex, |m| m.plant.truth().psi_r;
+    "i_s", "A", Complex, |m| m.plant.truth().i_s;
+    "u_s", "V", Complex, |m| m.plant.truth().u_s;
+    "omega_m", "rad/s", Real, |m| m.plant.truth().omega_m;
+    "omega_s", "rad/s", Real, |m| m.plant.truth().omega_s;
+    "torque", "N m", Real, |m| m.plant.truth().torque;
+    "load_torque", "N m", Real, |m| m.plant.truth().load_torque;
+    "R_s", "ohm", Real, |m| m.plant.truth().R_s;
+    "u_dc", "V", Real, |m| m.plant.truth().u_dc;
+    "angle_error", "rad", Real, |m| angle_between(&m.plant.truth().psi_s, &m.estimate.psi_s);
+    "drift", "V s", Complex, |m| m.drift;
+    "measured.i_s", "A", Complex, |m| m.measured;
+    "reference", "rad/s or N m", Real, |m| m.reference;
+    "estimate.psi_s", "V s", Complex, |m| m.estimate.psi_s;
+    "estimate.psi_r", "V s", Complex, |m| m.estimate.psi_r;
+    "estimate.psi_1", "V s", Complex, |m| m.estimate.psi_1;
+    "estimate.i_s", "A", Complex, |m| m.estimate.i_s;
+    "estimate.u_s", "V", Complex, |m| m.estimate.u_s;
+    "estimate.u_off", "V", Complex, |m| m.estimate.u_off;
+    "estimate.u_hf", "V", Complex, |m| m.estimate.u_hf;
+    "estimate.i_dq", "A", Complex, |m| m.estimate.i_dq;
+    "estimate.i_dq_ref", "A", Complex, |m| m.estimate.i_dq_ref;
+    "estimate.omega_m", "rad/s", Real, |m| m.estimate.omega_m;
+    "estimate.omega_s", "rad/s", Real, |m| m.estimate.omega_s;
+    "estimate.omega_r", "rad/s", Real, |m| m.estimate.omega_r;
+    "estimate.torque", "N m", Real, |m| m.estimate.torque;
+    "estimate.R_s", "ohm", Real, |m| m.estimate.R_s;
+    "estimate.epsilon", "p.u.", Real, |m| m.estimate.epsilon;
+    "estimate.confidence", "", Real, |m| m.estimate.confidence;
+    "status", "", Real, |m| status_code(m.drive.status());
+}
+
+/// Angle from `a` to `b`, rad.
+fn angle_between(a: &Vector, b: &Vector) -> f64 {
+    (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1])
+}
+
+/// Status as a number: 0 stopped, 1 reading offset, 2 magnetising, 3 running, 4 faulted.
+#[must_use]
+pub fn status_code(status: Status) -> f64 {
+    match status {
+        Status::Stopped => 0.0,
+        Status::ReadingOffset => 1.0,
+        Status::Magnetising => 2.0,
+        Status::Running => 3.0,
+        Status::Faulted { .. } => 4.0,
+    }
+}
+
+/// One recorded signal.
+#[derive(Clone, Debug)]
+pub struct Column {
+    /// Name.
+    pub name: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// Complex signals hold real and imaginary parts in turn.
+    pub complex: bool,
+    /// The samples.
+    pub data: Vec<f64>,
+}
+
+/// What a run has recorded so far.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    /// Time of each row, s.
+    pub t: Vec<f64>,
+    /// The signals.
+    pub columns: Vec<Column>,
+}
+
+/// A run in progress: advance it in pieces, look at the record any time.
+pub struct Run<'s> {
+    scenario: Cow<'s, Scenario>,
+    plant: Plant,
+    drive: SiDrive,
+    getters: Vec<fn(&Moment<'_>) -> Value>,
+    record: Record,
+    sample: crate::adc::Sample,
+    period: u64,
+    periods: u64,
+    reference_at: usize,
+    load_at: usize,
+    next_change: usize,
+    u_i_integral: Vector,
+    psi_begin: Option<Vector>,
+}
+
+impl<'s> Run<'s> {
+    /// Prepares a run.
+    ///
+    /// # Errors
+    /// The first parameter outside its admissible range, or an unknown signal (reported as its position in
+    /// the list).
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+    pub fn new(scenario: Cow<'s, Scenario>) -> Result<Self, ParamError> {
+        let s = &*scenario;
+        check("duration", s.duration, 0.0, 1e5, "s")?;
+        check("record_every", f64::from(s.record_every), 1.0, 1e9, "periods")?;
+        let f_s = s.inverter.f_s;
+        check("plant inverter.f_s", s.plant.inverter.f_s, f_s, f_s, "Hz")?;
+        let mut last = 0.0;
+        for &(t, _) in &s.changes {
+            check("changes time", t, last, 1e9, "s")?;
+            last = t;
+        }
+        let mut plant = Plant::new(s.plant.clone())?;
+        let mut drive = SiDrive::new(&s.machine, &s.inverter, &s.drive, s.arithmetic)?;
+        if let Some(m) = &s.memory {
+            drive.restore(m);
+        }
+        let sample = plant.sample();
+        let chosen: Vec<&Signal> = match &s.signals {
+            None => SIGNALS.iter().collect(),
+            Some(names) => names
+                .iter()
+                .enumerate()
+                .map(|(k, name)| {
+                    SIGNALS.iter().find(|s| s.name == name).ok_or(ParamError {
+                        field: "signals (position of an unknown name)",
+                        value: k as f64,
+                        min: f64::NAN,
+                        max: f64::NAN,
+                        unit: "",
+                    })
+                })
+                .collect::<Result<_, _>>()?,
+        };
+        let periods = (s.duration * f_s).round() as u64;
+        let rows = (periods / u64::from(s.record_every) + 1) as usize;
+        let mut run = Self {
+            plant,
+            drive,
+            getters: chosen.iter().map(|s| s.get).collect(),
+            record: Record { t: Vec::with_capacity(rows), columns: Vec::new() },
+            sample,
+            period: 0,
+            periods,
+            reference_at: 0,
+            load_at: 0,
+            next_change: 0,
+            u_i_integral: [0.0; 2],
+            psi_begin: None,
+            scenario,
+        };
+        let moment = run.moment(0.0);
+        let columns = chosen
+            .iter()
+            .map(|s| {
+                let complex = matches!((s.get)(&moment), Value::Complex(_));
+                let data = Vec::with_capacity(if complex { 2 * rows } else { rows });
+                Column { name: s.name, unit: s.unit, complex, data }
+            })
+            .collect();
+        run.record.columns = columns;
+        Ok(run)
+    }
+
+    /// Runs at most `periods` further control periods; `false` when the run is complete.
+    pub fn advance(&mut self, periods: u64) -> bool {
+        let until = self.periods.min(self.period.saturating_add(periods));
+        while self.period < until {
+            self.step();
+        }
+        self.period < self.periods
+    }
+
+    /// Simulated time so far, s.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss)]
+    pub fn time(&self) -> f64 {
+        self.period as f64 / self.scenario.inverter.f_s
+    }
+
+    /// The plant.
+    #[must_use]
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// The drive.
+    #[must_use]
+    pub fn drive(&self) -> &SiDrive {
+        &self.drive
+    }
+
+    /// The record so far.
+    #[must_use]
+    pub fn record(&self) -> &Record {
+        &self.record
+    }
+
+    /// Ends the run: record and drive.
+    #[must_use]
+    pub fn into_parts(self) -> (Record, SiDrive) {
+        (self.record, self.drive)
+    }
+
+    fn step(&mut self) {
+        let t = self.time();
+        while let Some(&(when, change)) = self.scenario.changes.get(self.next_change) {
+            if when > t {
+                break;
+            }
+            self.next_change += 1;
+            match change {
+                Change::R_s(r) => self.plant.set_R_s(r),
+                Change::CurrentOffset(o) => self.plant.set_offset(o),
+                Change::DcLink(u) => self.plant.set_u_dc(u),
+                Change::Speed(w) => self.plant.set_speed(w),
+            }
+        }
+        let (command, reference) = match &self.scenario.reference {
+            ReferenceProfile::Speed(p) => {
+                let w = p.at(t, &mut self.reference_at);
+                (Command::Speed(w), w)
+            }
+            ReferenceProfile::Torque(p) => {
+                let x = p.at(t, &mut self.reference_at);
+                (Command::Torque(x), x)
+            }
+        };
+        let (duty, gates_on) = self.drive.step(&self.sample, &command);
+        self.book_drift();
+        if self.period.is_multiple_of(u64::from(self.scenario.record_every)) {
+            self.write_row(t, reference);
+        }
+        let load = self.scenario.load.at(t, &mut self.load_at);
+        self.sample = self.plant.step(duty, gates_on, load);
+        self.period += 1;
+    }
+
+    /// `∫ û_i dt - ψ_s` since the drive runs: its slope is the offset voltage the drive really has to find.
+    fn book_drift(&mut self) {
+        let Some(u_i) = self.drive.induced_voltage() else { return };
+        let t_s = 1.0 / self.scenario.inverter.f_s;
+        self.psi_begin.get_or_insert(self.plant.truth().psi_s);
+        for k in 0..2 {
+            self.u_i_integral[k] += u_i[k] * t_s;
+        }
+    }
+
+    fn moment(&self, reference: f64) -> Moment<'_> {
+        let psi = self.plant.truth().psi_s;
+        let begin = self.psi_begin.unwrap_or(psi);
+        let [a, b, c] = self.sample.i_abc;
+        Moment {
+            plant: &self.plant,
+            estimate: self.drive.estimate(),
+            drive: &self.drive,
+            measured: [(2.0 * a - b - c) / 3.0, (b - c) / 3f64.sqrt()],
+            reference,
+            drift: [0, 1].map(|k| self.u_i_integral[k] - (psi[k] - begin[k])),
+        }
+    }
+
+    fn write_row(&mut self, t: f64, reference: f64) {
+        let moment = self.moment(reference);
+        let values: Vec<Value> = self.getters.iter().map(|get| get(&moment)).collect();
+        self.record.t.push(t);
+        for (column, value) in self.record.columns.iter_mut().zip(values) {
+            match value {
+                Value::Real(x) => column.data.push(x),
+                Value::Complex(v) => column.data.extend_from_slice(&v),
+            }
+        }
+    }
+}

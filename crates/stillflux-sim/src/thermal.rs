@@ -1,0 +1,32 @@
+//! Stator winding temperature: one time constant, driven by the copper loss.
+
+use stillflux::params::{ParamError, check};
+
+/// `tau dT/dt = rise P_cu/P_cu,N - T`, `R_s = R_cold (1 + alpha T)`; `P_cu,N = 3 R_cold I_N²`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thermal {
+    /// Thermal time constant, s.
+    pub time_constant: f64,
+    /// Temperature rise at rated copper loss, K.
+    pub rise: f64,
+    /// Temperature coefficient, 1/K; copper 0.0039.
+    pub alpha: f64,
+}
+
+impl Thermal {
+    /// Checks every field against its admissible range.
+    ///
+    /// # Errors
+    /// The first field found outside its range.
+    pub fn validate(&self) -> Result<(), ParamError> {
+        check("time_constant", self.time_constant, 1e-3, 1e6, "s")?;
+        check("rise", self.rise, 0.0, 500.0, "K")?;
+        check("alpha", self.alpha, 0.0, 0.02, "1/K")
+    }
+
+    /// Temperature after `h` seconds at `load` = `P_cu/P_cu,N` (trapezoidal: stable at any `h`).
+    pub(crate) fn advance(&self, kelvin: f64, load: f64, h: f64) -> f64 {
+        let r = h / self.time_constant;
+        kelvin + (self.rise * load - kelvin) * r / (1.0 + 0.5 * r)
+    }
+}

@@ -1,0 +1,112 @@
+//! Per-unit system: the base quantities and the machine and inverter in them.
+//!
+//! Amplitude-invariant space vectors; base voltage and current are the rated phase peaks, base frequency
+//! is `omega_sR`, time is normalised by it (`tau = omega_sR t`). Torque base is `3/2 n_p psi_b i_b`, so
+//! that `T = psi_s × i_s`; mechanical speed base is `omega_sR / n_p`, so that electrical and mechanical
+//! speed share one per-unit number.
+
+use crate::params::{Inverter, Machine, ParamError};
+use crate::scalar::Real;
+
+/// Base quantities, SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Base {
+    /// Voltage, V.
+    pub u: f64,
+    /// Current, A.
+    pub i: f64,
+    /// Electrical angular frequency, rad/s.
+    pub omega: f64,
+    /// Flux linkage, V·s.
+    pub psi: f64,
+    /// Impedance, Ω.
+    pub z: f64,
+    /// Inductance, H.
+    pub l: f64,
+    /// Torque, N·m.
+    pub torque: f64,
+    /// Mechanical angular speed, rad/s.
+    pub omega_m: f64,
+}
+
+impl Base {
+    /// Base quantities of a machine's rating.
+    #[must_use]
+    pub fn new(machine: &Machine) -> Self {
+        let u = machine.U_N * libm::sqrt(2.0 / 3.0);
+        let i = machine.I_N * core::f64::consts::SQRT_2;
+        let omega = machine.omega_sR();
+        let n_p = f64::from(machine.n_p);
+        let psi = u / omega;
+        Self { u, i, omega, psi, z: u / i, l: u / (i * omega), torque: 1.5 * n_p * psi * i, omega_m: omega / n_p }
+    }
+}
+
+/// Machine and inverter in per unit, with the products the control step needs, computed once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PerUnit<R: Real> {
+    /// Stator resistance (with the inverter's `r_d`: the two are in series and identified as one).
+    pub r_s: R,
+    /// Stator inductance.
+    pub l_s: R,
+    /// Leakage inductance `sigma l_s`.
+    pub sigma_l_s: R,
+    /// Rotor resistance of the inverse-Γ circuit, `l_M / tau_r`.
+    pub r_r: R,
+    /// Reciprocal of the rotor time constant.
+    pub inv_tau_r: R,
+    /// Control period in normalised time, `omega_sR T_s`.
+    pub t_s: R,
+    /// Threshold voltage.
+    pub u_th: R,
+    /// Dead-time voltage loss per volt of dc link, `T_d / T_s`.
+    pub dead_time: R,
+    /// Rated torque.
+    pub torque_rated: R,
+    /// Rated dc-link voltage.
+    pub u_dc: R,
+}
+
+impl<R: Real> PerUnit<R> {
+    /// Converts validated parameters.
+    ///
+    /// # Errors
+    /// The first parameter outside its admissible range.
+    pub fn new(machine: &Machine, inverter: &Inverter) -> Result<Self, ParamError> {
+        machine.validate()?;
+        inverter.validate()?;
+        let b = Base::new(machine);
+        let r = R::from_f64;
+        Ok(Self {
+            r_s: r((machine.R_s + inverter.r_d) / b.z),
+            l_s: r(machine.L_s() / b.l),
+            sigma_l_s: r(machine.L_sigma / b.l),
+            r_r: r(machine.R_R / b.z),
+            inv_tau_r: r(machine.R_R / (machine.L_M * b.omega)),
+            t_s: r(b.omega / inverter.f_s),
+            u_th: r(inverter.u_th / b.u),
+            dead_time: r(inverter.dead_time * inverter.f_s),
+            torque_rated: r(machine.T_N / b.torque),
+            u_dc: r(inverter.u_dc / b.u),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_have_the_per_unit_values_of_their_data_sheets() {
+        for (machine, inverter, want) in [
+            (Machine::preset_2k2(), Inverter::preset_2k2(), (0.080, 1.67, 0.143, 0.107)),
+            (Machine::preset_11k(), Inverter::preset_11k(), (0.020, 1.91, 0.058, 0.296)),
+        ] {
+            let p = PerUnit::<f64>::new(&machine, &Inverter { r_d: 0.0, ..inverter }).unwrap();
+            assert!((p.r_s - want.0).abs() < 5e-4);
+            assert!((p.l_s - want.1).abs() < 1e-2);
+            assert!((p.sigma_l_s - want.2).abs() < 1e-3);
+            assert!((1.0 / p.inv_tau_r / machine.omega_sR() - want.3).abs() < 1e-3);
+        }
+    }
+}

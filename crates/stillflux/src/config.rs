@@ -1,0 +1,299 @@
+//! Configuration of a drive: what a user sets, in SI units where there are any, and what the control
+//! step reads, per unit, with every division done beforehand.
+
+use crate::base::{Base, PerUnit};
+use crate::control::current::CurrentConfig;
+use crate::control::flux::FluxControlConfig;
+use crate::control::speed::SpeedControlConfig;
+use crate::drive::BOOST;
+use crate::estimate::confidence::ConfidenceConfig;
+use crate::estimate::flux::FluxConfig;
+use crate::estimate::offset::OffsetConfig;
+use crate::estimate::resistance::ResistanceConfig;
+use crate::estimate::speed::SpeedConfig;
+use crate::inverter::InverterModel;
+use crate::params::{Inverter, Machine, ParamError, check};
+use crate::scalar::{Real, Timer};
+
+/// Settings of a drive. [`DriveParams::new`] derives every value from machine and inverter; change single
+/// fields from there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveParams {
+    /// Flux reference, per unit of rated flux `U_N √(2/3) / omega_sR`; 0.3 to 1.2.
+    pub psi_ref: f64,
+    /// Largest current reference, A peak.
+    pub i_max: f64,
+    /// Largest torque reference, N·m.
+    pub torque_max: f64,
+    /// Largest mechanical speed reference, rad/s.
+    pub omega_max: f64,
+    /// Over-current trip level, A peak of the space vector.
+    pub i_trip: f64,
+    /// Full scale of the current sensors, A: a reading at or beyond it is a fault.
+    pub i_range: f64,
+    /// Smallest dc-link voltage, V.
+    pub u_dc_min: f64,
+    /// Largest dc-link voltage, V.
+    pub u_dc_max: f64,
+    /// Bandwidth of current control, Hz.
+    pub current_bandwidth: f64,
+    /// Bandwidth of flux control, Hz.
+    pub flux_bandwidth: f64,
+    /// Bandwidth of speed control, Hz.
+    pub speed_bandwidth: f64,
+    /// Natural frequency of the speed estimator's phase-locked loop, Hz.
+    pub pll_bandwidth: f64,
+    /// Inverter model: compensation of threshold and dead time.
+    pub inverter_model: bool,
+    /// Offset voltage estimator.
+    pub offset_estimator: bool,
+    /// Part of the measured offset voltage taken over per fundamental period.
+    pub offset_gain: f64,
+    /// Noise compensator.
+    pub noise_compensator: bool,
+    /// Smallest and largest gain of the noise compensator, per unit.
+    pub noise_gain: (f64, f64),
+    /// Stator resistance adaptation.
+    pub resistance_adaptation: bool,
+    /// Gain of the adaptation: relative change of `r̂_s` per second and unit of ε.
+    pub resistance_gain: f64,
+    /// Read the current offsets with gates off before each start, and `r̂_s` while magnetising.
+    pub calibrate_offset: bool,
+    /// Duration of the reading of the offsets, s.
+    pub offset_time: f64,
+    /// Duration of the magnetisation, s.
+    pub magnetise_time: f64,
+}
+
+impl DriveParams {
+    /// Defaults for a machine on an inverter.
+    #[must_use]
+    pub fn new(machine: &Machine, inverter: &Inverter) -> Self {
+        let i_n = machine.I_N * core::f64::consts::SQRT_2;
+        let tau_r = machine.L_M / machine.R_R;
+        Self {
+            psi_ref: 1.0,
+            i_max: 1.8 * i_n,
+            torque_max: 1.5 * machine.T_N,
+            omega_max: 2.2 * machine.omega_sR() / f64::from(machine.n_p),
+            i_trip: 2.3 * i_n,
+            i_range: 2.5 * i_n,
+            u_dc_min: 0.6 * inverter.u_dc,
+            u_dc_max: 1.45 * inverter.u_dc,
+            current_bandwidth: 0.03 * inverter.f_s,
+            flux_bandwidth: 5.0,
+            speed_bandwidth: 4.0,
+            pll_bandwidth: 25.0,
+            inverter_model: true,
+            offset_estimator: true,
+            offset_gain: 0.5,
+            noise_compensator: true,
+            noise_gain: (0.02, 0.1),
+            resistance_adaptation: true,
+            resistance_gain: 0.3,
+            calibrate_offset: true,
+            offset_time: 0.1,
+            magnetise_time: (4.0 * tau_r).max(1.4),
+        }
+    }
+
+    /// Checks every field against its admissible range.
+    ///
+    /// # Errors
+    /// The first field found outside its range.
+    pub fn validate(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
+        let i_n = machine.I_N * core::f64::consts::SQRT_2;
+        let f_s = inverter.f_s;
+        let tau_r = machine.L_M / machine.R_R;
+        check("psi_ref", self.psi_ref, 0.3, 1.2, "p.u.")?;
+        let i_0 = self.psi_ref * Base::new(machine).psi / machine.L_s();
+        check("i_max", self.i_max, 1.1 * i_0, 5.0 * i_n, "A")?;
+        check("torque_max", self.torque_max, 0.05 * machine.T_N, 5.0 * machine.T_N, "N m")?;
+        let omega_n = machine.omega_sR() / f64::from(machine.n_p);
+        check("omega_max", self.omega_max, 0.01 * omega_n, 3.0 * omega_n, "rad/s")?;
+        check("i_trip", self.i_trip, self.i_max, 8.0 * i_n, "A")?;
+        check("i_range", self.i_range, self.i_trip, 20.0 * i_n, "A")?;
+        check("u_dc_min", self.u_dc_min, 0.0, inverter.u_dc, "V")?;
+        check("u_dc_max", self.u_dc_max, inverter.u_dc, 3.0 * inverter.u_dc, "V")?;
+        check("current_bandwidth", self.current_bandwidth, 10.0, 0.06 * f_s, "Hz")?;
+        check("flux_bandwidth", self.flux_bandwidth, 0.1, 30.0, "Hz")?;
+        check("speed_bandwidth", self.speed_bandwidth, 0.05, 20.0, "Hz")?;
+        check("pll_bandwidth", self.pll_bandwidth, 2.0, 100.0, "Hz")?;
+        check("offset_gain", self.offset_gain, 0.01, 1.0, "")?;
+        check("noise_gain[0]", self.noise_gain.0, 0.0, 1.0, "")?;
+        check("noise_gain[1]", self.noise_gain.1, self.noise_gain.0, 4.0, "")?;
+        check("resistance_gain", self.resistance_gain, 0.0, 50.0, "1/s")?;
+        check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
+        check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")
+    }
+}
+
+/// What the control step reads: constants, per unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveConfig<R: Real> {
+    pub(crate) pu: PerUnit<R>,
+    pub(crate) inverter: InverterModel<R>,
+    pub(crate) timer: Option<Timer>,
+    pub(crate) flux: FluxConfig<R>,
+    pub(crate) speed: SpeedConfig<R>,
+    pub(crate) resistance: Option<ResistanceConfig<R>>,
+    pub(crate) confidence: ConfidenceConfig<R>,
+    pub(crate) current: CurrentConfig<R>,
+    pub(crate) flux_control: FluxControlConfig<R>,
+    pub(crate) speed_control: SpeedControlConfig<R>,
+    pub(crate) u_utilisation: R,
+    pub(crate) u_off_limit: R,
+    pub(crate) i_range: R,
+    pub(crate) i_trip: R,
+    pub(crate) i_off_max: R,
+    pub(crate) i_q_max: R,
+    pub(crate) pull_out_use: R,
+    pub(crate) u_dc_min: R,
+    pub(crate) u_dc_max: R,
+    pub(crate) u_dc_range: R,
+    pub(crate) omega_max: R,
+    pub(crate) omega_trip: R,
+    pub(crate) psi_deviation: R,
+    pub(crate) implausible_max: u32,
+    pub(crate) calibrate_offset: bool,
+    pub(crate) offset_periods: u32,
+    pub(crate) inv_offset_periods: R,
+    pub(crate) magnetise_periods: u32,
+    pub(crate) boost_periods: u32,
+    pub(crate) r_s_periods: u32,
+    pub(crate) inv_r_s_periods: R,
+}
+
+impl<R: Real> DriveConfig<R> {
+    /// Per-unit configuration of validated settings.
+    ///
+    /// # Errors
+    /// The first field of machine, inverter or settings outside its admissible range.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn new(machine: &Machine, inverter: &Inverter, p: &DriveParams) -> Result<Self, ParamError> {
+        let pu = PerUnit::<R>::new(machine, inverter)?;
+        p.validate(machine, inverter)?;
+        let b = Base::new(machine);
+        let r = R::from_f64;
+        let hz = |f: f64| core::f64::consts::TAU * f / b.omega;
+        let periods = |t: f64| (t * inverter.f_s + 0.5) as u32;
+
+        let l_s = machine.L_s() / b.l;
+        let sigma_l_s = machine.L_sigma / b.l;
+        let tau_r = machine.L_M / machine.R_R * b.omega;
+        let l_product = l_s * sigma_l_s;
+        let i_0 = p.psi_ref / l_s;
+        let i_max = p.i_max / b.i;
+
+        let k_p = hz(p.current_bandwidth) * sigma_l_s;
+        let flux_gain = hz(p.flux_bandwidth) / l_s;
+        let j = machine.J * b.omega_m * b.omega / b.torque;
+        let speed_gain = j * hz(p.speed_bandwidth);
+        let omega_n = hz(p.pll_bandwidth);
+        let dead_time = inverter.dead_time * inverter.f_s * inverter.u_dc / b.u;
+        let r_s = (machine.R_s + inverter.r_d) / b.z;
+        // Relative gain per second → per unit of r_s and normalised time.
+        let resistance_gain = p.resistance_gain * r_s / b.omega;
+        let noise = if p.noise_compensator { p.noise_gain } else { (0.0, 0.0) };
+        let magnetise_periods = periods(p.magnetise_time);
+        let r_s_periods = magnetise_periods / 4;
+        // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
+        let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
+
+        let offset = OffsetConfig {
+            t_s: pu.t_s,
+            gain: r(p.offset_gain),
+            limit: r(0.05),
+            omega_min: r(0.004),
+            omega_max: r(0.2),
+        };
+        Ok(Self {
+            pu,
+            inverter: if p.inverter_model {
+                InverterModel::new(machine, inverter, &pu)
+            } else {
+                InverterModel::ideal()
+            },
+            timer: (inverter.f_clk > 0.0).then(|| Timer::new((inverter.f_clk / (2.0 * inverter.f_s)) as u32)),
+            flux: FluxConfig {
+                t_s: pu.t_s,
+                noise_min: r(noise.0),
+                noise_max: r(noise.1),
+                offset: p.offset_estimator.then_some(offset),
+            },
+            speed: SpeedConfig {
+                t_s: pu.t_s,
+                sigma_l_s: pu.sigma_l_s,
+                r_r: pu.r_r,
+                k_p: r(2.0 * omega_n),
+                k_i: r(omega_n * omega_n),
+                omega_max: r(3.0),
+            },
+            resistance: p.resistance_adaptation.then(|| ResistanceConfig {
+                t_s: pu.t_s,
+                l_sum: r(l_s + sigma_l_s),
+                l_product: r(l_product),
+                gain: r(resistance_gain),
+                i_q_min: r(0.15 * machine.T_N / b.torque / p.psi_ref),
+                omega_min: r(0.004),
+                omega_max: r(0.1),
+                transient: r(0.05),
+                corner: r(hz(2.0)),
+                hold: periods(0.2),
+            }),
+            confidence: ConfidenceConfig {
+                t_s: pu.t_s,
+                u_floor: r(1e-4 * r_s + 1e-4 * dead_time),
+                u_initial: r(0.01 * r_s),
+                corner: r(hz(0.2)),
+            },
+            current: CurrentConfig {
+                t_s: pu.t_s,
+                k_p: r(k_p),
+                k_i: r(k_p * hz(p.current_bandwidth) / 5.0),
+                inv_k_p: r(1.0 / k_p),
+            },
+            flux_control: FluxControlConfig {
+                t_s: pu.t_s,
+                psi_rated: r(p.psi_ref),
+                psi_min: r(0.2 * p.psi_ref),
+                l_sum: r(l_s + sigma_l_s),
+                l_product: r(l_product),
+                inv_two_l_product: r(0.5 / l_product),
+                pull_out: r((1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
+                k_p: r(flux_gain * tau_r),
+                k_i: r(flux_gain),
+                omega_begin: r(0.02),
+                inv_fade: r(25.0),
+                limit: r(0.3 * i_0),
+            },
+            speed_control: SpeedControlConfig {
+                t_s: pu.t_s,
+                k_p: r(speed_gain),
+                k_i: r(speed_gain * hz(p.speed_bandwidth) / 4.0),
+                torque_max: r(p.torque_max / b.torque),
+            },
+            u_utilisation: r(0.98 / libm::sqrt(3.0)),
+            u_off_limit: r(0.05),
+            i_range: r(p.i_range / b.i),
+            i_trip: r(p.i_trip / b.i),
+            i_off_max: r(0.15),
+            i_q_max: r(libm::sqrt(i_max * i_max - i_0 * i_0)),
+            pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
+            u_dc_min: r(p.u_dc_min / b.u),
+            u_dc_max: r(p.u_dc_max / b.u),
+            u_dc_range: r(100.0),
+            omega_max: r(p.omega_max / b.omega_m),
+            omega_trip: r(1.3 * p.omega_max / b.omega_m),
+            psi_deviation: r(0.4 * p.psi_ref),
+            implausible_max: periods(0.05),
+            calibrate_offset: p.calibrate_offset,
+            offset_periods: periods(p.offset_time),
+            inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),
+            magnetise_periods,
+            boost_periods: periods(boost_time),
+            r_s_periods,
+            inv_r_s_periods: r(1.0 / f64::from(r_s_periods)),
+        })
+    }
+}

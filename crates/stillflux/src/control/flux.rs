@@ -1,0 +1,134 @@
+//! Flux control: reference with field weakening, feedforward of i_d from (12), PI correction.
+//!
+//! (12) holds for the correct field orientation and is implicit in `i_d`; solved for a reference,
+//!
+//! ```text
+//! i_d* = [b - √(b² - 4 l_s σl_s (ψ*² + l_s σl_s i_q²))] / (2 l_s σl_s),    b = (l_s + σl_s) ψ*
+//! |i_q| < ψ* (1 - σ) / (2 σl_s)                                             pull-out
+//! ```
+//!
+//! The PI part corrects the inductances, as far as the voltage tells the true flux: its weight fades out
+//! towards zero stator frequency, where the amplitude of the estimate is held by the noise compensator and
+//! says nothing. There the feedforward alone keeps the true flux.
+
+use crate::scalar::{Integrator, Real};
+
+/// Settings of the flux controller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FluxControlConfig<R: Real> {
+    /// Control period, normalised.
+    pub t_s: R,
+    /// Rated flux reference.
+    pub psi_rated: R,
+    /// Smallest flux reference in field weakening.
+    pub psi_min: R,
+    /// `l_s + σl_s`.
+    pub l_sum: R,
+    /// `l_s · σl_s`.
+    pub l_product: R,
+    /// `1 / (2 l_s σl_s)`.
+    pub inv_two_l_product: R,
+    /// `(1 - σ) / (2 σl_s)`.
+    pub pull_out: R,
+    /// Proportional gain.
+    pub k_p: R,
+    /// Integral gain.
+    pub k_i: R,
+    /// Stator frequency below which the PI part is off.
+    pub omega_begin: R,
+    /// Reciprocal of the width over which it fades in.
+    pub inv_fade: R,
+    /// Largest correction of i_d.
+    pub limit: R,
+}
+
+/// State of the flux controller.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FluxController<R: Real> {
+    x: Integrator<R>,
+}
+
+impl<R: Real> FluxControlConfig<R> {
+    /// Flux reference at a stator frequency: rated, and beyond the voltage limit `u_max` as `u_max/|ω_s|`.
+    #[inline]
+    pub fn reference(&self, omega_s: R, u_max: R) -> R {
+        let omega = omega_s.abs();
+        if omega * self.psi_rated <= u_max {
+            self.psi_rated
+        } else {
+            (u_max * omega.recip()).clamp(self.psi_min, self.psi_rated)
+        }
+    }
+
+    /// `i_d*` of (12) for a flux and a torque current below pull-out.
+    #[inline]
+    pub fn feedforward(&self, psi_ref: R, i_q: R) -> R {
+        let b = self.l_sum * psi_ref;
+        let c = psi_ref * psi_ref + self.l_product * i_q * i_q;
+        let root = (b * b - self.l_product * c * R::from_f64(4.0)).sqrt();
+        (b - root) * self.inv_two_l_product
+    }
+}
+
+impl<R: Real> FluxController<R> {
+    /// Forgets the past.
+    pub fn start(&mut self) {
+        *self = Self::default();
+    }
+
+    /// One period; returns `i_d*`.
+    #[inline]
+    pub fn step(&mut self, c: &FluxControlConfig<R>, psi_ref: R, psi_s: R, i_q: R, omega_s: R) -> R {
+        let weight = ((omega_s.abs() - c.omega_begin) * c.inv_fade).clamp(R::ZERO, R::ONE);
+        let error = psi_ref - psi_s;
+        let x = self.x.value();
+        // With the weight gone the integrator forgets at the rate at which it learned.
+        let leak = x * (R::ONE - weight);
+        let x = self.x.add_clamped(c.t_s * c.k_i, error * weight - leak, -c.limit, c.limit);
+        c.feedforward(psi_ref, i_q) + (error * c.k_p * weight + x).limit(c.limit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    pub(super) fn config() -> FluxControlConfig<f64> {
+        let (l_s, sl) = (1.67, 0.143);
+        FluxControlConfig {
+            t_s: 0.03,
+            psi_rated: 1.0,
+            psi_min: 0.2,
+            l_sum: l_s + sl,
+            l_product: l_s * sl,
+            inv_two_l_product: 0.5 / (l_s * sl),
+            pull_out: (1.0 - sl / l_s) / (2.0 * sl),
+            k_p: 1.0,
+            k_i: 0.1,
+            omega_begin: 0.02,
+            inv_fade: 25.0,
+            limit: 0.2,
+        }
+    }
+
+    #[test]
+    fn feedforward_solves_equation_12() {
+        let c = config();
+        for k in 0..30 {
+            let i_q = f64::from(k) * 0.1;
+            let i_d = c.feedforward(1.0, i_q);
+            let rhs = 1.0 / c.l_sum + c.l_product / c.l_sum * (i_d * i_d + i_q * i_q);
+            assert!((i_d - rhs).abs() < 1e-12);
+        }
+        assert!((c.feedforward(1.0, 0.0) - 1.0 / 1.67).abs() < 1e-12);
+        assert!((c.l_sum * c.l_sum - 4.0 * c.l_product * (1.0 + c.l_product * c.pull_out * c.pull_out)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn reference_weakens_beyond_the_voltage_limit_only() {
+        let c = config();
+        assert_eq!(c.reference(0.5, 0.9), 1.0);
+        assert!((c.reference(-1.8, 0.9) - 0.5).abs() < 1e-12);
+        assert_eq!(c.reference(100.0, 0.9), 0.2);
+    }
+}

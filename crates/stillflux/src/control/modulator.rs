@@ -1,0 +1,84 @@
+//! Symmetrical space-vector modulation.
+//!
+//! Phase references plus the common part `-(max + min)/2` centre the active vectors in the period; the
+//! linear range ends at `|u| = u_dc/√3`. References that include the inverter compensation may exceed it;
+//! duties are limited to [0, 1] always, and what the limited and quantised duties really apply is
+//! returned to the flux estimator.
+
+use crate::scalar::{Real, Timer};
+use crate::space::AlphaBeta;
+
+/// Duties of the three legs, in [0, 1].
+pub type Duty<R> = [R; 3];
+
+/// Duty at which the bridge applies no voltage.
+pub fn zero_duty<R: Real>() -> Duty<R> {
+    [R::HALF; 3]
+}
+
+/// Duties for phase voltages `u` (without regard to their common part) at a dc link of `1/inv_u_dc`.
+#[inline]
+pub fn modulate<R: Real>(u: [R; 3], inv_u_dc: R, timer: Option<&Timer>) -> Duty<R> {
+    let hi = u[0].max(u[1]).max(u[2]);
+    let lo = u[0].min(u[1]).min(u[2]);
+    let common = (hi + lo) * R::HALF;
+    u.map(|x| {
+        let d = (R::HALF + (x - common) * inv_u_dc).clamp(R::ZERO, R::ONE);
+        match timer {
+            Some(t) => d.quantise(t).1,
+            None => d,
+        }
+    })
+}
+
+/// Voltage vector that ideal legs apply with these duties, per unit of dc link.
+#[inline]
+pub fn applied<R: Real>(duty: &Duty<R>) -> AlphaBeta<R> {
+    AlphaBeta::from_phases(*duty)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scalar::Q;
+    use proptest::prelude::*;
+
+    #[test]
+    fn linear_up_to_u_dc_over_root_three() {
+        let u_dc = 1.65_f64;
+        for k in 0..360 {
+            let (s, c) = f64::from(k).to_radians().sin_cos();
+            let a = u_dc / 3f64.sqrt() * 0.9999;
+            let u = AlphaBeta::new(a * c, a * s);
+            let duty = modulate(u.to_phases(), 1.0 / u_dc, None);
+            assert!((applied(&duty) * u_dc - u).norm_sq() < 1e-24);
+        }
+    }
+
+    #[test]
+    fn quantised_duties_are_whole_counts() {
+        let timer = Timer::new(8500);
+        for k in 0..1000 {
+            let x = f64::from(k) / 999.0;
+            let n = (x * 8500.0).round();
+            assert!((x.quantise(&timer).1 * 8500.0 - n).abs() < 1e-4);
+            assert!((f64::from((x as f32).quantise(&timer).1) * 8500.0 - n).abs() < 1.01);
+            assert!((Q::from_f64(x).quantise(&timer).1.to_f64() * 8500.0 - n).abs() < 1.01);
+        }
+        assert_eq!(Q::ONE.quantise(&timer), (8500, Q::ONE));
+    }
+
+    proptest! {
+        #[test]
+        fn duties_stay_between_zero_and_one(a: i32, b: i32, c: i32, v in 1i32..) {
+            let u = [Q::from_bits(a), Q::from_bits(b), Q::from_bits(c)];
+            for d in modulate(u, Q::from_bits(v), Some(&Timer::new(8500))) {
+                prop_assert!(d >= Q::ZERO && d <= Q::ONE);
+            }
+            let f = u.map(|x| x.to_f64() as f32 * 1e30);
+            for d in modulate(f, v as f32, None) {
+                prop_assert!((0.0..=1.0).contains(&d));
+            }
+        }
+    }
+}

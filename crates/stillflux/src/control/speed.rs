@@ -1,0 +1,66 @@
+//! Speed control: PI with anti-windup, output a torque reference.
+//!
+//! `J dω/dτ = T - T_load`; with `k_p = J ω_c` and `k_i = k_p ω_c / 4` the loop is critically damped.
+//! The integrator is clamped to the torque limit less the proportional part, so that it never holds torque
+//! that the limit would cut.
+
+use crate::scalar::{Integrator, Real};
+
+/// Settings of the speed controller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpeedControlConfig<R: Real> {
+    /// Control period, normalised.
+    pub t_s: R,
+    /// Proportional gain, torque per speed.
+    pub k_p: R,
+    /// Integral gain.
+    pub k_i: R,
+    /// Largest torque.
+    pub torque_max: R,
+}
+
+/// State of the speed controller.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SpeedController<R: Real> {
+    x: Integrator<R>,
+}
+
+impl<R: Real> SpeedController<R> {
+    /// Begins with a torque in force.
+    pub fn start(&mut self, torque: R) {
+        self.x = Integrator::new(torque);
+    }
+
+    /// One period; `torque_max` is the torque available now. Returns the torque reference.
+    #[inline]
+    pub fn step(&mut self, c: &SpeedControlConfig<R>, omega_ref: R, omega_m: R, torque_max: R) -> R {
+        let error = omega_ref - omega_m;
+        let limit = torque_max.min(c.torque_max);
+        let p = (error * c.k_p).limit(limit);
+        let x = self.x.add_clamped(c.t_s * c.k_i, error, -limit - p.min(R::ZERO), limit - p.max(R::ZERO));
+        (p + x).limit(limit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_load_step_is_answered_without_steady_error_and_without_windup() {
+        let j = 50.0; // normalised inertia
+        let omega_c = 0.06;
+        let c = SpeedControlConfig { t_s: 0.03, k_p: j * omega_c, k_i: j * omega_c * omega_c / 4.0, torque_max: 1.0 };
+        let mut ctrl = SpeedController::<f64>::default();
+        let mut omega = 0.0;
+        for k in 0..200_000 {
+            let load = if k > 1000 { 0.7 } else { 0.0 };
+            let reference = if k > 60_000 { 0.5 } else { 0.0 };
+            let t = ctrl.step(&c, reference, omega, 1.0);
+            assert!(t.abs() <= 1.0);
+            omega += c.t_s * (t - load) / j;
+            assert!(omega < 0.55, "no overshoot from a wound-up integrator");
+        }
+        assert!((omega - 0.5).abs() < 1e-4);
+    }
+}

@@ -1,0 +1,102 @@
+//! Rotor flux, slip and speed.
+//!
+//! ```text
+//! ψ̂_R = ψ̂_s - σl_s i_s                                     inverse-Γ rotor flux
+//! ω̂_r = r_R (ψ̂_R × i_s) / |ψ̂_R|²                           slip, exact also in transients
+//! ```
+//!
+//! The paper's (11b) is the steady state of the slip; with it `di_q/dτ` would have to be added (10b).
+//! A phase-locked loop follows the angle of ψ̂_R, with the slip fed forward: what its integrator holds is
+//! the mechanical speed, which does not jump with the torque,
+//!
+//! ```text
+//! dω̂/dτ = k_i ε,   dθ/dτ = ω̂ + ω̂_r + k_p ε,   ε = sin(arg ψ̂_R - θ),   ω̂_s = ω̂ + ω̂_r
+//! ```
+//!
+//! Validity: as that of ψ̂_R. Where the rotor flux (nearly) vanishes, slip and ε are limited and stay finite.
+
+use crate::scalar::{Integrator, Real};
+use crate::space::{AlphaBeta, Rotator};
+
+/// Settings of the speed estimator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpeedConfig<R: Real> {
+    /// Control period, normalised.
+    pub t_s: R,
+    /// `σl_s`.
+    pub sigma_l_s: R,
+    /// Rotor resistance `r_R`.
+    pub r_r: R,
+    /// Proportional gain `2 ζ ω_n` of the loop, per unit of frequency.
+    pub k_p: R,
+    /// Integral gain `ω_n²`.
+    pub k_i: R,
+    /// Largest speed.
+    pub omega_max: R,
+}
+
+/// Speed, slip and rotor flux.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SpeedEstimate<R: Real> {
+    /// Rotor flux linkage `ψ̂_R`.
+    pub psi_r: AlphaBeta<R>,
+    /// Mechanical speed (electrical per unit).
+    pub omega_m: R,
+    /// Slip frequency.
+    pub omega_r: R,
+    /// Stator frequency.
+    pub omega_s: R,
+}
+
+/// State of the speed estimator.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SpeedEstimator<R: Real> {
+    angle: Rotator<R>,
+    omega_m: Integrator<R>,
+}
+
+impl<R: Real> SpeedEstimator<R> {
+    /// Begins at a known flux and speed.
+    pub fn start(&mut self, psi_s: &AlphaBeta<R>, omega_m: R) {
+        self.angle = Rotator::of(psi_s).0;
+        self.omega_m = Integrator::new(omega_m);
+    }
+
+    /// One period.
+    #[inline]
+    pub fn step(&mut self, c: &SpeedConfig<R>, psi_s: &AlphaBeta<R>, i_s: &AlphaBeta<R>) -> SpeedEstimate<R> {
+        let psi_r = *psi_s - *i_s * c.sigma_l_s;
+        let inv = psi_r.norm_sq().max(R::from_f64(0.01)).rsqrt();
+        let omega_r = (c.r_r * inv * (psi_r.cross(i_s) * inv)).limit(R::ONE);
+        let error = (self.angle.axis().cross(&psi_r) * inv).limit(R::ONE);
+        let omega_m = self.omega_m.add_clamped(c.t_s * c.k_i, error, -c.omega_max, c.omega_max);
+        let omega_s = omega_m + omega_r;
+        self.angle = self.angle.turned((c.t_s * (omega_s + c.k_p * error)).limit(R::HALF));
+        SpeedEstimate { psi_r, omega_m, omega_r, omega_s }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn follows_a_ramp_of_speed_and_tells_slip_from_speed() {
+        let c = SpeedConfig { t_s: 0.03, sigma_l_s: 0.1, r_r: 0.05, k_p: 0.8, k_i: 0.16, omega_max: 3.0 };
+        let mut est = SpeedEstimator::<f64>::default();
+        let (mut theta, i_q) = (0.0_f64, 0.5);
+        let mut out = SpeedEstimate::default();
+        est.start(&AlphaBeta::new(1.0, 0.0), 0.0);
+        for k in 0..40_000 {
+            let omega_s = (f64::from(k) * 1e-4).min(0.8);
+            theta += c.t_s * omega_s;
+            let e = Rotator { cos: theta.cos(), sin: theta.sin() };
+            let i = e.to_stator(&crate::space::Dq::new(0.6, i_q));
+            let psi_r = e.axis() * 0.9;
+            out = est.step(&c, &(psi_r + i * 0.1), &i);
+        }
+        assert!((out.omega_r - 0.05 * i_q / 0.9).abs() < 1e-9);
+        assert!((out.omega_s - 0.8).abs() < 1e-6);
+        assert!((out.omega_m - (0.8 - out.omega_r)).abs() < 1e-6);
+    }
+}

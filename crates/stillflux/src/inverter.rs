@@ -1,0 +1,87 @@
+//! Nonlinear inverter model, equations (4)-(7) of the paper, and the dead time.
+//!
+//! ```text
+//! u_th(i_s) = 4/3 u_th sec(i_s),   sec(i_s) = 1/2 (sign i_a + a sign i_b + a² sign i_c)     (5), (6)
+//! u_s = u*_inv - u_th(i_s) - r_d i_s                                                         (7)
+//! ```
+//!
+//! A leg that commutates with dead time `T_d` loses `T_d/T_s u_dc` of its average voltage in the direction
+//! of its current, exactly as a threshold does: both are one term here. The term `r_d i_s` is *not*
+//! compensated: it is in series with the winding and `r̂_s` identifies the sum (Section III-E).
+//!
+//! **At current zero.** Within the dead time a small phase current reaches zero and stays there (both
+//! switches are open), so the average error passes from one sign to the other over a band of currents,
+//! not in a step. The band is what the current can change by while both switches are off,
+//! `(2/3) u_dc T_d / sigma L_s`; inside it the model is linear.
+
+use crate::params::{Inverter, Machine};
+use crate::base::{Base, PerUnit};
+use crate::scalar::Real;
+use crate::space::AlphaBeta;
+
+/// Parameters of the inverter model, per unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InverterModel<R: Real> {
+    /// Threshold voltage.
+    u_th: R,
+    /// Dead time as part of the period.
+    dead_time: R,
+    /// Reciprocal of the half width of the linear band around current zero.
+    inv_band: R,
+}
+
+impl<R: Real> InverterModel<R> {
+    /// Model of an inverter that feeds a machine.
+    #[must_use]
+    pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit<R>) -> Self {
+        let base = Base::new(machine);
+        let band = 2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / base.i;
+        Self { u_th: pu.u_th, dead_time: pu.dead_time, inv_band: R::from_f64(1.0 / band.clamp(0.002, 0.05)) }
+    }
+
+    /// A model of an ideal inverter: no compensation.
+    #[must_use]
+    pub fn ideal() -> Self {
+        Self { u_th: R::ZERO, dead_time: R::ZERO, inv_band: R::ONE }
+    }
+
+    /// Voltage lost in each phase at the phase currents of `i_s`: add it to the reference to compensate.
+    #[inline]
+    pub fn distortion(&self, i_s: &AlphaBeta<R>, u_dc: R) -> [R; 3] {
+        let u = self.u_th + self.dead_time * u_dc;
+        i_s.to_phases().map(|i| (i * self.inv_band).limit(R::ONE) * u)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model() -> (InverterModel<f64>, PerUnit<f64>) {
+        let (m, inv) = (Machine::preset_2k2(), Inverter { dead_time: 0.0, ..Inverter::preset_2k2() });
+        let pu = PerUnit::new(&m, &inv).unwrap();
+        (InverterModel::new(&m, &inv, &pu), pu)
+    }
+
+    #[test]
+    fn threshold_vector_has_six_positions_of_four_thirds_u_th() {
+        let (model, pu) = model();
+        for k in 0..360 {
+            let (s, c) = (f64::from(k) + 0.5).to_radians().sin_cos();
+            let u = AlphaBeta::from_phases(model.distortion(&AlphaBeta::new(c, s), pu.u_dc));
+            assert!((u.norm_sq().sqrt() - 4.0 / 3.0 * pu.u_th).abs() < 1e-12);
+            let angle = u.im().atan2(u.re()).to_degrees().rem_euclid(60.0);
+            assert!(angle < 1e-6 || angle > 59.999_999, "sector indicator points to multiples of 60°");
+        }
+    }
+
+    #[test]
+    fn around_current_zero_the_model_is_linear() {
+        let (model, pu) = model();
+        let at = |i: f64| model.distortion(&AlphaBeta::new(i, 0.0), pu.u_dc)[0];
+        assert_eq!(at(0.0), 0.0);
+        assert!((at(0.001) - 0.5 * pu.u_th).abs() < 1e-12);
+        assert!((at(1.0) - pu.u_th).abs() < 1e-12);
+        assert_eq!(at(-0.3), -at(0.3));
+    }
+}

@@ -1,0 +1,118 @@
+//! `f32` and `f64`. Reciprocal roots by Newton's method from the exponent trick: the same operations on
+//! every target, so that host and microcontroller agree to the bit, and no call into a maths library.
+
+use super::{Real, Timer};
+
+/// Value and rounding residual of a compensated (Kahan) sum.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Compensated<T> {
+    value: T,
+    residual: T,
+}
+
+macro_rules! impl_real {
+    ($t:ident, $bits:ident, $magic:expr, $tiny:expr, $newton:expr) => {
+        impl Real for $t {
+            type Sum = Compensated<$t>;
+
+            const ZERO: Self = 0.0;
+            const HALF: Self = 0.5;
+            const ONE: Self = 1.0;
+            const TWO: Self = 2.0;
+            const NAME: &'static str = stringify!($t);
+
+            #[inline]
+            #[allow(clippy::cast_possible_truncation)]
+            fn from_f64(x: f64) -> Self {
+                if x.is_nan() { 0.0 } else { x.clamp(f64::from(<$t>::MIN), f64::from(<$t>::MAX)) as $t }
+            }
+            #[inline]
+            fn to_f64(self) -> f64 {
+                f64::from(self)
+            }
+            #[inline]
+            fn is_finite(self) -> bool {
+                <$t>::is_finite(self)
+            }
+            #[inline]
+            fn recip(self) -> Self {
+                if <$t>::abs(self) > $tiny {
+                    1.0 / self
+                } else if self < 0.0 {
+                    -1.0 / $tiny
+                } else {
+                    1.0 / $tiny
+                }
+            }
+            #[inline]
+            fn rsqrt(self) -> Self {
+                let x = Real::max(self, $tiny);
+                let half = 0.5 * x;
+                let mut y = <$t>::from_bits($magic - (x.to_bits() >> 1));
+                for _ in 0..$newton {
+                    y *= 1.5 - half * y * y;
+                }
+                y
+            }
+            #[inline]
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            fn quantise(self, timer: &Timer) -> (u32, Self) {
+                // `as` saturates and takes NaN for zero.
+                let n = (self * timer.full as $t + 0.5) as u32;
+                (n, n as $t * (timer.recip as $t * (1.0 / 1_099_511_627_776.0)))
+            }
+            #[inline]
+            fn accumulate(sum: &mut Self::Sum, gain: Self, x: Self) {
+                let increment = gain * x + sum.residual;
+                let value = sum.value + increment;
+                sum.residual = increment - (value - sum.value);
+                sum.value = value;
+            }
+            #[inline]
+            fn sum_value(sum: Self::Sum) -> Self {
+                sum.value
+            }
+            #[inline]
+            fn sum_from(x: Self) -> Self::Sum {
+                Compensated { value: x, residual: 0.0 }
+            }
+        }
+    };
+}
+
+impl_real!(f32, u32, 0x5f37_5a86_u32, 1e-12, 3);
+impl_real!(f64, u64, 0x5fe6_eb50_c7b5_37a9_u64, 1e-24, 4);
+
+#[cfg(test)]
+mod tests {
+    use crate::scalar::{Integrator, Real};
+
+    #[test]
+    fn rsqrt_is_accurate_over_the_range_of_a_drive() {
+        for k in 1..4000 {
+            let x = f64::from(k) * 0.005;
+            assert!((Real::rsqrt(x) * x.sqrt() - 1.0).abs() < 4e-15, "{x}");
+            let y = x as f32;
+            assert!((f64::from(Real::rsqrt(y)) * f64::from(y).sqrt() - 1.0).abs() < 2.5e-7, "{y}");
+        }
+    }
+
+    #[test]
+    fn degenerate_arguments_stay_finite() {
+        for x in [0.0_f32, -0.0, -1.0, 1e-30, f32::MIN_POSITIVE, 1e30, f32::NAN] {
+            assert!(Real::rsqrt(x).is_finite() && Real::rsqrt(x) > 0.0, "rsqrt {x}");
+            assert!(Real::recip(x).is_finite() || x.is_nan(), "recip {x}");
+        }
+        assert_eq!(f32::from_f64(f64::NAN), 0.0);
+        assert_eq!(Real::clamp(f32::NAN, -1.0, 1.0), -1.0);
+    }
+
+    #[test]
+    fn integrator_keeps_increments_below_one_ulp() {
+        let mut s = Integrator::<f32>::new(1.0);
+        for _ in 0..1_000_000 {
+            s.add(1e-3, 1e-6);
+        }
+        assert!((s.value() - 1.001).abs() < 2e-7);
+    }
+}

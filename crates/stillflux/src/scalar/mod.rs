@@ -1,0 +1,185 @@
+//! One source, three arithmetics: `f32`, `f64` and the fixed-point [`Q`].
+//!
+//! [`Real`] holds what the blocks use and nothing more. No operation panics, and none returns a
+//! non-finite number for finite arguments in the range of a drive's per-unit quantities. Conversions
+//! from and to `f64` are for configuration and telemetry; the control step does not call them.
+
+mod float;
+mod q;
+
+pub use q::Q;
+
+use core::fmt::Debug;
+use core::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+
+/// Arithmetic of the per-unit quantities of a drive.
+pub trait Real:
+    Copy
+    + Debug
+    + Default
+    + PartialEq
+    + PartialOrd
+    + Send
+    + Sync
+    + 'static
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + SubAssign
+    + MulAssign
+    + num_traits::Zero
+    + num_traits::One
+{
+    /// Accumulator that keeps what an addition to `Self` would round away.
+    type Sum: Copy + Debug + Default + PartialEq + Send + Sync + 'static;
+
+    /// 0.
+    const ZERO: Self;
+    /// 1/2.
+    const HALF: Self;
+    /// 1.
+    const ONE: Self;
+    /// 2.
+    const TWO: Self;
+    /// Name of the arithmetic.
+    const NAME: &'static str;
+
+    /// Nearest representable value; saturates, and takes NaN for zero. Folds to a constant for literals.
+    fn from_f64(x: f64) -> Self;
+    /// Exact value.
+    fn to_f64(self) -> f64;
+    /// Whether the value is a finite number (always true in fixed point).
+    fn is_finite(self) -> bool;
+    /// `1/x`, odd; the largest representable magnitude where `x` is (nearly) zero.
+    fn recip(self) -> Self;
+    /// `1/√x` for `x > 0`; a large positive value where `x` is not above (nearly) zero.
+    fn rsqrt(self) -> Self;
+
+    /// Nearest multiple of one timer count, for `0 <= x <= 1`.
+    fn quantise(self, timer: &Timer) -> (u32, Self);
+
+    /// `sum += gain · x` without loss of the product's low-order bits.
+    fn accumulate(sum: &mut Self::Sum, gain: Self, x: Self);
+    /// The accumulator's value, rounded.
+    fn sum_value(sum: Self::Sum) -> Self;
+    /// An accumulator that holds `x`.
+    fn sum_from(x: Self) -> Self::Sum;
+
+    /// `√x`, zero for `x <= 0`.
+    #[inline]
+    fn sqrt(self) -> Self {
+        if self > Self::ZERO { self * self.rsqrt() } else { Self::ZERO }
+    }
+    /// `|x|`.
+    #[inline]
+    fn abs(self) -> Self {
+        if self < Self::ZERO { -self } else { self }
+    }
+    /// The smaller one.
+    #[inline]
+    fn min(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
+    /// The larger one.
+    #[inline]
+    fn max(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
+    /// Limits to `-bound ..= bound`, `bound >= 0`; NaN goes to a bound, never through.
+    #[inline]
+    fn limit(self, bound: Self) -> Self {
+        self.clamp(-bound, bound)
+    }
+    /// Limits to `lo ..= hi`, `lo <= hi`; NaN goes to `lo`, never through.
+    #[inline]
+    fn clamp(self, lo: Self, hi: Self) -> Self {
+        if self > hi {
+            hi
+        } else if self > lo {
+            self
+        } else {
+            lo
+        }
+    }
+    /// `-1`, `0` or `1`.
+    #[inline]
+    fn sign(self) -> Self {
+        if self > Self::ZERO {
+            Self::ONE
+        } else if self < Self::ZERO {
+            -Self::ONE
+        } else {
+            Self::ZERO
+        }
+    }
+}
+
+/// Resolution of the PWM timer, with the reciprocal that replaces a division by it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Timer {
+    /// Counts of a full duty (from carrier valley to peak).
+    full: u32,
+    /// `2^40 / full`.
+    recip: u32,
+}
+
+impl Timer {
+    /// A timer that counts `full` from valley to peak, 512 to 65,536.
+    #[must_use]
+    pub fn new(full: u32) -> Self {
+        let full = full.clamp(512, 65_536);
+        Self { full, recip: ((1_u64 << 40) / u64::from(full)) as u32 }
+    }
+
+    /// Counts of a full duty.
+    #[must_use]
+    pub fn full(&self) -> u32 {
+        self.full
+    }
+}
+
+/// Integrator that loses no low-order bits: increments below one rounding step are carried.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Integrator<R: Real> {
+    sum: R::Sum,
+}
+
+impl<R: Real> Integrator<R> {
+    /// Starts at `x`.
+    #[must_use]
+    pub fn new(x: R) -> Self {
+        Self { sum: R::sum_from(x) }
+    }
+
+    /// Adds `gain · x` and returns the new value.
+    #[inline]
+    pub fn add(&mut self, gain: R, x: R) -> R {
+        R::accumulate(&mut self.sum, gain, x);
+        self.value()
+    }
+
+    /// Adds `gain · x` and limits to `lo ..= hi`.
+    #[inline]
+    pub fn add_clamped(&mut self, gain: R, x: R, lo: R, hi: R) -> R {
+        let y = self.add(gain, x);
+        let z = y.clamp(lo, hi);
+        if z != y {
+            self.set(z);
+        }
+        z
+    }
+
+    /// Present value.
+    #[inline]
+    pub fn value(&self) -> R {
+        R::sum_value(self.sum)
+    }
+
+    /// Sets the value and drops the residual.
+    #[inline]
+    pub fn set(&mut self, x: R) {
+        self.sum = R::sum_from(x);
+    }
+}

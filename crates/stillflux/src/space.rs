@@ -1,0 +1,254 @@
+//! Space vectors, the frames they live in, and the rotators between the frames.
+//!
+//! Amplitude-invariant space vectors `i_s = 2/3 (i_a + a i_b + a² i_c)`. A vector's frame is part of its
+//! type: [`AlphaBeta`] is stator coordinates, [`Dq`] field coordinates; only a [`Rotator`] leads from one
+//! to the other, so frames cannot be mixed by accident. No trigonometry: a rotator is a unit vector,
+//! taken from a flux vector or turned by small angles.
+
+use crate::scalar::Real;
+use core::marker::PhantomData;
+use core::ops::{Add, AddAssign, Mul, Neg, Sub};
+use nalgebra::Vector2;
+
+/// Marker of stator coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stator;
+/// Marker of field coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Field;
+
+/// Space vector in the frame `F`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Space<R: Real, F> {
+    v: Vector2<R>,
+    frame: PhantomData<F>,
+}
+
+/// Space vector in stator coordinates (α, β).
+pub type AlphaBeta<R> = Space<R, Stator>;
+/// Space vector in field coordinates (d, q).
+pub type Dq<R> = Space<R, Field>;
+
+impl<R: Real, F> Default for Space<R, F> {
+    fn default() -> Self {
+        Self::new(R::ZERO, R::ZERO)
+    }
+}
+
+impl<R: Real, F> Space<R, F> {
+    /// From its real (α or d) and imaginary (β or q) component.
+    #[inline]
+    pub fn new(re: R, im: R) -> Self {
+        Self { v: Vector2::new(re, im), frame: PhantomData }
+    }
+
+    /// Real component.
+    #[inline]
+    pub fn re(&self) -> R {
+        self.v.x
+    }
+
+    /// Imaginary component.
+    #[inline]
+    pub fn im(&self) -> R {
+        self.v.y
+    }
+
+    /// The components as a `nalgebra` vector.
+    pub fn as_vector(&self) -> &Vector2<R> {
+        &self.v
+    }
+
+    /// Scalar product, `Re(conj(a) b)`.
+    #[inline]
+    pub fn dot(&self, o: &Self) -> R {
+        self.v.x * o.v.x + self.v.y * o.v.y
+    }
+
+    /// Cross product, `Im(conj(a) b)`; with `a` a flux and `b` a current the per-unit torque.
+    #[inline]
+    pub fn cross(&self, o: &Self) -> R {
+        self.v.x * o.v.y - self.v.y * o.v.x
+    }
+
+    /// Squared magnitude.
+    #[inline]
+    pub fn norm_sq(&self) -> R {
+        self.dot(self)
+    }
+
+    /// Multiplied by `j`.
+    #[inline]
+    pub fn j(&self) -> Self {
+        Self::new(-self.v.y, self.v.x)
+    }
+
+    /// Each component limited to `±bound`.
+    #[inline]
+    pub fn limit_components(&self, bound: R) -> Self {
+        Self::new(self.v.x.limit(bound), self.v.y.limit(bound))
+    }
+
+    /// Both components finite.
+    pub fn is_finite(&self) -> bool {
+        self.v.x.is_finite() && self.v.y.is_finite()
+    }
+}
+
+impl<R: Real, F> Add for Space<R, F> {
+    type Output = Self;
+    #[inline]
+    fn add(self, o: Self) -> Self {
+        Self { v: self.v + o.v, frame: PhantomData }
+    }
+}
+impl<R: Real, F> AddAssign for Space<R, F> {
+    #[inline]
+    fn add_assign(&mut self, o: Self) {
+        self.v += o.v;
+    }
+}
+impl<R: Real, F> Sub for Space<R, F> {
+    type Output = Self;
+    #[inline]
+    fn sub(self, o: Self) -> Self {
+        Self { v: self.v - o.v, frame: PhantomData }
+    }
+}
+impl<R: Real, F> Mul<R> for Space<R, F> {
+    type Output = Self;
+    #[inline]
+    fn mul(self, k: R) -> Self {
+        Self::new(self.v.x * k, self.v.y * k)
+    }
+}
+impl<R: Real, F> Neg for Space<R, F> {
+    type Output = Self;
+    #[inline]
+    fn neg(self) -> Self {
+        Self::new(-self.v.x, -self.v.y)
+    }
+}
+
+/// `√3 / 2`.
+fn half_sqrt3<R: Real>() -> R {
+    R::from_f64(0.866_025_403_784_438_6)
+}
+
+impl<R: Real> AlphaBeta<R> {
+    /// Clarke transformation; a common (zero-sequence) part of the phase values drops out.
+    #[inline]
+    pub fn from_phases(abc: [R; 3]) -> Self {
+        let third = R::from_f64(1.0 / 3.0);
+        let inv_sqrt3 = R::from_f64(0.577_350_269_189_625_8);
+        Self::new((abc[0] + abc[0] - abc[1] - abc[2]) * third, (abc[1] - abc[2]) * inv_sqrt3)
+    }
+
+    /// Inverse Clarke transformation without zero sequence.
+    #[inline]
+    pub fn to_phases(&self) -> [R; 3] {
+        let half = self.re() * R::HALF;
+        let h = half_sqrt3::<R>() * self.im();
+        [self.re(), h - half, -half - h]
+    }
+}
+
+/// Unit vector `e^{jδ}`: the transformation into and out of field coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rotator<R: Real> {
+    /// `cos δ`.
+    pub cos: R,
+    /// `sin δ`.
+    pub sin: R,
+}
+
+impl<R: Real> Default for Rotator<R> {
+    fn default() -> Self {
+        Self { cos: R::ONE, sin: R::ZERO }
+    }
+}
+
+impl<R: Real> Rotator<R> {
+    /// `ψ/|ψ|` and `|ψ|`; keeps the angle zero where the vector (nearly) vanishes.
+    #[inline]
+    pub fn of(v: &AlphaBeta<R>) -> (Self, R) {
+        let n2 = v.norm_sq();
+        let inv = n2.rsqrt();
+        let e = *v * inv;
+        let magnitude = n2 * inv;
+        if magnitude > R::from_f64(0.01) {
+            (Self { cos: e.re(), sin: e.im() }, magnitude)
+        } else {
+            (Self::default(), magnitude)
+        }
+    }
+
+    /// The unit vector itself, in stator coordinates.
+    #[inline]
+    pub fn axis(&self) -> AlphaBeta<R> {
+        AlphaBeta::new(self.cos, self.sin)
+    }
+
+    /// Stator → field coordinates, `e^{-jδ} v`.
+    #[inline]
+    pub fn to_field(&self, v: &AlphaBeta<R>) -> Dq<R> {
+        Dq::new(self.cos * v.re() + self.sin * v.im(), self.cos * v.im() - self.sin * v.re())
+    }
+
+    /// Field → stator coordinates, `e^{jδ} v`.
+    #[inline]
+    pub fn to_stator(&self, v: &Dq<R>) -> AlphaBeta<R> {
+        AlphaBeta::new(self.cos * v.re() - self.sin * v.im(), self.cos * v.im() + self.sin * v.re())
+    }
+
+    /// Turned by a small angle `x` (rad): `e^{jx}` by its series to the third order, then renormalised by
+    /// one Newton step, so that the magnitude stays at one however often this is repeated. Error of the
+    /// angle below 2e-4 rad for `|x| <= 0.3`.
+    #[inline]
+    pub fn turned(&self, x: R) -> Self {
+        let x2 = x * x;
+        let c = R::ONE - x2 * R::HALF;
+        let s = x - x * x2 * R::from_f64(1.0 / 6.0);
+        let r = Self { cos: self.cos * c - self.sin * s, sin: self.sin * c + self.cos * s };
+        let k = (R::from_f64(3.0) - (r.cos * r.cos + r.sin * r.sin)) * R::HALF;
+        Self { cos: r.cos * k, sin: r.sin * k }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clarke_is_amplitude_invariant_and_drops_the_zero_sequence() {
+        let v = AlphaBeta::<f64>::new(0.7, -0.4);
+        let abc = v.to_phases();
+        let w = AlphaBeta::from_phases([abc[0] + 0.3, abc[1] + 0.3, abc[2] + 0.3]);
+        assert!((v - w).norm_sq() < 1e-28);
+        assert!((abc[0] - 0.7).abs() < 1e-15);
+    }
+
+    #[test]
+    fn rotator_turns_through_a_circle_and_stays_on_it() {
+        let mut e = Rotator::<f32>::default();
+        let n = 1_000_000_u32;
+        for _ in 0..n {
+            e = e.turned(0.1);
+            assert!((e.cos * e.cos + e.sin * e.sin - 1.0).abs() < 1e-5);
+        }
+        let mut e = Rotator::<f64>::default();
+        for _ in 0..10 {
+            e = e.turned(0.3);
+        }
+        assert!((libm::atan2(e.sin, e.cos) - 3.0).abs() < 2e-3);
+    }
+
+    #[test]
+    fn field_and_stator_coordinates_invert_each_other() {
+        let (e, m) = Rotator::of(&AlphaBeta::new(-3.0_f64, 4.0));
+        assert!((m - 5.0).abs() < 1e-12);
+        let v = AlphaBeta::new(0.2, 1.1);
+        assert!((e.to_stator(&e.to_field(&v)) - v).norm_sq() < 1e-24);
+        assert!(Rotator::of(&AlphaBeta::<f64>::default()).0 == Rotator::default());
+    }
+}
