@@ -147,7 +147,8 @@ mod tests {
 
     #[test]
     fn gain_offset_and_drift_add_up() {
-        let ideal = Adc { bits: 0, gain: [1.1, 1.0, 0.9], offset: [0.1, 0.0, -0.1], offset_drift: [0.0, 0.5, 0.0], ..adc() };
+        let ideal =
+            Adc { bits: 0, gain: [1.1, 1.0, 0.9], offset: [0.1, 0.0, -0.1], offset_drift: [0.0, 0.5, 0.0], ..adc() };
         let mut c = Converter::new(ideal, 1);
         for _ in 0..1000 {
             c.drift(1e-3);

@@ -147,7 +147,9 @@ impl Bridge {
     #[inline(always)]
     pub fn half_width(&self, duty: f64) -> f64 {
         let centre = 0.5 * self.period;
-        if self.ticks > 0.0 { (nearest(duty * self.ticks) * self.tick).min(centre) } else { duty * centre }
+        let half = if self.ticks > 0.0 { nearest(duty * self.ticks) * self.tick } else { duty * centre };
+        // Full on is exact: a rounding error must not become a gap.
+        if half < centre * (1.0 - 1e-9) { half } else { centre }
     }
 
     /// Prepares one period. Blocking acts at once, unblocking turns the lower switches on at once.
@@ -331,7 +333,11 @@ mod tests {
     fn short_pulses_and_gaps_never_turn_on() {
         let mut leg = Leg { gate: LOW, ..Leg::BLOCKED };
         assert_eq!(gates(&mut leg, 0.5e-6, 2e-6), [(49.5, OFF), (50.5, OFF), (52.5, LOW)], "upper switch stays off");
-        assert_eq!(gates(&mut leg, 49.5e-6, 2e-6), [(0.5, OFF), (2.5, HIGH), (99.5, OFF)], "turn-on falls past the end");
+        assert_eq!(
+            gates(&mut leg, 49.5e-6, 2e-6),
+            [(0.5, OFF), (2.5, HIGH), (99.5, OFF)],
+            "turn-on falls past the end"
+        );
         assert_eq!(gates(&mut leg, 49.5e-6, 2e-6), [(0.5, OFF), (2.5, HIGH), (99.5, OFF)], "and is cancelled there");
         assert_eq!(gates(&mut leg, 20e-6, 2e-6)[0], (1.5, LOW), "carried over");
     }

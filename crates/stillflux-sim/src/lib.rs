@@ -11,6 +11,8 @@ mod machine;
 mod mechanics;
 mod plant;
 mod rng;
+pub mod si;
+pub mod simulate;
 mod thermal;
 
 pub use adc::{Adc, Sample};

@@ -103,6 +103,6 @@ impl Shaft {
             let r = omega / m.stribeck_speed;
             dry += m.stribeck * (-r * r).exp();
         }
-        self.inv_J * (torque - self.load - m.viscous * omega - self.dir * dry)
+        self.inv_J * torque - self.inv_J * (self.load + m.viscous * omega + self.dir * dry)
     }
 }

@@ -68,10 +68,9 @@ pub enum ReferenceProfile {
 
 /// Something that happens to the plant during a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(non_snake_case)]
 pub enum Change {
     /// Stator resistance at its reference temperature, Ω.
-    R_s(f64),
+    StatorResistance(f64),
     /// Offsets of the current channels, A.
     CurrentOffset([f64; 3]),
     /// dc-link voltage, V.
@@ -270,7 +269,7 @@ impl<'s> Run<'s> {
             check("changes time", t, last, 1e9, "s")?;
             last = t;
         }
-        let mut plant = Plant::new(s.plant.clone())?;
+        let mut plant = Plant::new(s.plant)?;
         let mut drive = SiDrive::new(&s.machine, &s.inverter, &s.drive, s.arithmetic)?;
         if let Some(m) = &s.memory {
             drive.restore(m);
@@ -370,7 +369,7 @@ impl<'s> Run<'s> {
             }
             self.next_change += 1;
             match change {
-                Change::R_s(r) => self.plant.set_R_s(r),
+                Change::StatorResistance(r) => self.plant.set_R_s(r),
                 Change::CurrentOffset(o) => self.plant.set_offset(o),
                 Change::DcLink(u) => self.plant.set_u_dc(u),
                 Change::Speed(w) => self.plant.set_speed(w),

@@ -8,7 +8,7 @@ use crate::control::speed::SpeedControlConfig;
 use crate::drive::BOOST;
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
-use crate::estimate::offset::OffsetConfig;
+use crate::estimate::offset::{OffsetConfig, longest_window};
 use crate::estimate::resistance::ResistanceConfig;
 use crate::estimate::speed::SpeedConfig;
 use crate::inverter::InverterModel;
@@ -82,15 +82,15 @@ impl DriveParams {
             u_dc_max: 1.45 * inverter.u_dc,
             current_bandwidth: 0.03 * inverter.f_s,
             flux_bandwidth: 5.0,
-            speed_bandwidth: 4.0,
-            pll_bandwidth: 25.0,
+            speed_bandwidth: 7.0,
+            pll_bandwidth: 20.0,
             inverter_model: true,
             offset_estimator: true,
-            offset_gain: 0.5,
+            offset_gain: 0.6,
             noise_compensator: true,
-            noise_gain: (0.02, 0.1),
+            noise_gain: (0.06, 0.1),
             resistance_adaptation: true,
-            resistance_gain: 0.3,
+            resistance_gain: 5.0,
             calibrate_offset: true,
             offset_time: 0.1,
             magnetise_time: (4.0 * tau_r).max(1.4),
@@ -141,6 +141,7 @@ pub struct DriveConfig<R: Real> {
     pub(crate) current: CurrentConfig<R>,
     pub(crate) flux_control: FluxControlConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
+    pub(crate) inv_r_s: R,
     pub(crate) u_utilisation: R,
     pub(crate) u_off_limit: R,
     pub(crate) i_range: R,
@@ -165,6 +166,16 @@ pub struct DriveConfig<R: Real> {
 }
 
 impl<R: Real> DriveConfig<R> {
+    /// Settings of the flux estimator, for its use alone.
+    pub fn flux_config(&self) -> &FluxConfig<R> {
+        &self.flux
+    }
+
+    /// Settings of the speed estimator, for its use alone.
+    pub fn speed_config(&self) -> &SpeedConfig<R> {
+        &self.speed
+    }
+
     /// Per-unit configuration of validated settings.
     ///
     /// # Errors
@@ -204,7 +215,7 @@ impl<R: Real> DriveConfig<R> {
             t_s: pu.t_s,
             gain: r(p.offset_gain),
             limit: r(0.05),
-            omega_min: r(0.004),
+            longest: r(longest_window(0.004)),
             omega_max: r(0.2),
         };
         Ok(Self {
@@ -273,6 +284,7 @@ impl<R: Real> DriveConfig<R> {
                 k_i: r(speed_gain * hz(p.speed_bandwidth) / 4.0),
                 torque_max: r(p.torque_max / b.torque),
             },
+            inv_r_s: r(1.0 / r_s),
             u_utilisation: r(0.98 / libm::sqrt(3.0)),
             u_off_limit: r(0.05),
             i_range: r(p.i_range / b.i),

@@ -120,7 +120,7 @@ pub struct Estimate<R: Real> {
     pub psi_1: AlphaBeta<R>,
     /// Offset voltage.
     pub u_off: AlphaBeta<R>,
-    /// Measured current, offsets of the reading at rest removed.
+    /// Stator current: measured, less the offsets read at rest and the one that `u_off` stands for.
     pub i_s: AlphaBeta<R>,
     /// Voltage applied between the last two current samples, as the inverter model has it.
     pub u_s: AlphaBeta<R>,
@@ -293,11 +293,7 @@ impl<R: Real> Drive<R> {
         // The inverter model sees the current that will flow then: the reference, free from noise.
         let loss = self.config.inverter.distortion(&ahead.to_stator(&i_ref), u_dc);
         let u = u_ref.to_phases();
-        let duty = modulate(
-            [u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]],
-            inv_u_dc,
-            self.config.timer.as_ref(),
-        );
+        let duty = modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], inv_u_dc, self.config.timer.as_ref());
         self.in_flight[0] = self.in_flight[1];
         self.in_flight[1] = InFlight { ideal: applied(&duty), loss: AlphaBeta::from_phases(loss) };
         Output { duty, gates_on: true }
@@ -398,6 +394,10 @@ impl<R: Real> Drive<R> {
         let omega_s = e.speed.omega_s;
         let psi_ref = c.flux_control.reference(omega_s, u_max);
         e.flux = self.flux.step(&c.flux, u_s, i_s, self.resistance.r_s(), psi_ref, omega_s);
+        // What û_off stands for is first of all an offset of the current sensors, û_off = -r_s i_off. The
+        // flux estimator has it removed already; control and inverter model get the current without it.
+        e.i_s = *i_s + self.flux.offset.u_off() * c.inv_r_s;
+        let i_s = &e.i_s;
         e.speed = self.speed.step(&c.speed, &e.flux.psi_s, i_s);
         let field = e.flux.field;
         let psi_s = e.flux.magnitude;

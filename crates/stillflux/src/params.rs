@@ -38,11 +38,7 @@ impl core::error::Error for ParamError {}
 
 /// Checks `min <= value <= max` (and with it that the value is finite).
 pub fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'static str) -> Result<(), ParamError> {
-    if value >= min && value <= max {
-        Ok(())
-    } else {
-        Err(ParamError { field, value, min, max, unit })
-    }
+    if value >= min && value <= max { Ok(()) } else { Err(ParamError { field, value, min, max, unit }) }
 }
 
 /// Magnetic saturation of the Γ-form stator inductance, `L_s(psi) = L_u / (1 + (a psi)^S)`.

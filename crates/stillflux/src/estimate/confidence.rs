@@ -54,7 +54,8 @@ impl<R: Real> Confidence<R> {
         let u = c.u_floor + effort.abs() + offset_uncertainty.unwrap_or(c.u_initial);
         let sigma = self.sigma.value();
         // π is as wrong as an angle can be.
-        let sigma = self.sigma.add_clamped(c.t_s, u - omega_s.abs() * sigma, R::ZERO, R::from_f64(core::f64::consts::PI));
+        let sigma =
+            self.sigma.add_clamped(c.t_s, u - omega_s.abs() * sigma, R::ZERO, R::from_f64(core::f64::consts::PI));
         let ratio = sigma * R::from_f64(1.0 / SIGMA_HALF);
         (R::ONE + ratio * ratio).recip()
     }
@@ -69,8 +70,7 @@ impl<R: Real> Confidence<R> {
 mod tests {
     use super::*;
 
-    const CONFIG: ConfidenceConfig<f64> =
-        ConfidenceConfig { t_s: 0.03, u_floor: 1e-4, u_initial: 1e-3, corner: 0.01 };
+    const CONFIG: ConfidenceConfig<f64> = ConfidenceConfig { t_s: 0.03, u_floor: 1e-4, u_initial: 1e-3, corner: 0.01 };
 
     #[test]
     fn settles_at_the_angle_error_of_an_offset_while_rotating_and_falls_at_rest() {

@@ -13,11 +13,13 @@
 //!
 //! One window runs per component from one rising zero crossing to the next (with hysteresis). It counts
 //! only if
-//! * the stator frequency stays within `omega_min ..= omega_max` all along: below, a window would outlast
-//!   the drift it is to measure; above, the clearance `d T/2` drowns in ripple;
+//! * it is not overdue: a window longer than `2π/omega_min` would outlast the drift it is to measure, and
+//!   spans perhaps a hold at zero frequency;
+//! * it began with a crossing: what lies before the first one after a start is discarded;
+//! * it is not the first one after a hold or a time above `omega_max`, where the clearance `d T/2` drowns in
+//!   ripple: ψ̂_1 may have moved anywhere in the meantime;
 //! * the field turned by one revolution, give or take a quarter: no crossing missed, none too many;
-//! * the stator frequency at its end is within a fifth of that at its beginning;
-//! * it is not the first one after a start or a hold.
+//! * its duration is within a third of the one before, if there was one: the operating point did not change.
 //!
 //! Otherwise the estimate holds. That is also the state at zero stator frequency: hold.
 
@@ -33,14 +35,20 @@ pub struct OffsetConfig<R: Real> {
     pub gain: R,
     /// Limit of each component of `û_off`.
     pub limit: R,
-    /// Stator frequency below which the estimate holds.
-    pub omega_min: R,
+    /// Longest window, in units of 64 of normalised time; see [`longest_window`].
+    pub longest: R,
     /// Stator frequency above which the estimate holds.
     pub omega_max: R,
 }
 
 /// Windows are measured in units of 64 of normalised time, so that they fit the fixed-point range.
 const WINDOW_UNIT: f64 = 1.0 / 64.0;
+
+/// Longest window for a smallest stator frequency, in the unit of [`OffsetConfig::longest`].
+#[must_use]
+pub fn longest_window(omega_min: f64) -> f64 {
+    core::f64::consts::TAU / omega_min * WINDOW_UNIT
+}
 
 /// One component of the parallel path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -52,11 +60,14 @@ struct Axis<R: Real> {
     /// Duration of the window in `WINDOW_UNIT`s, and the angle the field turned by, in revolutions.
     elapsed: Integrator<R>,
     turned: Integrator<R>,
-    omega_begin: R,
+    /// Duration of the window before; zero: there was none.
+    last: R,
     /// ψ̂_1 has been below the hysteresis band since the last crossing.
     armed: bool,
-    /// Crossings since the last start or hold, saturating at 2: a window has begun, and one was dropped.
-    crossings: u8,
+    /// A window is open: there was a crossing since the start or the last hold.
+    open: bool,
+    /// The next window counts for nothing.
+    discard: bool,
 }
 
 impl<R: Real> Axis<R> {
@@ -65,29 +76,19 @@ impl<R: Real> Axis<R> {
         *self = Self { psi_1: Integrator::new(psi), u_off, ..Self::default() };
     }
 
-    fn open_window(&mut self, psi: R, omega_s: R) {
-        self.elapsed = Integrator::default();
-        self.turned = Integrator::default();
-        self.max = psi;
-        self.min = psi;
-        self.omega_begin = omega_s;
-    }
-
     #[inline]
     fn step(&mut self, c: &OffsetConfig<R>, u_i: R, psi_ref: R, omega_s: R) -> bool {
         let psi = self.psi_1.add_clamped(c.t_s, u_i - self.u_off, -psi_ref, psi_ref);
-        let omega = omega_s.abs();
-        if omega < c.omega_min || omega > c.omega_max {
-            self.crossings = 0;
-            self.armed = false;
-            return false;
-        }
         self.max = self.max.max(psi);
         self.min = self.min.min(psi);
-        let unit = R::from_f64(WINDOW_UNIT);
-        let elapsed = self.elapsed.add(c.t_s, unit);
+        let elapsed = self.elapsed.add(c.t_s, R::from_f64(WINDOW_UNIT));
         let turned = self.turned.add(c.t_s * R::from_f64(core::f64::consts::FRAC_1_PI * 0.5), omega_s);
-
+        if elapsed > c.longest || omega_s.abs() > c.omega_max {
+            self.open = false;
+            self.discard = true;
+            self.last = R::ZERO;
+            self.open_window(psi);
+        }
         let hysteresis = psi_ref * R::from_f64(0.2);
         if psi < -hysteresis {
             self.armed = true;
@@ -96,17 +97,27 @@ impl<R: Real> Axis<R> {
             return false;
         }
         self.armed = false;
-        let valid = self.crossings >= 2
-            && (turned.abs() - R::ONE).abs() < R::from_f64(0.25)
-            && (omega_s - self.omega_begin).abs() < omega * R::from_f64(0.2);
+        let steady = self.last == R::ZERO || (elapsed - self.last).abs() < elapsed * R::from_f64(1.0 / 3.0);
+        let valid = self.open && !self.discard && steady && (turned.abs() - R::ONE).abs() < R::from_f64(0.25);
         if valid {
             // g (max + min) / (T/2), T = 64 elapsed.
             let correction = (self.max + self.min) * elapsed.recip() * (c.gain * R::from_f64(2.0 * WINDOW_UNIT));
             self.u_off = (self.u_off + correction).limit(c.limit);
         }
-        self.crossings = (self.crossings + 1).min(2);
-        self.open_window(psi, omega_s);
+        if self.open {
+            self.last = elapsed;
+            self.discard = false;
+        }
+        self.open = true;
+        self.open_window(psi);
         valid
+    }
+
+    fn open_window(&mut self, psi: R) {
+        self.elapsed = Integrator::default();
+        self.turned = Integrator::default();
+        self.max = psi;
+        self.min = psi;
     }
 }
 
@@ -172,8 +183,7 @@ impl<R: Real> OffsetEstimator<R> {
 mod tests {
     use super::*;
 
-    const CONFIG: OffsetConfig<f64> =
-        OffsetConfig { t_s: 0.03, gain: 0.5, limit: 0.05, omega_min: 0.004, omega_max: 0.2 };
+    const CONFIG: OffsetConfig<f64> = OffsetConfig { t_s: 0.03, gain: 0.5, limit: 0.05, longest: 24.5, omega_max: 0.2 };
 
     /// Feeds the induced voltage of a rotating flux of amplitude `a` with a dc component.
     fn run(est: &mut OffsetEstimator<f64>, omega: f64, offset: (f64, f64), a: f64, periods: f64) {

@@ -1,0 +1,76 @@
+//! Conversions shared by the classes.
+
+use numpy::{Complex64, PyReadonlyArray1};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use stillflux::params::ParamError;
+use stillflux::space::{AlphaBeta, Space};
+
+/// A parameter error as `ValueError`; its text names field, value and range.
+pub fn value_error(e: ParamError) -> PyErr {
+    PyValueError::new_err(e.to_string())
+}
+
+/// Puts the name of what was being converted in front of an error.
+pub fn named(py: Python<'_>, name: &str, e: &PyErr) -> PyErr {
+    PyErr::from_type(e.get_type(py), format!("{name}: {}", e.value(py)))
+}
+
+/// Extracts a value; an error names it.
+pub fn extract<'py, T>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<T>
+where
+    T: for<'a> FromPyObject<'a, 'py>,
+{
+    value.extract().map_err(|e: <T as FromPyObject<'_, 'py>>::Error| named(value.py(), name, &e.into()))
+}
+
+/// Calls `set` for every keyword; a name for which it returns `false` is a `TypeError` that says so.
+pub fn each_keyword<'py>(
+    keywords: Option<&Bound<'py, PyDict>>,
+    owner: &str,
+    mut set: impl FnMut(&str, &Bound<'py, PyAny>) -> PyResult<bool>,
+) -> PyResult<()> {
+    for (key, value) in keywords.into_iter().flatten() {
+        let name: String = key.extract()?;
+        if !set(&name, &value)? {
+            return Err(PyTypeError::new_err(format!("{owner} has no setting '{name}'")));
+        }
+    }
+    Ok(())
+}
+
+/// Three phase values from a numpy array or any iterable of numbers.
+pub fn three(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
+    let wrong = |n: usize| PyValueError::new_err(format!("{name} has {n} values, three are needed"));
+    if let Ok(array) = value.extract::<PyReadonlyArray1<'_, f64>>() {
+        let array = array.as_array();
+        return array.iter().copied().collect::<Vec<_>>().try_into().map_err(|v: Vec<f64>| wrong(v.len()));
+    }
+    let items = value.try_iter().map_err(|e| named(value.py(), name, &e))?;
+    let items: Vec<f64> = items.map(|x| extract(name, &x?)).collect::<PyResult<_>>()?;
+    items.try_into().map_err(|v: Vec<f64>| wrong(v.len()))
+}
+
+/// Offsets of three channels, given as such or as complex space vector.
+pub fn offsets(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
+    match value.extract::<Complex64>() {
+        Ok(o) => Ok(AlphaBeta::new(o.re, o.im).to_phases()),
+        Err(_) => three(name, value),
+    }
+}
+
+/// A space vector as complex number.
+pub fn complex(v: [f64; 2]) -> Complex64 {
+    Complex64::new(v[0], v[1])
+}
+
+/// A complex number as space vector.
+pub fn pair(z: Complex64) -> [f64; 2] {
+    [z.re, z.im]
+}
+
+/// A space vector of the core as complex number, times its base.
+pub fn scaled<F>(v: &Space<f64, F>, base: f64) -> Complex64 {
+    Complex64::new(v.re() * base, v.im() * base)
+}

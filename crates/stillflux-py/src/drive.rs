@@ -1,0 +1,313 @@
+//! `Drive`, what it estimates, and its status.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use numpy::{Complex64, PyArray1};
+use pyo3::exceptions::{PyKeyError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use stillflux::drive::{self as core, Fault};
+use stillflux_sim::Sample;
+use stillflux_sim::si::{Command, MemorySi, SiDrive};
+
+use crate::convert::{complex, extract, pair, three, value_error};
+use crate::parameters::{Inverter, Motor, arithmetic, check_scheme, drive_params, settings_dict};
+
+/// State of a drive's sequence, and the cause and time of a fault.
+///
+/// Compares equal to one of "stopped", "starting", "running", "fault".
+#[pyclass(frozen, get_all, module = "stillflux", from_py_object)]
+#[derive(Clone)]
+pub struct Status {
+    /// "stopped", "reading offset", "magnetising", "running" or "faulted".
+    state: String,
+    /// Cause of the fault, else None.
+    fault: Option<String>,
+    /// Time of the fault since power-up in s, else None.
+    time: Option<f64>,
+}
+
+impl Status {
+    /// Of a drive with control frequency `f_s`.
+    pub fn of(drive: &SiDrive, f_s: f64) -> Self {
+        let (state, fault, time) = match drive.status() {
+            core::Status::Stopped => ("stopped", None, None),
+            core::Status::ReadingOffset => ("reading offset", None, None),
+            core::Status::Magnetising => ("magnetising", None, None),
+            core::Status::Running => ("running", None, None),
+            core::Status::Faulted { cause, period } => {
+                ("faulted", Some(fault_name(cause).to_owned()), Some(f64::from(period) / f_s))
+            }
+        };
+        Self { state: state.to_owned(), fault, time }
+    }
+
+    fn coarse(&self) -> &str {
+        match self.state.as_str() {
+            "reading offset" | "magnetising" => "starting",
+            "faulted" => "fault",
+            other => other,
+        }
+    }
+}
+
+fn fault_name(cause: Fault) -> &'static str {
+    match cause {
+        Fault::OverCurrent => "over-current",
+        Fault::UnderVoltage => "under-voltage",
+        Fault::OverVoltage => "over-voltage",
+        Fault::Measurement => "measurement",
+        Fault::Reference => "reference",
+        Fault::CurrentOffset => "current offset",
+        Fault::EstimateLost => "estimate lost",
+    }
+}
+
+#[pymethods]
+impl Status {
+    #[new]
+    #[pyo3(signature = (state, fault=None, time=None))]
+    fn new(state: String, fault: Option<String>, time: Option<f64>) -> Self {
+        Self { state, fault, time }
+    }
+
+    fn __getnewargs__(&self) -> (String, Option<String>, Option<f64>) {
+        (self.state.clone(), self.fault.clone(), self.time)
+    }
+
+    fn __str__(&self) -> String {
+        match (&self.fault, self.time) {
+            (Some(fault), Some(time)) => format!("fault: {fault} at {time:.4} s"),
+            _ => self.coarse().to_owned(),
+        }
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Status {}>", self.__str__())
+    }
+
+    fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
+        if let Ok(text) = other.extract::<&str>() {
+            return text == self.coarse();
+        }
+        other.cast::<Self>().is_ok_and(|s| s.get().__getnewargs__() == self.__getnewargs__())
+    }
+
+    /// That of the string it equals.
+    fn __hash__(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        self.coarse().hash(&mut hasher);
+        hasher.finish()
+    }
+}
+
+macro_rules! estimate {
+    (complex: $($(#[$zdoc:meta])* $z:ident,)* ; real: $($(#[$xdoc:meta])* $x:ident,)*) => {
+        /// Everything a drive estimates, of the latest period. Stator coordinates unless named `dq`.
+        #[pyclass(frozen, get_all, module = "stillflux")]
+        pub struct Estimate {
+            $($(#[$zdoc])* $z: Complex64,)*
+            $($(#[$xdoc])* $x: f64,)*
+        }
+
+        impl Estimate {
+            fn of(drive: &SiDrive) -> Self {
+                let e = drive.estimate();
+                Self { $($z: complex(e.$z),)* $($x: e.$x,)* }
+            }
+        }
+    };
+}
+
+estimate! {
+    complex:
+    /// Stator flux linkage, V·s.
+    psi_s,
+    /// Rotor flux linkage of the inverse-Γ circuit, V·s.
+    psi_r,
+    /// Flux of the parallel path that finds the offset, V·s.
+    psi_1,
+    /// Stator current, A.
+    i_s,
+    /// Voltage applied between the last two samples, V.
+    u_s,
+    /// Induced voltage, V.
+    u_i,
+    /// Offset voltage, V.
+    u_off,
+    /// Output of the noise compensator, V.
+    u_hf,
+    /// Current in field coordinates, A.
+    i_dq,
+    /// Its reference, A.
+    i_dq_ref,
+    ;
+    real:
+    /// Flux reference, V·s.
+    psi_ref,
+    /// Speed, mechanical rad/s.
+    omega_m,
+    /// Stator frequency, electrical rad/s.
+    omega_s,
+    /// Slip frequency, electrical rad/s.
+    omega_r,
+    /// Torque, N·m.
+    torque,
+    /// Stator resistance including the inverter's r_d, Ω.
+    R_s,
+    /// Residual of equation (15), per unit.
+    epsilon,
+    /// Confidence in the field angle, 0 to 1.
+    confidence,
+}
+
+/// What a drive stores at a stop, as dict.
+pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("u_off", complex(m.u_off))?;
+    dict.set_item("R_s", m.R_s)?;
+    dict.set_item("i_off", (m.i_off[0], m.i_off[1], m.i_off[2]))?;
+    Ok(dict)
+}
+
+/// What `memory_dict` gave.
+pub fn memory_from(dict: &Bound<'_, PyDict>) -> PyResult<MemorySi> {
+    let item =
+        |name: &'static str| dict.get_item(name)?.ok_or_else(|| PyKeyError::new_err(format!("memory has no '{name}'")));
+    let memory = MemorySi {
+        u_off: pair(extract("memory u_off", &item("u_off")?)?),
+        R_s: extract("memory R_s", &item("R_s")?)?,
+        i_off: three("memory i_off", &item("i_off")?)?,
+    };
+    let all = [memory.u_off[0], memory.u_off[1], memory.R_s, memory.i_off[0], memory.i_off[1], memory.i_off[2]];
+    if all.iter().all(|x| x.is_finite()) {
+        Ok(memory)
+    } else {
+        Err(PyValueError::new_err(format!("memory = {memory:?} is outside the admissible range: all values finite")))
+    }
+}
+
+/// A sensorless induction motor drive: currents and dc-link voltage in, duties out.
+///
+/// Currents sampled at the start of control period k give the duties applied during period k + 1.
+///
+/// Parameters
+/// ----------
+/// motor, inverter
+///     The machine and the inverter as the drive knows them.
+/// arithmetic
+///     "f32", "f64" or "q" (fixed point).
+/// scheme
+///     "paper".
+/// **settings
+///     Limits, bandwidths and switches, see `stillflux.options.DriveSettings`.
+///
+/// Raises ValueError for a value outside its range, TypeError for an unknown setting.
+#[pyclass(module = "stillflux")]
+pub struct Drive {
+    drive: SiDrive,
+    settings: Py<PyDict>,
+    f_s: f64,
+    gates_on: bool,
+}
+
+#[pymethods]
+impl Drive {
+    #[new]
+    #[pyo3(signature = (motor, inverter, arithmetic="f32", scheme="paper", **settings))]
+    fn new(
+        py: Python<'_>,
+        motor: Motor,
+        inverter: Inverter,
+        arithmetic: &str,
+        scheme: &str,
+        settings: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        check_scheme(scheme)?;
+        let (machine, inverter) = (motor.machine()?, inverter.params()?);
+        let params = drive_params(&machine, &inverter, settings)?;
+        let arithmetic = self::arithmetic(arithmetic)?;
+        let drive = SiDrive::new(&machine, &inverter, &params, arithmetic).map_err(value_error)?;
+        Ok(Self { drive, settings: settings_dict(py, &params)?.unbind(), f_s: inverter.f_s, gates_on: false })
+    }
+
+    /// One control period.
+    ///
+    /// Parameters
+    /// ----------
+    /// i_abc
+    ///     Phase currents in A, positive into the machine; three numbers.
+    /// u_dc
+    ///     dc-link voltage in V.
+    /// omega_ref
+    ///     Speed reference, mechanical rad/s.
+    /// torque_ref
+    ///     Torque reference in N·m, instead of a speed reference. Neither: stop.
+    ///
+    /// Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
+    /// Raises ValueError if both references are given. Implausible measurements do not raise: they are
+    /// faults, see `status`.
+    #[pyo3(signature = (i_abc, u_dc, omega_ref=None, torque_ref=None))]
+    fn step<'py>(
+        &mut self,
+        i_abc: &Bound<'py, PyAny>,
+        u_dc: f64,
+        omega_ref: Option<f64>,
+        torque_ref: Option<f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let command = match (omega_ref, torque_ref) {
+            (None, None) => Command::Stop,
+            (Some(omega), None) => Command::Speed(omega),
+            (None, Some(torque)) => Command::Torque(torque),
+            (Some(omega), Some(torque)) => {
+                return Err(PyValueError::new_err(format!(
+                    "omega_ref = {omega} and torque_ref = {torque}: only one of them can be followed"
+                )));
+            }
+        };
+        let sample = Sample { i_abc: three("i_abc", i_abc)?, u_dc };
+        let (duty, gates_on) = self.drive.step(&sample, &command);
+        self.gates_on = gates_on;
+        Ok(PyArray1::from_slice(i_abc.py(), &duty))
+    }
+
+    /// False: the bridge has to be blocked; the duties are then 0.5 each.
+    #[getter]
+    fn gates_on(&self) -> bool {
+        self.gates_on
+    }
+
+    /// Estimates of the latest period.
+    #[getter]
+    fn estimate(&self) -> Estimate {
+        Estimate::of(&self.drive)
+    }
+
+    /// State of the sequence, or the fault with its cause and time.
+    #[getter]
+    fn status(&self) -> Status {
+        Status::of(&self.drive, self.f_s)
+    }
+
+    /// All settings, defaults included.
+    #[getter]
+    fn settings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        self.settings.bind(py).copy()
+    }
+
+    /// Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A).
+    fn memory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        memory_dict(py, &self.drive.memory())
+    }
+
+    /// Takes back what `memory` gave; values beyond their limits are limited.
+    fn restore(&mut self, memory: &Bound<'_, PyDict>) -> PyResult<()> {
+        self.drive.restore(&memory_from(memory)?);
+        Ok(())
+    }
+
+    /// Leaves a fault; the drive is stopped then.
+    fn reset(&mut self) {
+        self.drive.reset();
+    }
+}

@@ -1,0 +1,200 @@
+//! `FluxEstimator`: Fig. 7 over recorded signals.
+
+use numpy::{Complex64, PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use stillflux::base::Base;
+use stillflux::config::DriveConfig;
+use stillflux::estimate::flux::FluxEstimator as CoreFlux;
+use stillflux::estimate::speed::SpeedEstimator;
+use stillflux::space::AlphaBeta;
+
+use crate::convert::{scaled, value_error};
+use crate::parameters::{Inverter, Motor, drive_params};
+
+/// One number for all samples, or one for each.
+#[derive(FromPyObject)]
+enum Series<'py> {
+    Constant(f64),
+    Array(PyReadonlyArray1<'py, f64>),
+}
+
+impl Series<'_> {
+    /// Per-unit values for `n` samples.
+    fn values(&self, name: &str, n: usize, base: f64) -> PyResult<Vec<f64>> {
+        match self {
+            Self::Constant(x) => Ok(vec![x / base; n]),
+            Self::Array(a) => {
+                let a = a.as_array();
+                same_length(name, a.len(), n)?;
+                Ok(a.iter().map(|x| x / base).collect())
+            }
+        }
+    }
+}
+
+fn same_length(name: &str, len: usize, n: usize) -> PyResult<()> {
+    if len == n { Ok(()) } else { Err(PyValueError::new_err(format!("{name} has {len} samples, u_s has {n}"))) }
+}
+
+fn vectors(name: &str, a: &PyReadonlyArray1<'_, Complex64>, base: f64) -> PyResult<Vec<AlphaBeta<f64>>> {
+    let scale = |(k, z): (usize, &Complex64)| {
+        if z.is_finite() {
+            Ok(AlphaBeta::new(z.re / base, z.im / base))
+        } else {
+            Err(PyValueError::new_err(format!("{name}[{k}] = {z} is not finite")))
+        }
+    };
+    a.as_array().iter().enumerate().map(scale).collect()
+}
+
+/// What a `FluxEstimator` made of a record: arrays of the record's length.
+#[pyclass(frozen, get_all, module = "stillflux")]
+pub struct Trace {
+    /// Time, s.
+    t: Py<PyArray1<f64>>,
+    /// Stator flux linkage, V·s, complex.
+    psi_s: Py<PyArray1<Complex64>>,
+    /// Flux of the parallel path, V·s, complex.
+    psi_1: Py<PyArray1<Complex64>>,
+    /// Offset voltage, V, complex.
+    u_off: Py<PyArray1<Complex64>>,
+    /// Output of the noise compensator, V, complex.
+    u_hf: Py<PyArray1<Complex64>>,
+    /// Stator frequency, electrical rad/s.
+    omega_s: Py<PyArray1<f64>>,
+    /// Speed, mechanical rad/s.
+    omega_m: Py<PyArray1<f64>>,
+    /// Angle of psi_s, rad.
+    angle: Py<PyArray1<f64>>,
+}
+
+/// Columns of a trace before they become arrays.
+#[derive(Default)]
+struct Columns {
+    psi_s: Vec<Complex64>,
+    psi_1: Vec<Complex64>,
+    u_off: Vec<Complex64>,
+    u_hf: Vec<Complex64>,
+    omega_s: Vec<f64>,
+    omega_m: Vec<f64>,
+}
+
+/// The stator flux estimator of Fig. 7 alone, with offset estimator and noise compensator, offline.
+///
+/// Takes motor and inverter as `Drive` does, and its settings (those about the flux estimator matter).
+#[pyclass(frozen, module = "stillflux")]
+pub struct FluxEstimator {
+    config: DriveConfig<f64>,
+    base: Base,
+    psi_ref: f64,
+    r_s: f64,
+    f_s: f64,
+}
+
+#[pymethods]
+impl FluxEstimator {
+    #[new]
+    #[pyo3(signature = (motor, inverter, **settings))]
+    fn new(motor: Motor, inverter: Inverter, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let (machine, inverter) = (motor.machine()?, inverter.params()?);
+        let params = drive_params(&machine, &inverter, settings)?;
+        let base = Base::new(&machine);
+        Ok(Self {
+            config: DriveConfig::new(&machine, &inverter, &params).map_err(value_error)?,
+            psi_ref: params.psi_ref,
+            r_s: (machine.R_s + inverter.r_d) / base.z,
+            f_s: inverter.f_s,
+            base,
+        })
+    }
+
+    /// Estimates the flux over a record sampled at the inverter's `f_s`.
+    ///
+    /// Parameters
+    /// ----------
+    /// u_s
+    ///     Stator voltage in V, complex, shape (n,): `u_s[k]` was applied between samples k - 1 and k.
+    /// i_s
+    ///     Stator current in A, complex, shape (n,).
+    /// omega_s
+    ///     Known stator frequency, electrical rad/s, a number or shape (n,); None: the estimated one.
+    /// R_s
+    ///     Stator resistance with r_d in Ω, a number or shape (n,); None: motor's plus inverter's.
+    /// psi_s0
+    ///     Flux at the first sample, V·s, complex; None: rated flux on the a-axis.
+    ///
+    /// Raises ValueError for lengths that differ and for samples that are not finite.
+    #[pyo3(signature = (u_s, i_s, omega_s=None, R_s=None, psi_s0=None))]
+    fn run(
+        &self,
+        py: Python<'_>,
+        u_s: PyReadonlyArray1<'_, Complex64>,
+        i_s: PyReadonlyArray1<'_, Complex64>,
+        omega_s: Option<Series<'_>>,
+        R_s: Option<Series<'_>>,
+        psi_s0: Option<Complex64>,
+    ) -> PyResult<Trace> {
+        let b = &self.base;
+        let u = vectors("u_s", &u_s, b.u)?;
+        let i = vectors("i_s", &i_s, b.i)?;
+        let n = u.len();
+        same_length("i_s", i.len(), n)?;
+        let omega = omega_s.map(|s| s.values("omega_s", n, b.omega)).transpose()?;
+        let r_s = R_s.map_or_else(|| Ok(vec![self.r_s; n]), |s| s.values("R_s", n, b.z))?;
+        let start = psi_s0.map_or(AlphaBeta::new(self.psi_ref, 0.0), |z| AlphaBeta::new(z.re / b.psi, z.im / b.psi));
+
+        let c = py.detach(|| self.estimate(&u, &i, omega.as_deref(), &r_s, start));
+        let t = (0..n).map(|k| k as f64 / self.f_s).collect();
+        let angle = c.psi_s.iter().map(|z| z.arg()).collect();
+        let real = |v: Vec<f64>| PyArray1::from_vec(py, v).unbind();
+        let complex = |v: Vec<Complex64>| PyArray1::from_vec(py, v).unbind();
+        Ok(Trace {
+            t: real(t),
+            psi_s: complex(c.psi_s),
+            psi_1: complex(c.psi_1),
+            u_off: complex(c.u_off),
+            u_hf: complex(c.u_hf),
+            omega_s: real(c.omega_s),
+            omega_m: real(c.omega_m),
+            angle: real(angle),
+        })
+    }
+}
+
+impl FluxEstimator {
+    fn estimate(
+        &self,
+        u: &[AlphaBeta<f64>],
+        i: &[AlphaBeta<f64>],
+        omega: Option<&[f64]>,
+        r_s: &[f64],
+        start: AlphaBeta<f64>,
+    ) -> Columns {
+        let b = &self.base;
+        let mut c = Columns::default();
+        let (mut flux, mut speed) = (CoreFlux::default(), SpeedEstimator::default());
+        let mut omega_s = 0.0;
+        for k in 0..u.len() {
+            let mut u_hf = AlphaBeta::default();
+            if k == 0 {
+                flux.start(start, i[0]);
+                speed.start(&(start - i[0] * self.config.speed_config().sigma_l_s), 0.0);
+            } else {
+                let omega_s = omega.map_or(omega_s, |w| w[k]);
+                u_hf = flux.step(self.config.flux_config(), &u[k], &i[k], r_s[k], self.psi_ref, omega_s).u_hf;
+            }
+            let psi_s = flux.value();
+            let estimate = speed.step(self.config.speed_config(), &psi_s, &i[k]);
+            omega_s = estimate.omega_s;
+            c.psi_s.push(scaled(&psi_s, b.psi));
+            c.psi_1.push(scaled(&flux.offset.psi_1(), b.psi));
+            c.u_off.push(scaled(&flux.offset.u_off(), b.u));
+            c.u_hf.push(scaled(&u_hf, b.u));
+            c.omega_s.push(omega_s * b.omega);
+            c.omega_m.push(estimate.omega_m * b.omega_m);
+        }
+        c
+    }
+}

@@ -1,0 +1,218 @@
+//! Motor and inverter data classes of Python as Rust parameters, and the settings of a drive.
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use stillflux::base::Base;
+use stillflux::config::DriveParams;
+use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
+use stillflux_sim::si::Arithmetic;
+
+use crate::convert::{each_keyword, extract, value_error};
+
+/// What is read from a Python `Motor`.
+#[derive(FromPyObject)]
+pub struct Motor {
+    R_s: f64,
+    R_R: f64,
+    L_sigma: f64,
+    L_M: f64,
+    n_p: f64,
+    J: f64,
+    U_N: f64,
+    I_N: f64,
+    f_N: f64,
+    T_N: f64,
+    saturation: Option<(f64, f64, f64)>,
+}
+
+impl Motor {
+    /// Validated parameters.
+    pub fn machine(&self) -> PyResult<Machine> {
+        check("n_p", self.n_p, 1.0, 60.0, "").map_err(value_error)?;
+        if self.n_p.fract() != 0.0 {
+            return Err(PyValueError::new_err(format!("n_p = {} is not a whole number from 1 to 60", self.n_p)));
+        }
+        let m = Machine {
+            R_s: self.R_s,
+            R_R: self.R_R,
+            L_sigma: self.L_sigma,
+            L_M: self.L_M,
+            n_p: self.n_p as u32,
+            J: self.J,
+            U_N: self.U_N,
+            I_N: self.I_N,
+            f_N: self.f_N,
+            T_N: self.T_N,
+            saturation: self.saturation.map(|(L_u, a, S)| Saturation { L_u, a, S }),
+        };
+        m.validate().map_err(value_error)?;
+        Ok(m)
+    }
+}
+
+/// What is read from a Python `Inverter`.
+#[derive(FromPyObject)]
+pub struct Inverter {
+    u_dc: f64,
+    f_s: f64,
+    u_th: f64,
+    r_d: f64,
+    dead_time: f64,
+    f_clk: f64,
+}
+
+impl Inverter {
+    /// Validated parameters.
+    pub fn params(&self) -> PyResult<params::Inverter> {
+        let Self { u_dc, f_s, u_th, r_d, dead_time, f_clk } = *self;
+        let inverter = params::Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk };
+        inverter.validate().map_err(value_error)?;
+        Ok(inverter)
+    }
+}
+
+/// Raises ValueError for the first field of a motor outside its range.
+#[pyfunction]
+pub fn validate_motor(motor: Motor) -> PyResult<()> {
+    motor.machine().map(drop)
+}
+
+/// Raises ValueError for the first field of an inverter outside its range.
+#[pyfunction]
+pub fn validate_inverter(inverter: Inverter) -> PyResult<()> {
+    inverter.params().map(drop)
+}
+
+/// A dict of the named fields of a struct.
+macro_rules! dict {
+    ($py:expr, $value:expr; $($field:ident),* $(,)?) => {{
+        let (dict, value) = (PyDict::new($py), $value);
+        $(dict.set_item(stringify!($field), value.$field)?;)*
+        dict
+    }};
+}
+pub(crate) use dict;
+
+fn unknown_preset(name: &str) -> PyErr {
+    PyValueError::new_err(format!("preset = {name:?} is unknown, there are '2.2kW' and '11kW'"))
+}
+
+/// Fields of a preset motor.
+#[pyfunction]
+pub fn motor_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyDict>> {
+    let m = match name {
+        "2.2kW" => Machine::preset_2k2(),
+        "11kW" => Machine::preset_11k(),
+        _ => return Err(unknown_preset(name)),
+    };
+    let fields = dict!(py, m; R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N);
+    fields.set_item("saturation", m.saturation.map(|s| (s.L_u, s.a, s.S)))?;
+    Ok(fields)
+}
+
+/// Fields of a preset inverter.
+#[pyfunction]
+pub fn inverter_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyDict>> {
+    let inverter = match name {
+        "2.2kW" => params::Inverter::preset_2k2(),
+        "11kW" => params::Inverter::preset_11k(),
+        _ => return Err(unknown_preset(name)),
+    };
+    Ok(dict!(py, inverter; u_dc, f_s, u_th, r_d, dead_time, f_clk))
+}
+
+/// No part of a conversion between equivalent circuits depends on the rating.
+const NO_RATING: Rating = Rating { n_p: 1, J: 1.0, U_N: 1.0, I_N: 1.0, f_N: 1.0, T_N: 1.0 };
+
+fn inverse_gamma<'py>(py: Python<'py>, m: &Machine) -> PyResult<Bound<'py, PyDict>> {
+    Ok(dict!(py, m; R_s, R_R, L_sigma, L_M))
+}
+
+/// Inverse-Γ parameters of a Γ circuit.
+#[pyfunction]
+pub fn from_gamma(py: Python<'_>, R_s: f64, R_r: f64, L_l: f64, L_s: f64) -> PyResult<Bound<'_, PyDict>> {
+    inverse_gamma(py, &Machine::from_gamma(Gamma { R_s, R_r, L_l, L_s }, NO_RATING))
+}
+
+/// Inverse-Γ parameters of a T circuit.
+#[pyfunction]
+pub fn from_t_model(py: Python<'_>, R_s: f64, R_r: f64, L_ls: f64, L_lr: f64, L_m: f64) -> PyResult<Bound<'_, PyDict>> {
+    inverse_gamma(py, &Machine::from_t_model(TModel { R_s, R_r, L_ls, L_lr, L_m }, NO_RATING))
+}
+
+/// Γ parameters of a motor.
+#[pyfunction]
+pub fn to_gamma(py: Python<'_>, motor: Motor) -> PyResult<Bound<'_, PyDict>> {
+    Ok(dict!(py, motor.machine()?.to_gamma(); R_s, R_r, L_l, L_s))
+}
+
+/// T parameters of a motor, with equal leakages.
+#[pyfunction]
+pub fn to_t_model(py: Python<'_>, motor: Motor) -> PyResult<Bound<'_, PyDict>> {
+    Ok(dict!(py, motor.machine()?.to_t_model(); R_s, R_r, L_ls, L_lr, L_m))
+}
+
+/// Base quantities of a motor's per-unit system, SI.
+#[pyfunction]
+pub fn base(py: Python<'_>, motor: Motor) -> PyResult<Bound<'_, PyDict>> {
+    Ok(dict!(py, Base::new(&motor.machine()?); u, i, omega, psi, z, l, torque, omega_m))
+}
+
+/// Arithmetic of that name.
+pub fn arithmetic(name: &str) -> PyResult<Arithmetic> {
+    match name {
+        "f32" => Ok(Arithmetic::F32),
+        "f64" => Ok(Arithmetic::F64),
+        "q" => Ok(Arithmetic::Q),
+        _ => Err(PyValueError::new_err(format!("arithmetic = {name:?} is not one of 'f32', 'f64', 'q'"))),
+    }
+}
+
+/// Admits the one scheme there is.
+pub fn check_scheme(name: &str) -> PyResult<()> {
+    match name {
+        "paper" => Ok(()),
+        _ => Err(PyValueError::new_err(format!("scheme = {name:?} is not one of 'paper'"))),
+    }
+}
+
+macro_rules! drive_settings {
+    ($($field:ident),* $(,)?) => {
+        fn set(p: &mut DriveParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bool> {
+            match name {
+                $(stringify!($field) => p.$field = extract(name, value)?,)*
+                _ => return Ok(false),
+            }
+            Ok(true)
+        }
+
+        /// The settings of a drive as dict.
+        pub fn settings_dict<'py>(py: Python<'py>, p: &DriveParams) -> PyResult<Bound<'py, PyDict>> {
+            // Without `..`: a setting added to the drive has to be added here.
+            let DriveParams { $($field),* } = *p;
+            let dict = PyDict::new(py);
+            $(dict.set_item(stringify!($field), $field)?;)*
+            Ok(dict)
+        }
+    };
+}
+
+drive_settings! {
+    psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
+    current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
+    inverter_model, offset_estimator, offset_gain, noise_compensator, noise_gain,
+    resistance_adaptation, resistance_gain, calibrate_offset, offset_time, magnetise_time,
+}
+
+/// Settings of a drive: the defaults of machine and inverter, changed by keywords.
+pub fn drive_params(
+    machine: &Machine,
+    inverter: &params::Inverter,
+    settings: Option<&Bound<'_, PyDict>>,
+) -> PyResult<DriveParams> {
+    let mut p = DriveParams::new(machine, inverter);
+    each_keyword(settings, "the drive", |name, value| set(&mut p, name, value))?;
+    p.validate(machine, inverter).map_err(value_error)?;
+    Ok(p)
+}

@@ -1,0 +1,240 @@
+//! `Plant` and its true state.
+
+use numpy::{Complex64, PyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use stillflux::params::{self, Machine, check};
+use stillflux_sim::{Mode, PlantParams, Sample, Thermal, Truth};
+
+use crate::convert::{complex, each_keyword, extract, offsets, pair, three, value_error};
+use crate::parameters::{Inverter, Motor};
+
+fn mode(name: &str) -> PyResult<Mode> {
+    match name {
+        "switching" => Ok(Mode::Switching),
+        "averaged" => Ok(Mode::Averaged),
+        _ => Err(PyValueError::new_err(format!("mode = {name:?} is not one of 'switching', 'averaged'"))),
+    }
+}
+
+fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    match name {
+        "mode" => p.mode = mode(&extract::<String>(name, value)?)?,
+        "seed" => p.seed = extract(name, value)?,
+        "saturation" => p.saturation = extract(name, value)?,
+        "J_load" => p.mechanics.J_load = extract(name, value)?,
+        "viscous" => p.mechanics.viscous = extract(name, value)?,
+        "coulomb" => p.mechanics.coulomb = extract(name, value)?,
+        "stribeck" => p.mechanics.stribeck = extract(name, value)?,
+        "stribeck_speed" => p.mechanics.stribeck_speed = extract(name, value)?,
+        "speed" => p.mechanics.speed = extract(name, value)?,
+        "adc_bits" => p.adc.bits = extract(name, value)?,
+        "adc_range" => p.adc.range = extract::<Option<f64>>(name, value)?.unwrap_or(p.adc.range),
+        "adc_noise" => p.adc.noise = extract(name, value)?,
+        "current_offset" => p.adc.offset = offsets(name, value)?,
+        "current_offset_drift" => p.adc.offset_drift = offsets(name, value)?,
+        "current_gain" => p.adc.gain = three(name, value)?,
+        "thermal" => {
+            p.thermal = extract::<Option<(f64, f64, f64)>>(name, value)?.map(|(time_constant, rise, alpha)| Thermal {
+                time_constant,
+                rise,
+                alpha,
+            });
+        }
+        _ => return Ok(false),
+    }
+    Ok(true)
+}
+
+/// Plant parameters: the defaults of machine and inverter, changed by keywords.
+pub fn plant_params(
+    machine: Machine,
+    inverter: params::Inverter,
+    options: Option<&Bound<'_, PyDict>>,
+) -> PyResult<PlantParams> {
+    let mut p = PlantParams::new(machine, inverter);
+    each_keyword(options, "the plant", |name, value| set(&mut p, name, value))?;
+    p.validate().map_err(value_error)?;
+    Ok(p)
+}
+
+/// Stator resistance that a plant admits.
+pub fn resistance(R_s: f64) -> PyResult<f64> {
+    check("R_s", R_s, 1e-5, 1e3, "ohm").map_err(value_error)?;
+    Ok(R_s)
+}
+
+/// Dc-link voltage that a plant admits.
+pub fn dc_link(u_dc: f64) -> PyResult<f64> {
+    check("u_dc", u_dc, 0.0, 10e3, "V").map_err(value_error)?;
+    Ok(u_dc)
+}
+
+/// Imposed speed that a plant admits.
+pub fn shaft_speed(speed: Option<f64>) -> PyResult<Option<f64>> {
+    check("speed", speed.unwrap_or(0.0), -1e5, 1e5, "rad/s").map_err(value_error)?;
+    Ok(speed)
+}
+
+macro_rules! plant_state {
+    (complex: $($(#[$zdoc:meta])* $z:ident,)* ; real: $($(#[$xdoc:meta])* $x:ident,)*) => {
+        /// The true state of a plant at the end of the last period. Stator coordinates.
+        #[pyclass(frozen, get_all, module = "stillflux")]
+        pub struct PlantState {
+            $($(#[$zdoc])* $z: Complex64,)*
+            $($(#[$xdoc])* $x: f64,)*
+        }
+
+        impl From<&Truth> for PlantState {
+            fn from(t: &Truth) -> Self {
+                Self { $($z: complex(t.$z),)* $($x: t.$x,)* }
+            }
+        }
+    };
+}
+
+plant_state! {
+    complex:
+    /// Stator flux linkage, V·s.
+    psi_s,
+    /// Rotor flux linkage of the inverse-Γ circuit, V·s.
+    psi_r,
+    /// Stator current, A.
+    i_s,
+    /// Terminal voltage, mean of the last period, V.
+    u_s,
+    ;
+    real:
+    /// Time, s.
+    t,
+    /// Speed, mechanical rad/s.
+    omega_m,
+    /// Speed of psi_s, mean of the last period, electrical rad/s.
+    omega_s,
+    /// Shaft angle, not wrapped, mechanical rad.
+    theta_m,
+    /// Air-gap torque, N·m.
+    torque,
+    /// Load torque of the last period, N·m.
+    load_torque,
+    /// Stator resistance as it is now, without r_d, Ω.
+    R_s,
+    /// dc-link voltage, V.
+    u_dc,
+}
+
+/// Induction machine, inverter, sensors and shaft, resolved at every switching edge.
+///
+/// Parameters
+/// ----------
+/// motor, inverter
+///     The real machine and inverter. Without keywords: switching model, no friction, 12-bit converters
+///     over ±2.5 √2 I_N, no measurement error.
+/// **options
+///     See `stillflux.options.PlantOptions`.
+///
+/// Raises ValueError for a value outside its range, TypeError for an unknown option.
+#[pyclass(module = "stillflux")]
+pub struct Plant {
+    plant: stillflux_sim::Plant,
+}
+
+type Reading<'py> = (Bound<'py, PyArray1<f64>>, f64);
+
+fn reading(py: Python<'_>, s: Sample) -> Reading<'_> {
+    (PyArray1::from_slice(py, &s.i_abc), s.u_dc)
+}
+
+#[pymethods]
+impl Plant {
+    #[new]
+    #[pyo3(signature = (motor, inverter, **options))]
+    fn new(motor: Motor, inverter: Inverter, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let params = plant_params(motor.machine()?, inverter.params()?, options)?;
+        Ok(Self { plant: stillflux_sim::Plant::new(params).map_err(value_error)? })
+    }
+
+    /// Runs one PWM period and returns the reading at its end: i_abc in A, shape (3,), and u_dc in V.
+    ///
+    /// `duty` (three values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
+    /// register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
+    /// `load_torque` in N·m opposes positive rotation and is active, as a crane's.
+    #[pyo3(signature = (duty, load_torque=0.0, gates_on=true))]
+    fn step<'py>(&mut self, duty: &Bound<'py, PyAny>, load_torque: f64, gates_on: bool) -> PyResult<Reading<'py>> {
+        let s = self.plant.step(three("duty", duty)?, gates_on, finite("load_torque", load_torque)?);
+        Ok(reading(duty.py(), s))
+    }
+
+    /// Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, past the bridge.
+    #[pyo3(signature = (u_s, dt, load_torque=0.0))]
+    fn step_voltage(&mut self, py: Python<'_>, u_s: Complex64, dt: f64, load_torque: f64) -> PyResult<()> {
+        check("dt", dt, 1e-12, 1e5, "s").map_err(value_error)?;
+        finite("u_s", u_s.re + u_s.im)?;
+        finite("load_torque", load_torque)?;
+        py.detach(|| self.plant.step_voltage(pair(u_s), dt, load_torque));
+        Ok(())
+    }
+
+    /// A reading now: i_abc in A, shape (3,), and u_dc in V. Every call draws fresh noise.
+    fn sample<'py>(&mut self, py: Python<'py>) -> Reading<'py> {
+        reading(py, self.plant.sample())
+    }
+
+    /// The truth.
+    #[getter]
+    fn state(&self) -> PlantState {
+        self.plant.truth().into()
+    }
+
+    /// Puts the machine into a state: stator and inverse-Γ rotor flux (complex, V·s), mechanical rad/s.
+    fn set_state(&mut self, psi_s: Complex64, psi_r: Complex64, omega_m: f64) -> PyResult<()> {
+        finite("psi_s", psi_s.re + psi_s.im)?;
+        finite("psi_r", psi_r.re + psi_r.im)?;
+        finite("omega_m", omega_m)?;
+        self.plant.set_state(pair(psi_s), pair(psi_r), omega_m);
+        Ok(())
+    }
+
+    /// Resistance of the cold winding, Ω.
+    #[getter]
+    fn R_s(&self) -> f64 {
+        self.plant.params().machine.R_s
+    }
+
+    #[setter]
+    fn set_R_s(&mut self, R_s: f64) -> PyResult<()> {
+        self.plant.set_R_s(resistance(R_s)?);
+        Ok(())
+    }
+
+    /// Imposes a shaft speed from now on, mechanical rad/s; None lets the shaft go.
+    #[pyo3(signature = (speed))]
+    fn impose_speed(&mut self, speed: Option<f64>) -> PyResult<()> {
+        self.plant.set_speed(shaft_speed(speed)?);
+        Ok(())
+    }
+
+    /// Sets the offsets of the current channels, A: a complex space vector or three values.
+    fn set_current_offset(&mut self, offset: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.plant.set_offset(offsets("current_offset", offset)?);
+        Ok(())
+    }
+
+    /// dc-link voltage, V.
+    #[getter]
+    fn u_dc(&self) -> f64 {
+        self.plant.truth().u_dc
+    }
+
+    #[setter]
+    fn set_u_dc(&mut self, u_dc: f64) -> PyResult<()> {
+        self.plant.set_u_dc(dc_link(u_dc)?);
+        Ok(())
+    }
+}
+
+fn finite(field: &'static str, value: f64) -> PyResult<f64> {
+    check(field, value, -1e9, 1e9, "").map_err(value_error)?;
+    Ok(value)
+}

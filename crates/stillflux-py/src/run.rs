@@ -1,0 +1,175 @@
+//! `Run`: a closed-loop experiment that Python advances in pieces.
+
+use std::borrow::Cow;
+
+use numpy::{Complex64, PyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use stillflux_sim::simulate::{self as sim, Change, Profile, ReferenceProfile, SIGNALS};
+
+use crate::convert::{each_keyword, extract, offsets, value_error};
+use crate::drive::{Status, memory_dict, memory_from};
+use crate::parameters::{Inverter, Motor, arithmetic, check_scheme, drive_params};
+use crate::plant::{dc_link, plant_params, resistance, shaft_speed};
+
+/// A constant, or points `(t, value)`.
+#[derive(FromPyObject)]
+enum Points {
+    Constant(f64),
+    Points(Vec<(f64, f64)>),
+}
+
+impl Points {
+    fn profile(self, name: &str) -> PyResult<Profile> {
+        let points = match self {
+            Self::Constant(value) => vec![(0.0, value)],
+            Self::Points(points) => points,
+        };
+        Profile::new(points).map_err(|e| PyValueError::new_err(format!("{name}: {e}")))
+    }
+}
+
+/// What is read from a Python `Scenario`.
+#[derive(FromPyObject)]
+struct Scenario<'py> {
+    motor: Motor,
+    inverter: Inverter,
+    arithmetic: String,
+    scheme: String,
+    settings: Bound<'py, PyDict>,
+    plant: Bound<'py, PyDict>,
+    plant_motor: Option<Motor>,
+    plant_inverter: Option<Inverter>,
+    omega_ref: Points,
+    torque_ref: Option<Points>,
+    load_torque: Points,
+    changes: Vec<(f64, Bound<'py, PyDict>)>,
+    duration: f64,
+    record_every: u32,
+    signals: Option<Vec<String>>,
+    memory: Option<Bound<'py, PyDict>>,
+}
+
+impl Scenario<'_> {
+    fn build(self) -> PyResult<sim::Scenario> {
+        check_scheme(&self.scheme)?;
+        let (machine, inverter) = (self.motor.machine()?, self.inverter.params()?);
+        let plant_machine = self.plant_motor.map_or(Ok(machine), |m| m.machine())?;
+        let plant_inverter = self.plant_inverter.map_or(Ok(inverter), |i| i.params())?;
+        check_signals(self.signals.as_deref())?;
+        Ok(sim::Scenario {
+            drive: drive_params(&machine, &inverter, Some(&self.settings))?,
+            plant: plant_params(plant_machine, plant_inverter, Some(&self.plant))?,
+            machine,
+            inverter,
+            arithmetic: arithmetic(&self.arithmetic)?,
+            reference: match self.torque_ref {
+                Some(torque) => ReferenceProfile::Torque(torque.profile("torque_ref")?),
+                None => ReferenceProfile::Speed(self.omega_ref.profile("omega_ref")?),
+            },
+            load: self.load_torque.profile("load_torque")?,
+            changes: changes(&self.changes)?,
+            duration: self.duration,
+            record_every: self.record_every,
+            signals: self.signals,
+            memory: self.memory.map(|m| memory_from(&m)).transpose()?,
+        })
+    }
+}
+
+fn check_signals(names: Option<&[String]>) -> PyResult<()> {
+    for name in names.unwrap_or_default() {
+        if !SIGNALS.iter().any(|s| s.name == name) {
+            let known: Vec<_> = SIGNALS.iter().map(|s| s.name).collect();
+            return Err(PyValueError::new_err(format!("signals: {name:?} is not one of {}", known.join(", "))));
+        }
+    }
+    Ok(())
+}
+
+/// One entry a change: a dict with several names makes several changes at one time.
+fn changes(list: &[(f64, Bound<'_, PyDict>)]) -> PyResult<Vec<(f64, Change)>> {
+    let mut all = Vec::new();
+    for (t, what) in list {
+        each_keyword(Some(what), "a change of the plant", |name, value| {
+            let change = match name {
+                "R_s" => Change::StatorResistance(resistance(extract(name, value)?)?),
+                "current_offset" => Change::CurrentOffset(offsets(name, value)?),
+                "u_dc" => Change::DcLink(dc_link(extract(name, value)?)?),
+                "speed" => Change::Speed(shaft_speed(extract(name, value)?)?),
+                _ => return Ok(false),
+            };
+            all.push((*t, change));
+            Ok(true)
+        })?;
+    }
+    Ok(all)
+}
+
+/// Names and units of all signals a run can record.
+#[pyfunction]
+pub fn signals(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    for s in SIGNALS {
+        dict.set_item(s.name, s.unit)?;
+    }
+    Ok(dict)
+}
+
+/// A scenario being run, advanced in pieces with the GIL released.
+///
+/// Raises ValueError or TypeError for what is wrong with the scenario.
+#[pyclass(module = "stillflux._core")]
+pub struct Run {
+    run: sim::Run<'static>,
+    f_s: f64,
+}
+
+#[pymethods]
+impl Run {
+    #[new]
+    fn new(scenario: Scenario<'_>) -> PyResult<Self> {
+        let scenario = scenario.build()?;
+        let f_s = scenario.inverter.f_s;
+        Ok(Self { run: sim::Run::new(Cow::Owned(scenario)).map_err(value_error)?, f_s })
+    }
+
+    /// Runs at most `periods` further control periods; False when the run is complete.
+    fn advance(&mut self, py: Python<'_>, periods: u64) -> bool {
+        py.detach(|| self.run.advance(periods))
+    }
+
+    /// Simulated time so far, s.
+    #[getter]
+    fn time(&self) -> f64 {
+        self.run.time()
+    }
+
+    /// Status of the drive.
+    #[getter]
+    fn status(&self) -> Status {
+        Status::of(self.run.drive(), self.f_s)
+    }
+
+    /// What the drive would store now.
+    fn memory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        memory_dict(py, &self.run.drive().memory())
+    }
+
+    /// The record so far: name to array, time as "t" in s.
+    fn record<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let record = self.run.record();
+        let dict = PyDict::new(py);
+        dict.set_item("t", PyArray1::from_slice(py, &record.t))?;
+        for column in &record.columns {
+            if column.complex {
+                let data = column.data.chunks_exact(2).map(|v| Complex64::new(v[0], v[1])).collect();
+                dict.set_item(column.name, PyArray1::from_vec(py, data))?;
+            } else {
+                dict.set_item(column.name, PyArray1::from_slice(py, &column.data))?;
+            }
+        }
+        Ok(dict)
+    }
+}
