@@ -89,7 +89,7 @@ mod tests {
             let u = AlphaBeta::from_phases(model.distortion(&AlphaBeta::new(c, s), pu.u_dc));
             assert!((u.norm_sq().sqrt() - 4.0 / 3.0 * pu.u_th).abs() < 1e-12);
             let angle = u.im().atan2(u.re()).to_degrees().rem_euclid(60.0);
-            assert!(angle < 1e-6 || angle > 59.999_999, "sector indicator points to multiples of 60°");
+            assert!(!(1e-6..=59.999_999).contains(&angle), "sector indicator points to multiples of 60°");
         }
     }
 
