@@ -88,7 +88,7 @@ impl DriveParams {
             offset_estimator: true,
             offset_gain: 0.6,
             noise_compensator: true,
-            noise_gain: (0.06, 0.1),
+            noise_gain: (0.06, 0.5),
             resistance_adaptation: true,
             resistance_gain: 5.0,
             calibrate_offset: true,
@@ -143,6 +143,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) speed_control: SpeedControlConfig<R>,
     pub(crate) inv_r_s: R,
     pub(crate) u_utilisation: R,
+    /// Part of the voltage that the flux may take; the rest drives the torque current.
+    pub(crate) u_flux: R,
     pub(crate) u_off_limit: R,
     pub(crate) i_range: R,
     pub(crate) i_trip: R,
@@ -174,6 +176,41 @@ impl<R: Real> DriveConfig<R> {
     /// Settings of the speed estimator, for its use alone.
     pub fn speed_config(&self) -> &SpeedConfig<R> {
         &self.speed
+    }
+
+    /// Settings of the resistance adaptation, if it is on.
+    pub fn resistance_config(&self) -> Option<&ResistanceConfig<R>> {
+        self.resistance.as_ref()
+    }
+
+    /// Settings of the confidence model.
+    pub fn confidence_config(&self) -> &ConfidenceConfig<R> {
+        &self.confidence
+    }
+
+    /// Settings of the current controller.
+    pub fn current_config(&self) -> &CurrentConfig<R> {
+        &self.current
+    }
+
+    /// Settings of the flux controller.
+    pub fn flux_control_config(&self) -> &FluxControlConfig<R> {
+        &self.flux_control
+    }
+
+    /// The inverter model.
+    pub fn inverter_model(&self) -> &InverterModel<R> {
+        &self.inverter
+    }
+
+    /// Resolution of the PWM timer, if duties are multiples of its counts.
+    pub fn timer(&self) -> Option<&Timer> {
+        self.timer.as_ref()
+    }
+
+    /// Settings of the speed controller.
+    pub fn speed_control_config(&self) -> &SpeedControlConfig<R> {
+        &self.speed_control
     }
 
     /// Per-unit configuration of validated settings.
@@ -286,6 +323,7 @@ impl<R: Real> DriveConfig<R> {
             },
             inv_r_s: r(1.0 / r_s),
             u_utilisation: r(0.98 / libm::sqrt(3.0)),
+            u_flux: r(0.88),
             u_off_limit: r(0.05),
             i_range: r(p.i_range / b.i),
             i_trip: r(p.i_trip / b.i),

@@ -392,7 +392,7 @@ impl<R: Real> Drive<R> {
 
         // Estimators: Fig. 7 with Fig. 4, speed, Fig. 12.
         let omega_s = e.speed.omega_s;
-        let psi_ref = c.flux_control.reference(omega_s, u_max);
+        let psi_ref = c.flux_control.reference(omega_s, u_max * c.u_flux);
         e.flux = self.flux.step(&c.flux, u_s, i_s, self.resistance.r_s(), psi_ref, omega_s);
         // What û_off stands for is first of all an offset of the current sensors, û_off = -r_s i_off. The
         // flux estimator has it removed already; control and inverter model get the current without it.

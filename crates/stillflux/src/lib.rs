@@ -6,6 +6,7 @@
 pub mod base;
 pub mod config;
 pub mod control;
+pub mod counts;
 pub mod drive;
 pub mod estimate;
 pub mod inverter;

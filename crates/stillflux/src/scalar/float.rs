@@ -55,6 +55,10 @@ macro_rules! impl_real {
                 y
             }
             #[inline]
+            fn fraction(n: i16) -> Self {
+                <$t>::from(n) * (1.0 / 32_768.0)
+            }
+            #[inline]
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             fn quantise(self, timer: &Timer) -> (u32, Self) {
                 // `as` saturates and takes NaN for zero.

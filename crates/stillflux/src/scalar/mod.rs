@@ -57,6 +57,8 @@ pub trait Real:
     /// `1/√x` for `x > 0`; a large positive value where `x` is not above (nearly) zero.
     fn rsqrt(self) -> Self;
 
+    /// `n / 2^15`, exact: a left-aligned converter reading as part of full scale.
+    fn fraction(n: i16) -> Self;
     /// Nearest multiple of one timer count, for `0 <= x <= 1`.
     fn quantise(self, timer: &Timer) -> (u32, Self);
 

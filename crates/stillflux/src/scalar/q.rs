@@ -193,6 +193,11 @@ impl Real for Q {
     }
 
     #[inline]
+    fn fraction(n: i16) -> Self {
+        Self(i32::from(n) << (Self::FRAC - 15))
+    }
+
+    #[inline]
     fn quantise(self, timer: &Timer) -> (u32, Self) {
         let x = self.0.clamp(0, 1 << Self::FRAC) as u64;
         let n = ((x * u64::from(timer.full) + (1 << 23)) >> 24) as u32;

@@ -1,0 +1,107 @@
+//! Records a closed loop for the processor in the loop: frames to the target, and the host's own answers.
+//!
+//! `record_pil f32|q FRAMES ANSWERS`; the format is that of `stillflux-firmware/src/exchange.rs`, the code
+//! between converter and timer that of its `control.rs`: host and target compile the same source.
+
+#[path = "../../stillflux-firmware/src/blob.rs"]
+#[allow(dead_code)]
+mod blob;
+#[path = "../../stillflux-firmware/src/control.rs"]
+#[allow(dead_code)]
+mod control;
+#[path = "../../stillflux-firmware/src/exchange.rs"]
+#[allow(dead_code)]
+mod exchange;
+
+use std::error::Error;
+
+use blob::Parameters;
+use control::Control;
+use exchange::{Frame, Word, answer};
+use stillflux::base::Base;
+use stillflux::counts::Counts;
+use stillflux::drive::{Reference, Status};
+use stillflux::scalar::Q;
+use stillflux_sim::{Plant, PlantParams};
+
+/// Reference speed (per unit) and load (of rated torque) from a time on: start-up, low speed, load step,
+/// zero stator frequency under load in regeneration, reversal, fast with field weakening, torque control.
+const PROFILE: [(f64, Set, f64); 9] = [
+    (0.0, Set::Speed(0.0), 0.0),
+    (1.7, Set::Speed(0.05), 0.0),
+    (2.6, Set::Speed(0.05), 1.0),
+    (3.6, Set::Speed(-0.055), 1.0),
+    (7.0, Set::Speed(-0.3), 0.3),
+    (8.5, Set::Speed(1.5), 0.1),
+    (11.5, Set::Speed(0.05), 0.5),
+    (13.5, Set::Torque(0.5), 0.45),
+    (14.0, Set::Stop, 0.0),
+];
+const DURATION: f64 = 14.2;
+
+#[derive(Clone, Copy)]
+enum Set {
+    Stop,
+    Speed(f64),
+    Torque(f64),
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    match args.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["f32", frames, answers] => record::<f32>(frames, answers),
+        ["q", frames, answers] => record::<Q>(frames, answers),
+        _ => Err("usage: record_pil f32|q FRAMES ANSWERS".into()),
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)]
+fn record<R: Word>(frames_to: &str, answers_to: &str) -> Result<(), Box<dyn Error>> {
+    let p = Parameters::preset();
+    let base = Base::new(&p.machine);
+    let mut plant = Plant::new(PlantParams::new(p.machine, p.inverter))?;
+    let mut control = Control::<R>::new(&p)?;
+    let mut sample = plant.sample();
+    let (mut frames, mut answers) = (Vec::new(), Vec::new());
+    let (mut speed, mut torque_rated) = (0.0_f64, 0_u32);
+    for k in 0..(DURATION * p.inverter.f_s) as u32 {
+        let t = f64::from(k) / p.inverter.f_s;
+        let &(_, set, load) = PROFILE.iter().rev().find(|x| x.0 <= t).unwrap_or(&PROFILE[0]);
+        let reference = match set {
+            Set::Stop => Reference::Stop,
+            Set::Speed(x) => {
+                // One rated speed a second.
+                speed += (x - speed).clamp(-1.0 / p.inverter.f_s, 1.0 / p.inverter.f_s);
+                Reference::Speed(R::from_f64(speed))
+            }
+            Set::Torque(x) => {
+                torque_rated += 1;
+                Reference::Torque(R::from_f64(x * p.machine.T_N / base.torque))
+            }
+        };
+        let counts = Counts {
+            i_abc: sample.i_abc.map(|i| left_aligned(i / p.i_full)),
+            u_dc: left_aligned(sample.u_dc / p.u_full),
+        };
+        // The references settle on the target's representation: what is recorded is what is applied.
+        let command = control.period(&counts, &reference);
+        frames.extend(Frame { counts, reference }.to_bytes());
+        answers.extend(answer(&control, &command));
+        let duty = command.compare.map(|n| f64::from(n) / 8500.0);
+        sample = plant.step(duty, command.gates_on, load * p.machine.T_N);
+        if k % 5000 == 0 {
+            eprintln!("{t:5.1} s  {:?}  omega_m {:.3}", control.drive.status(), plant.truth().omega_m / base.omega_m);
+        }
+    }
+    let expected = matches!(control.drive.status(), Status::Stopped);
+    std::fs::write(frames_to, &frames)?;
+    std::fs::write(answers_to, &answers)?;
+    if expected { Ok(()) } else { Err(format!("the drive ended {:?}", control.drive.status()).into()) }
+}
+
+/// A 12-bit reading, left-aligned in 16 bits.
+#[allow(clippy::cast_possible_truncation)]
+fn left_aligned(part: f64) -> i16 {
+    let n = (part * 2048.0).round().clamp(-2048.0, 2047.0);
+    (n as i16) * 16
+}

@@ -1,0 +1,139 @@
+//! Whatever the ADC delivers: duties stay in range, numbers stay finite, faults latch with their cause.
+
+use proptest::prelude::*;
+use stillflux::config::{DriveConfig, DriveParams};
+use stillflux::drive::{Drive, Fault, Measurement, Reference, Status};
+use stillflux::params::{Inverter, Machine};
+use stillflux::scalar::{Q, Real};
+
+fn drive<R: Real>() -> Drive<R> {
+    let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+    // A short start-up reaches every stage within a test.
+    let params =
+        DriveParams { offset_time: 0.002, magnetise_time: 0.4, u_dc_min: 1.0, ..DriveParams::new(&machine, &inverter) };
+    Drive::new(DriveConfig::new(&machine, &inverter, &params).unwrap())
+}
+
+fn healthy<R: Real>() -> Measurement<R> {
+    Measurement { i_abc: [R::ZERO; 3], u_dc: R::from_f64(1.65) }
+}
+
+/// Steps until the drive runs; the currents that magnetisation would see are handed to it.
+fn running<R: Real>() -> Drive<R> {
+    let mut d = drive::<R>();
+    while d.status() != Status::Running {
+        let i = if d.status() == Status::Magnetising { d.estimate().i_dq_ref.re() } else { R::ZERO };
+        let half = i * R::HALF;
+        d.step(&Measurement { i_abc: [i, -half, -half], u_dc: R::from_f64(1.65) }, &Reference::Speed(R::ZERO));
+        assert!(!matches!(d.status(), Status::Faulted { .. }), "{:?}", d.status());
+    }
+    d
+}
+
+fn check<R: Real>(d: &mut Drive<R>, m: &Measurement<R>, reference: &Reference<R>) {
+    let out = d.step(m, reference);
+    for duty in out.duty {
+        assert!(duty >= R::ZERO && duty <= R::ONE, "{duty:?}");
+    }
+    let e = d.estimate();
+    for x in [e.speed.omega_m, e.speed.omega_s, e.torque, e.r_s, e.confidence, e.flux.magnitude, e.epsilon] {
+        assert!(x.is_finite(), "{e:?}");
+    }
+    assert!(e.flux.psi_s.is_finite() && e.u_off.is_finite() && e.i_dq_ref.is_finite());
+    assert!(e.confidence >= R::ZERO && e.confidence <= R::ONE);
+}
+
+fn any_f32() -> impl Strategy<Value = f32> {
+    prop_oneof![4 => -2.2f32..2.2, 1 => any::<f32>(), 1 => Just(f32::NAN), 1 => Just(f32::INFINITY)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn f32_survives_any_measurement(
+        samples in prop::collection::vec((any_f32(), any_f32(), any_f32(), any_f32(), any_f32()), 1..200),
+        reset in any::<bool>(),
+    ) {
+        let mut d = running::<f32>();
+        for (a, b, c, u, w) in samples {
+            check(&mut d, &Measurement { i_abc: [a, b, c], u_dc: u }, &Reference::Speed(w));
+            if reset { d.reset(); }
+        }
+    }
+
+    #[test]
+    fn currents_within_range_never_make_f32_or_q_leave_their_numbers(
+        samples in prop::collection::vec((-1.2f64..1.2, -1.2f64..1.2, 1.2f64..2.2, -3.0f64..3.0), 400),
+    ) {
+        let (mut f, mut q) = (running::<f32>(), running::<Q>());
+        for (a, b, u, w) in samples {
+            let i = [a, b, -a - b];
+            check(&mut f, &Measurement { i_abc: i.map(Real::from_f64), u_dc: u as f32 }, &Reference::Speed(w as f32));
+            let r = Reference::Torque(Q::from_f64(w));
+            check(&mut q, &Measurement { i_abc: i.map(Real::from_f64), u_dc: Q::from_f64(u) }, &r);
+        }
+    }
+
+    #[test]
+    fn q_survives_any_bits(samples in prop::collection::vec(any::<[i32; 5]>(), 1..200)) {
+        let mut d = running::<Q>();
+        for [a, b, c, u, w] in samples {
+            let m = Measurement { i_abc: [a, b, c].map(Q::from_bits), u_dc: Q::from_bits(u) };
+            check(&mut d, &m, &Reference::Speed(Q::from_bits(w)));
+            d.reset();
+        }
+    }
+}
+
+#[test]
+fn each_bad_measurement_gives_its_fault_blocks_the_gates_and_latches() {
+    let ok = healthy::<f32>();
+    let cases = [
+        (Measurement { i_abc: [2.4, -1.2, -1.2], ..ok }, Fault::OverCurrent),
+        (Measurement { i_abc: [2.6, -1.3, -1.3], ..ok }, Fault::Measurement),
+        (Measurement { i_abc: [f32::NAN, 0.0, 0.0], ..ok }, Fault::Measurement),
+        (Measurement { u_dc: f32::NAN, ..ok }, Fault::Measurement),
+        (Measurement { u_dc: f32::INFINITY, ..ok }, Fault::Measurement),
+        (Measurement { u_dc: 0.0, ..ok }, Fault::UnderVoltage),
+        (Measurement { u_dc: 2.6, ..ok }, Fault::OverVoltage),
+    ];
+    for (bad, cause) in cases {
+        let mut d = running::<f32>();
+        let period = d.period() + 1;
+        let out = d.step(&bad, &Reference::Speed(0.0));
+        assert_eq!(d.status(), Status::Faulted { cause, period }, "{bad:?}");
+        assert!(!out.gates_on && out.duty == [0.5; 3]);
+        let out = d.step(&ok, &Reference::Speed(0.0));
+        assert_eq!(d.status(), Status::Faulted { cause, period }, "latched");
+        assert!(!out.gates_on);
+        d.reset();
+        assert_eq!(d.status(), Status::Stopped);
+        d.step(&ok, &Reference::Speed(0.0));
+        assert_eq!(d.status(), Status::ReadingOffset, "starts again after the reset");
+    }
+}
+
+#[test]
+fn a_reference_that_is_not_finite_is_a_fault_of_its_own() {
+    let mut d = running::<f32>();
+    d.step(&healthy(), &Reference::Torque(f32::NAN));
+    assert!(matches!(d.status(), Status::Faulted { cause: Fault::Reference, .. }));
+}
+
+#[test]
+fn an_offset_at_rest_beyond_a_healthy_sensor_is_a_fault() {
+    let mut d = drive::<f64>();
+    let biased = Measurement { i_abc: [0.3, 0.0, 0.0], ..healthy() };
+    for _ in 0..30 {
+        d.step(&biased, &Reference::Speed(0.0));
+    }
+    assert!(matches!(d.status(), Status::Faulted { cause: Fault::CurrentOffset, .. }));
+}
+
+#[test]
+fn a_stop_blocks_the_gates_at_once() {
+    let mut d = running::<f32>();
+    let out = d.step(&healthy(), &Reference::Stop);
+    assert!(!out.gates_on && d.status() == Status::Stopped);
+}
