@@ -4,12 +4,18 @@ use numpy::{Complex64, PyReadonlyArray1};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use stillflux::params::ParamError;
+use stillflux::params::{ParamError, check};
 use stillflux::space::{AlphaBeta, Space};
 
 /// A parameter error as `ValueError`; its text names field, value and range.
 pub fn value_error(e: ParamError) -> PyErr {
     PyValueError::new_err(e.to_string())
+}
+
+/// Admits a finite number.
+pub fn finite(field: &'static str, value: f64) -> PyResult<f64> {
+    check(field, value, -1e9, 1e9, "").map_err(value_error)?;
+    Ok(value)
 }
 
 /// Puts the name of what was being converted in front of an error.

@@ -1,16 +1,14 @@
 //! `Drive`, what it estimates, and its status.
 
-use std::hash::{DefaultHasher, Hash, Hasher};
-
 use numpy::{Complex64, PyArray1};
 use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyString};
 use stillflux::drive::{self as core, Fault};
 use stillflux_sim::Sample;
 use stillflux_sim::si::{Command, MemorySi, SiDrive};
 
-use crate::convert::{complex, extract, pair, three, value_error};
+use crate::convert::{complex, extract, finite, pair, three, value_error};
 use crate::parameters::{Inverter, Motor, arithmetic, check_scheme, drive_params, settings_dict};
 
 /// State of a drive's sequence, and the cause and time of a fault.
@@ -94,10 +92,8 @@ impl Status {
     }
 
     /// That of the string it equals.
-    fn __hash__(&self) -> u64 {
-        let mut hasher = DefaultHasher::new();
-        self.coarse().hash(&mut hasher);
-        hasher.finish()
+    fn __hash__(&self, py: Python<'_>) -> PyResult<isize> {
+        PyString::new(py, self.coarse()).hash()
     }
 }
 
@@ -245,8 +241,8 @@ impl Drive {
     ///     Torque reference in N·m, instead of a speed reference. Neither: stop.
     ///
     /// Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
-    /// Raises ValueError if both references are given. Implausible measurements do not raise: they are
-    /// faults, see `status`.
+    /// Raises ValueError if both references are given or one is not finite. Implausible measurements do not
+    /// raise: they are faults, see `status`.
     #[pyo3(signature = (i_abc, u_dc, omega_ref=None, torque_ref=None))]
     fn step<'py>(
         &mut self,
@@ -257,8 +253,8 @@ impl Drive {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let command = match (omega_ref, torque_ref) {
             (None, None) => Command::Stop,
-            (Some(omega), None) => Command::Speed(omega),
-            (None, Some(torque)) => Command::Torque(torque),
+            (Some(omega), None) => Command::Speed(finite("omega_ref", omega)?),
+            (None, Some(torque)) => Command::Torque(finite("torque_ref", torque)?),
             (Some(omega), Some(torque)) => {
                 return Err(PyValueError::new_err(format!(
                     "omega_ref = {omega} and torque_ref = {torque}: only one of them can be followed"

@@ -92,7 +92,6 @@ macro_rules! dict {
         dict
     }};
 }
-pub(crate) use dict;
 
 fn unknown_preset(name: &str) -> PyErr {
     PyValueError::new_err(format!("preset = {name:?} is unknown, there are '2.2kW' and '11kW'"))

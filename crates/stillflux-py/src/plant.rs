@@ -7,7 +7,7 @@ use pyo3::types::PyDict;
 use stillflux::params::{self, Machine, check};
 use stillflux_sim::{Mode, PlantParams, Sample, Thermal, Truth};
 
-use crate::convert::{complex, each_keyword, extract, offsets, pair, three, value_error};
+use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
 use crate::parameters::{Inverter, Motor};
 
 fn mode(name: &str) -> PyResult<Mode> {
@@ -138,6 +138,8 @@ plant_state! {
 #[pyclass(module = "stillflux")]
 pub struct Plant {
     plant: stillflux_sim::Plant,
+    speed: Option<f64>,
+    current_offset: [f64; 3],
 }
 
 type Reading<'py> = (Bound<'py, PyArray1<f64>>, f64);
@@ -152,7 +154,8 @@ impl Plant {
     #[pyo3(signature = (motor, inverter, **options))]
     fn new(motor: Motor, inverter: Inverter, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let params = plant_params(motor.machine()?, inverter.params()?, options)?;
-        Ok(Self { plant: stillflux_sim::Plant::new(params).map_err(value_error)? })
+        let plant = stillflux_sim::Plant::new(params).map_err(value_error)?;
+        Ok(Self { plant, speed: params.mechanics.speed, current_offset: params.adc.offset })
     }
 
     /// Runs one PWM period and returns the reading at its end: i_abc in A, shape (3,), and u_dc in V.
@@ -208,16 +211,29 @@ impl Plant {
         Ok(())
     }
 
-    /// Imposes a shaft speed from now on, mechanical rad/s; None lets the shaft go.
-    #[pyo3(signature = (speed))]
-    fn impose_speed(&mut self, speed: Option<f64>) -> PyResult<()> {
-        self.plant.set_speed(shaft_speed(speed)?);
+    /// Imposed shaft speed, mechanical rad/s; None: the shaft is free.
+    #[getter]
+    fn speed(&self) -> Option<f64> {
+        self.speed
+    }
+
+    #[setter]
+    fn set_speed(&mut self, speed: Option<f64>) -> PyResult<()> {
+        self.speed = shaft_speed(speed)?;
+        self.plant.set_speed(speed);
         Ok(())
     }
 
-    /// Sets the offsets of the current channels, A: a complex space vector or three values.
+    /// Offsets of the current channels as last set, A; takes a complex space vector or three values.
+    #[getter]
+    fn current_offset(&self) -> (f64, f64, f64) {
+        self.current_offset.into()
+    }
+
+    #[setter]
     fn set_current_offset(&mut self, offset: &Bound<'_, PyAny>) -> PyResult<()> {
-        self.plant.set_offset(offsets("current_offset", offset)?);
+        self.current_offset = offsets("current_offset", offset)?;
+        self.plant.set_offset(self.current_offset);
         Ok(())
     }
 
@@ -232,9 +248,4 @@ impl Plant {
         self.plant.set_u_dc(dc_link(u_dc)?);
         Ok(())
     }
-}
-
-fn finite(field: &'static str, value: f64) -> PyResult<f64> {
-    check(field, value, -1e9, 1e9, "").map_err(value_error)?;
-    Ok(value)
 }

@@ -57,13 +57,13 @@ impl Adc {
     /// # Errors
     /// The first field found outside its range.
     pub fn validate(&self) -> Result<(), ParamError> {
-        check("bits", f64::from(self.bits), 0.0, 32.0, "bit")?;
-        check("range", self.range, 1e-6, 1e6, "A")?;
-        check("noise", self.noise, 0.0, self.range, "A")?;
+        check("adc_bits", f64::from(self.bits), 0.0, 32.0, "bit")?;
+        check("adc_range", self.range, 1e-6, 1e6, "A")?;
+        check("adc_noise", self.noise, 0.0, self.range, "A")?;
         for k in 0..3 {
-            check("offset", self.offset[k], -self.range, self.range, "A")?;
-            check("offset_drift", self.offset_drift[k], -self.range, self.range, "A/s")?;
-            check("gain", self.gain[k], 0.1, 10.0, "")?;
+            check("current_offset", self.offset[k], -self.range, self.range, "A")?;
+            check("current_offset_drift", self.offset_drift[k], -self.range, self.range, "A/s")?;
+            check("current_gain", self.gain[k], 0.1, 10.0, "")?;
         }
         check("u_dc_bits", f64::from(self.u_dc_bits), 0.0, 32.0, "bit")?;
         check("u_dc_range", self.u_dc_range, 1.0, 1e6, "V")

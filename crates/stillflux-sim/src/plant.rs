@@ -55,7 +55,7 @@ impl PlantParams {
             thermal: None,
             mode: Mode::Switching,
             saturation: true,
-            seed: 1,
+            seed: 0,
         }
     }
 

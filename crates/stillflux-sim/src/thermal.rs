@@ -19,9 +19,9 @@ impl Thermal {
     /// # Errors
     /// The first field found outside its range.
     pub fn validate(&self) -> Result<(), ParamError> {
-        check("time_constant", self.time_constant, 1e-3, 1e6, "s")?;
-        check("rise", self.rise, 0.0, 500.0, "K")?;
-        check("alpha", self.alpha, 0.0, 0.02, "1/K")
+        check("thermal.time_constant", self.time_constant, 1e-3, 1e6, "s")?;
+        check("thermal.rise", self.rise, 0.0, 500.0, "K")?;
+        check("thermal.alpha", self.alpha, 0.0, 0.02, "1/K")
     }
 
     /// Temperature after `h` seconds at `load` = `P_cu/P_cu,N` (trapezoidal: stable at any `h`).

@@ -486,7 +486,7 @@ fn bad_parameters_are_named() {
     assert_eq!(Plant::new(p).unwrap_err().field, "viscous");
     let mut p = linear();
     p.adc.range = 0.0;
-    assert_eq!(Plant::new(p).unwrap_err().field, "range");
+    assert_eq!(Plant::new(p).unwrap_err().field, "adc_range");
     let mut p = linear();
     p.inverter.f_s = f64::NAN;
     assert_eq!(Plant::new(p).unwrap_err().field, "f_s");

@@ -86,7 +86,7 @@ impl DriveParams {
             pll_bandwidth: 25.0,
             inverter_model: true,
             offset_estimator: true,
-            offset_gain: 0.6,
+            offset_gain: 0.5,
             noise_compensator: true,
             noise_gain: (0.06, 0.5),
             resistance_adaptation: true,

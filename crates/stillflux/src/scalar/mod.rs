@@ -46,7 +46,8 @@ pub trait Real:
     /// Name of the arithmetic.
     const NAME: &'static str;
 
-    /// Nearest representable value; saturates, and takes NaN for zero. Folds to a constant for literals.
+    /// Nearest representable value; saturates. NaN stays what it is where there is one, and is zero
+    /// in fixed point. Folds to a constant for literals.
     fn from_f64(x: f64) -> Self;
     /// Exact value.
     fn to_f64(self) -> f64;

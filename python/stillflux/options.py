@@ -1,0 +1,94 @@
+"""Keywords of `Drive`, `FluxEstimator` and `Plant`: names, types, units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypedDict
+
+__all__ = ["DriveSettings", "PlantOptions"]
+
+
+class DriveSettings(TypedDict, total=False):
+    """Settings of a drive; what is not given follows from motor and inverter."""
+
+    psi_ref: float
+    """Flux reference, per unit of rated flux."""
+    i_max: float
+    """Largest current reference, A peak."""
+    torque_max: float
+    """Largest torque reference, N·m."""
+    omega_max: float
+    """Largest speed reference, mechanical rad/s."""
+    i_trip: float
+    """Over-current trip level, A peak of the space vector."""
+    i_range: float
+    """Full scale of the current sensors, A: a reading at or beyond it is a fault."""
+    u_dc_min: float
+    """Smallest dc-link voltage, V."""
+    u_dc_max: float
+    """Largest dc-link voltage, V."""
+    current_bandwidth: float
+    """Bandwidth of current control, Hz."""
+    flux_bandwidth: float
+    """Bandwidth of flux control, Hz."""
+    speed_bandwidth: float
+    """Bandwidth of speed control, Hz."""
+    pll_bandwidth: float
+    """Natural frequency of the speed estimator's phase-locked loop, Hz."""
+    inverter_model: bool
+    """Compensation of threshold and dead time."""
+    offset_estimator: bool
+    """Offset voltage estimator."""
+    offset_gain: float
+    """Part of the measured offset voltage taken over per fundamental period."""
+    noise_compensator: bool
+    """Noise compensator."""
+    noise_gain: tuple[float, float]
+    """Smallest and largest gain of the noise compensator, per unit."""
+    resistance_adaptation: bool
+    """Stator resistance adaptation."""
+    resistance_gain: float
+    """Its gain: relative change of R_s per second and unit of ε."""
+    calibrate_offset: bool
+    """Read the current offsets before each start, and R_s while magnetising."""
+    offset_time: float
+    """Duration of the reading of the offsets, s."""
+    magnetise_time: float
+    """Duration of the magnetisation, s."""
+
+
+class PlantOptions(TypedDict, total=False):
+    """Options of a plant."""
+
+    mode: str
+    """"switching": every edge, dead time and diode event; "averaged": mean leg voltages."""
+    seed: int
+    """Seed of the measurement noise."""
+    saturation: bool
+    """Use the motor's saturation curve, if it has one."""
+    J_load: float
+    """Inertia added to the motor's, kg·m²."""
+    viscous: float
+    """Viscous friction, N·m·s."""
+    coulomb: float
+    """Coulomb friction, N·m."""
+    stribeck: float
+    """Breakaway torque in excess of the Coulomb friction, N·m."""
+    stribeck_speed: float
+    """Speed at which that excess has fallen to 1/e, mechanical rad/s."""
+    speed: float | None
+    """Imposed shaft speed, mechanical rad/s; None: the shaft is free."""
+    adc_bits: int
+    """Resolution of the current channels, bit; 0: no quantisation."""
+    adc_range: float | None
+    """Full scale of the current channels, ±A; None: 2.5 √2 I_N."""
+    adc_noise: float
+    """White noise of the current channels, A rms."""
+    current_offset: complex | Sequence[float]
+    """Offset of the current channels, A: space vector or three values."""
+    current_offset_drift: complex | Sequence[float]
+    """Its drift, A/s."""
+    current_gain: Sequence[float]
+    """Gain of each current channel, ideally 1."""
+    thermal: tuple[float, float, float] | None
+    """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K."""

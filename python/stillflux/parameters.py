@@ -1,0 +1,182 @@
+"""Motor and inverter parameters."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, TypedDict
+
+from stillflux import _core
+
+if TYPE_CHECKING:
+    from typing_extensions import Self, Unpack
+
+__all__ = ["Inverter", "Motor", "Rating"]
+
+
+class Rating(TypedDict):
+    """What the nameplate says, and the inertia."""
+
+    n_p: int
+    J: float
+    U_N: float
+    I_N: float
+    f_N: float
+    T_N: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motor:
+    """Induction motor: inverse-Γ parameters and rating.
+
+    Raises ValueError naming field, value and admissible range.
+    """
+
+    R_s: float
+    """Stator resistance, Ω."""
+    R_R: float
+    """Rotor resistance of the inverse-Γ circuit, Ω."""
+    L_sigma: float
+    """Leakage inductance σL_s, H."""
+    L_M: float
+    """Magnetising inductance of the inverse-Γ circuit, H."""
+    n_p: int
+    """Pole pairs."""
+    J: float
+    """Moment of inertia of the whole shaft, kg·m²."""
+    U_N: float
+    """Rated line-to-line voltage, V rms."""
+    I_N: float
+    """Rated phase current, A rms."""
+    f_N: float
+    """Rated frequency, Hz."""
+    T_N: float
+    """Rated torque, N·m."""
+    saturation: tuple[float, float, float] | None = None
+    """(L_u, a, S) of the Γ-form curve L_s(ψ) = L_u/(1 + (a ψ)^S), in H, 1/(V·s), 1; a plant's property."""
+
+    def __post_init__(self) -> None:
+        if self.saturation is not None:
+            object.__setattr__(self, "saturation", tuple(self.saturation))
+        _core.validate_motor(self)
+
+    @classmethod
+    def preset(cls, name: str) -> Self:
+        """The "2.2kW" or the "11kW" motor."""
+        return cls(**_core.motor_preset(name))
+
+    @classmethod
+    def inverse_gamma(
+        cls,
+        *,
+        R_s: float,
+        R_R: float,
+        L_sigma: float,
+        L_M: float,
+        saturation: tuple[float, float, float] | None = None,
+        **rating: Unpack[Rating],
+    ) -> Self:
+        """From inverse-Γ parameters in Ω and H: `psi_s = L_M (i_s + i_R) + L_sigma i_s`."""
+        return cls(R_s=R_s, R_R=R_R, L_sigma=L_sigma, L_M=L_M, saturation=saturation, **rating)
+
+    @classmethod
+    def gamma(
+        cls,
+        *,
+        R_s: float,
+        R_r: float,
+        L_l: float,
+        L_s: float,
+        saturation: tuple[float, float, float] | None = None,
+        **rating: Unpack[Rating],
+    ) -> Self:
+        """From Γ parameters in Ω and H: all leakage `L_l` on the rotor side."""
+        return cls(**_core.from_gamma(R_s, R_r, L_l, L_s), saturation=saturation, **rating)
+
+    @classmethod
+    def t_model(
+        cls,
+        *,
+        R_s: float,
+        R_r: float,
+        L_ls: float,
+        L_lr: float,
+        L_m: float,
+        saturation: tuple[float, float, float] | None = None,
+        **rating: Unpack[Rating],
+    ) -> Self:
+        """From T parameters in Ω and H."""
+        return cls(**_core.from_t_model(R_s, R_r, L_ls, L_lr, L_m), saturation=saturation, **rating)
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with changed fields; TypeError for an unknown one."""
+        return replace(self, **changes)
+
+    @property
+    def tau_r(self) -> float:
+        """Rotor time constant L_M/R_R, s."""
+        return self.L_M / self.R_R
+
+    @property
+    def L_s(self) -> float:
+        """Stator inductance, H."""
+        return self.L_M + self.L_sigma
+
+    @property
+    def sigma(self) -> float:
+        """Total leakage factor."""
+        return self.L_sigma / self.L_s
+
+    @property
+    def base(self) -> dict[str, float]:
+        """Base values of the per-unit system: u (V), i (A), omega (rad/s), psi, z, l, torque, omega_m."""
+        return _core.base(self)
+
+    def to_gamma(self) -> dict[str, float]:
+        """Γ parameters R_s, R_r, L_l, L_s."""
+        return _core.to_gamma(self)
+
+    def to_t_model(self) -> dict[str, float]:
+        """T parameters R_s, R_r, L_ls, L_lr, L_m, with equal leakages: the terminals cannot tell."""
+        return _core.to_t_model(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inverter:
+    """Two-level inverter.
+
+    Raises ValueError naming field, value and admissible range.
+    """
+
+    u_dc: float = 540.0
+    """Rated dc-link voltage, V."""
+    f_s: float = 10e3
+    """Switching and control frequency, Hz."""
+    u_th: float = 1.0
+    """Threshold voltage of switches and diodes, V."""
+    r_d: float = 0.2
+    """Differential resistance of switches and diodes, Ω."""
+    dead_time: float = 2e-6
+    """Dead time, s."""
+    f_clk: float = 170e6
+    """Clock of the PWM timer, Hz; 0: duties are not quantised."""
+
+    def __post_init__(self) -> None:
+        _core.validate_inverter(self)
+
+    @classmethod
+    def preset(cls, name: str) -> Self:
+        """The inverter of the "2.2kW" or the "11kW" motor."""
+        return cls(**_core.inverter_preset(name))
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with changed fields; TypeError for an unknown one."""
+        return replace(self, **changes)
+
+
+def from_table(cls: type[Any], table: str | dict[str, Any]) -> Any:
+    """A `Motor` or `Inverter` from a preset's name or a dict, in which `preset` may name one to change."""
+    if isinstance(table, str):
+        return cls.preset(table)
+    fields = dict(table)
+    preset = fields.pop("preset", None)
+    return cls(**fields) if preset is None else cls(**{**asdict(cls.preset(preset)), **fields})

@@ -1,0 +1,101 @@
+"""Figures of results."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stillflux.metrics import angle_error
+from stillflux.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+__all__ = ["flux_trajectory", "overview", "thin"]
+
+_MOST = 1200
+
+
+def thin(t: NDArray[Any], x: NDArray[Any], most: int = _MOST) -> tuple[NDArray[Any], NDArray[Any]]:
+    """At most about `most` samples of a real signal; of every bin the least and the greatest stay."""
+    bins = most // 2
+    size = len(t) // bins
+    if size < 2:
+        return t, x
+    folded = x[: bins * size].reshape(bins, size)
+    extremes = np.stack([folded.argmin(1), folded.argmax(1)], axis=1) + size * np.arange(bins)[:, None]
+    chosen = np.unique(np.append(extremes, len(t) - 1))
+    return t[chosen], x[chosen]
+
+
+def overview(result: Result) -> Figure:
+    """Speed, torque, currents, field-angle error, offset voltage and resistance over time."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 12), layout="constrained")
+    axes = figure.subplots(6, 1, sharex=True)
+    speed, torque, currents, angle, offset, resistance = axes
+    current = result["estimate.i_dq"]
+    _lines(
+        speed,
+        result,
+        "speed, rad/s",
+        {"true": result["omega_m"], "estimated": result["estimate.omega_m"]},
+    )
+    if result.scenario.torque_ref is None:
+        speed.plot(*thin(result.t, result["reference"]), "k:", linewidth=0.8, label="reference")
+    _lines(
+        torque,
+        result,
+        "torque, N·m",
+        {"motor": result["torque"], "estimated": result["estimate.torque"], "load": result["load_torque"]},
+    )
+    _lines(currents, result, "current, A", {"$i_d$": current.real, "$i_q$": current.imag})
+    _lines(angle, result, "field angle error, °", {"estimated − true": angle_error(result)})
+    u_off = 1e3 * result["estimate.u_off"]
+    _lines(offset, result, r"$\hat u_{off}$, mV", {r"$\alpha$": u_off.real, r"$\beta$": u_off.imag})
+    r_d = (result.scenario.plant_inverter or result.scenario.inverter).r_d
+    _lines(
+        resistance,
+        result,
+        r"$R_s + r_d$, $\Omega$",
+        {"estimated": result["estimate.R_s"], "true": result["R_s"] + r_d},
+    )
+    low, high = resistance.get_ylim()
+    nominal = result.scenario.motor.R_s + result.scenario.inverter.r_d
+    resistance.set_ylim(min(low, 0.9 * nominal), max(high, 1.1 * nominal))
+    axes[-1].set_xlabel("time, s")
+    figure.suptitle(result.scenario.name or "closed loop")
+    for panel in axes:
+        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+    return figure
+
+
+def flux_trajectory(result: Result) -> Figure:
+    """True and estimated stator flux in the complex plane, while the drive runs."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.5, 4.5), layout="constrained")
+    panel = figure.subplots()
+    running = np.flatnonzero(result["status"] == 3)
+    for signal, label in (("psi_s", "true"), ("estimate.psi_s", "estimated")):
+        # The first period of the run has no estimate yet. Points at equal distances along the path.
+        psi = result[signal][running[1:]]
+        path = np.cumsum(np.abs(np.diff(psi)))
+        if len(path):
+            psi = psi[np.unique(np.searchsorted(path, np.linspace(0.0, path[-1], 2 * _MOST)))]
+        panel.plot(psi.real, psi.imag, linewidth=0.7, label=label)
+    panel.set(xlabel=r"$\psi_\alpha$, V·s", ylabel=r"$\psi_\beta$, V·s", aspect="equal", title="stator flux")
+    panel.grid(alpha=0.3)
+    panel.legend(loc="upper right", fontsize="small")
+    return figure
+
+
+def _lines(panel: Axes, result: Result, label: str, signals: dict[str, NDArray[Any]]) -> None:
+    for name, values in signals.items():
+        panel.plot(*thin(result.t, values), linewidth=0.9, label=name)
+    panel.set_ylabel(label)
+    panel.grid(alpha=0.3)

@@ -1,0 +1,75 @@
+"""`simulate`: runs a scenario in the compiled part, in pieces short enough for Ctrl-C and progress."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import TypeAlias
+
+from stillflux._core import Run
+from stillflux.result import Result
+from stillflux.scenario import Scenario
+
+__all__ = ["Interrupted", "Progress", "simulate"]
+
+Progress: TypeAlias = Callable[[float], object] | bool | None
+"""Called with the fraction done, 0 to 1; True: a bar on stderr."""
+
+_PIECE = 0.05  # s of wall time between looks at Ctrl-C
+
+
+class Interrupted(KeyboardInterrupt):
+    """A run ended by Ctrl-C; `result` is what it had recorded."""
+
+    def __init__(self, result: Result) -> None:
+        super().__init__(f"interrupted at t = {result.t[-1] if len(result.t) else 0.0:.3f} s")
+        self.result = result
+
+
+def simulate(scenario: Scenario, progress: Progress = None) -> Result:
+    """Runs a scenario and returns what it recorded.
+
+    Releases the GIL; raises `Interrupted` within 0.2 s of Ctrl-C.
+    """
+    run = Run(scenario)
+    report = progress_bar(scenario.name) if progress is True else progress or None
+    periods, more = 200, True
+    try:
+        while more:
+            begin = time.monotonic()
+            more = run.advance(periods)
+            if report is not None:
+                report(min(1.0, run.time / scenario.duration) if scenario.duration else 1.0)
+            elapsed = time.monotonic() - begin
+            periods = max(1, int(periods * min(2.0, _PIECE / max(elapsed, 1e-6))))
+    except KeyboardInterrupt:
+        raise Interrupted(_result(scenario, run)) from None
+    return _result(scenario, run)
+
+
+def _result(scenario: Scenario, run: Run) -> Result:
+    data = run.record()
+    return Result(scenario=scenario, t=data.pop("t"), data=data, status=run.status, memory=run.memory())
+
+
+def progress_bar(title: str) -> Callable[[float], None]:
+    """A bar on stderr, redrawn at whole percents; plain text, once at the end, if that is no terminal."""
+    shown = -1
+
+    def show(fraction: float) -> None:
+        nonlocal shown
+        percent = int(100 * fraction)
+        if percent == shown:
+            return
+        shown = percent
+        if sys.stderr.isatty():
+            bar = "#" * (percent * 3 // 10)
+            end = "\n" if percent == 100 else ""
+            print(
+                f"\r{title or 'simulating'} [{bar:<30}] {percent:3d} %", end=end, file=sys.stderr, flush=True
+            )
+        elif percent == 100:
+            print(f"{title or 'simulation'}: done", file=sys.stderr, flush=True)
+
+    return show

@@ -1,0 +1,99 @@
+"""Command line and report."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stillflux as sf
+from stillflux import report
+from stillflux.cli import main
+from stillflux.scenarios import Claim
+
+SCENARIO = """
+motor = "2.2kW"
+inverter = {preset = "2.2kW", f_s = 5e3}
+plant_motor = {preset = "2.2kW", R_s = 4.0}
+duration = 1.8
+omega_ref = [[0.0, 0.0], [1.6, 0.0], [1.6, 3.0]]
+plant = {current_offset = [0.01, 0.02]}
+changes = [[1.7, {R_s = 4.2}]]
+"""
+
+
+def test_simulate_writes_plot_and_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "run.toml").write_text(SCENARIO)
+    plot, record = tmp_path / "run.png", tmp_path / "run.npz"
+    assert main(["simulate", str(tmp_path / "run.toml"), "--plot", str(plot), "--save", str(record)]) == 0
+    assert "status: running" in capsys.readouterr().out
+    result = sf.Result.load(record)
+    assert result.scenario.inverter.f_s == 5e3
+    assert result.scenario.plant["current_offset"] == 0.01 + 0.02j
+    assert result["R_s"][-1] == 4.2
+    assert plot.stat().st_size > 10_000
+
+
+def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bad.toml"
+    for text, expected in [
+        (SCENARIO.replace("1.8", "-1.0"), "duration = -1"),
+        (SCENARIO + "speed = 3\n", "speed is not a field"),
+        ("duration =", "bad.toml|Invalid|invalid"),
+    ]:
+        path.write_text(text)
+        assert main(["simulate", str(path)]) == 2
+        error = capsys.readouterr().err
+        assert re.search(expected, error)
+        assert error.count("\n") == 1
+    assert main(["simulate", str(tmp_path / "none.toml")]) == 2
+
+
+def test_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
+    run = sf.Scenario(motor=motor, inverter=inverter, duration=1.9, omega_ref=10.0, record_every=1)
+    result = sf.simulate(run).window(1.8)
+    u, i = result["estimate.u_s"], result["estimate.i_s"]
+    log, out = tmp_path / "log.csv", tmp_path / "out.csv"
+    columns = np.column_stack([result.t, u.real, u.imag, i.real, i.imag])
+    np.savetxt(log, columns, delimiter=",", header="t,u_alpha,u_beta,i_alpha,i_beta", comments="")
+    assert main(["replay", str(log), "--out", str(out)]) == 0
+    estimates = np.genfromtxt(out, delimiter=",", names=True)
+    assert len(estimates) == len(result.t)
+    log.write_text("u_alpha,u_beta,i_alpha\n1,2,3\n")
+    assert main(["replay", str(log), "--out", str(out)]) == 2
+    assert "i_beta is missing" in capsys.readouterr().err
+    log.write_text("u_alpha,u_beta,i_alpha,i_beta\n1,2,3,x\n")
+    assert main(["replay", str(log), "--out", str(out)]) == 2
+    assert "line 2" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [[], ["demo"], ["simulate"], ["replay"]])
+def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main([*command, "--help"])
+    assert stop.value.code == 0
+    assert "usage: stillflux" in capsys.readouterr().out
+
+
+def test_report_is_self_contained(scenario: sf.Scenario, tmp_path: Path) -> None:
+    section = report.Section("A < B", "run", sf.simulate(scenario), [Claim("x ≤ 1", "2", False)])
+    path = tmp_path / "sub" / "report.html"
+    report.write(path, "Title", "stillflux demo", [section])
+    text = path.read_text(encoding="utf-8")
+    assert text.count("<svg") == 2
+    assert "A &lt; B" in text
+    assert "failed" in text
+    # No file or address is loaded: the only addresses are the names of XML namespaces and metadata.
+    assert not re.search(r"<(img|script|link)\b|@import|url\((?!#)", text)
+    assert not re.search(r'(?:src|href)="(?!#)', text)
+    assert sorted(p.name for p in path.parent.iterdir()) == ["report.html", "run-flux.png", "run-signals.png"]
+
+
+@pytest.mark.slow
+def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--machine", "2.2kW", "--out", str(tmp_path)]) == 0
+    assert "FAILED" not in capsys.readouterr().out
+    assert 10_000 < (tmp_path / "demo.html").stat().st_size < 3_000_000

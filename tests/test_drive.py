@@ -1,0 +1,182 @@
+"""Drive: contract, faults, and control of a plant that is not ours."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import stillflux as sf
+
+
+class ForeignMotor:
+    """Inverse-Γ machine on an ideal average inverter, fourth-order Runge-Kutta, nothing of stillflux."""
+
+    def __init__(self, motor: sf.Motor, f_s: float, u_dc: float) -> None:
+        self.m, self.u_dc, self.h = motor, u_dc, 1.0 / f_s
+        self.x = (0j, 0j, 0.0)
+        self.duty = [0.5, 0.5, 0.5]
+
+    def current(self) -> complex:
+        return (self.x[0] - self.x[1]) / self.m.L_sigma
+
+    def torque(self) -> float:
+        return 1.5 * self.m.n_p * (self.x[0].conjugate() * self.current()).imag
+
+    def phases(self) -> list[float]:
+        i = self.current()
+        return [(i * np.exp(-2j * math.pi * k / 3)).real for k in range(3)]
+
+    def _slope(
+        self, x: tuple[complex, complex, float], u: complex, load: float
+    ) -> tuple[complex, complex, float]:
+        m = self.m
+        psi_s, psi_r, omega = x
+        i = (psi_s - psi_r) / m.L_sigma
+        torque = 1.5 * m.n_p * (psi_s.conjugate() * i).imag
+        return (
+            u - m.R_s * i,
+            m.R_R * i - (m.R_R / m.L_M - 1j * m.n_p * omega) * psi_r,
+            (torque - load) / m.J,
+        )
+
+    def step(self, duty: np.ndarray, load: float) -> None:
+        a = np.exp(2j * math.pi / 3)
+        u = complex(2 / 3 * self.u_dc * (self.duty[0] + a * self.duty[1] + a * a * self.duty[2]))
+        self.duty = [float(d) for d in duty]
+        x, h = self.x, self.h
+
+        def ahead(k: tuple[complex, complex, float], by: float) -> tuple[complex, complex, float]:
+            return (x[0] + by * k[0], x[1] + by * k[1], x[2] + by * k[2])
+
+        k1 = self._slope(x, u, load)
+        k2 = self._slope(ahead(k1, h / 2), u, load)
+        k3 = self._slope(ahead(k2, h / 2), u, load)
+        k4 = self._slope(ahead(k3, h), u, load)
+        mean = tuple((p + 2 * q + 2 * r + s) / 6 for p, q, r, s in zip(k1, k2, k3, k4, strict=True))
+        self.x = ahead((mean[0], mean[1], float(mean[2].real)), h)
+
+
+@pytest.mark.parametrize("arithmetic", ["f32", "f64", "q"])
+def test_controls_a_foreign_plant_from_rest(arithmetic: str) -> None:
+    motor = sf.Motor.preset("2.2kW")
+    inverter = sf.Inverter(f_s=5e3, u_th=0.0, r_d=0.0, dead_time=0.0, f_clk=0.0)
+    drive = sf.Drive(motor, inverter, arithmetic=arithmetic)
+    plant = ForeignMotor(motor, inverter.f_s, inverter.u_dc)
+    speeds, angles = [], []
+    for k in range(int(3.5 * inverter.f_s)):
+        t = k / inverter.f_s
+        duty = drive.step(plant.phases(), inverter.u_dc, omega_ref=8.0)
+        if t < 0.09:
+            assert not drive.gates_on
+        plant.step(duty if drive.gates_on else np.full(3, 0.5), load=0.5 * motor.T_N if t > 2.3 else 0.0)
+        if t > 3.2:
+            speeds.append(plant.x[2])
+            angles.append(np.angle(drive.estimate.psi_s / plant.x[0]))
+    assert drive.status == "running"
+    assert np.abs(np.array(speeds) - 8.0).max() < 0.3
+    assert np.degrees(np.abs(angles).max()) < 3.0
+    assert plant.torque() == pytest.approx(0.5 * motor.T_N, rel=0.05)
+
+
+def test_sequence_and_estimate(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
+    seen = []
+    i_abc, u_dc = plant.sample()
+    for _ in range(18_000):
+        duty = drive.step(i_abc, u_dc, omega_ref=10.0)
+        assert duty.shape == (3,)
+        assert np.all((duty >= 0) & (duty <= 1))
+        i_abc, u_dc = plant.step(duty, gates_on=drive.gates_on)
+        if drive.status.state not in seen:
+            seen.append(drive.status.state)
+    assert seen == ["reading offset", "magnetising", "running"]
+    assert drive.status == "running"
+    assert str(drive.status) == "running"
+    estimate, truth = drive.estimate, plant.state
+    assert abs(np.angle(estimate.psi_s / truth.psi_s)) < math.radians(3)
+    assert estimate.omega_m == pytest.approx(truth.omega_m, abs=1.0)
+    assert 0.0 < estimate.confidence <= 1.0
+    duty = drive.step(i_abc, u_dc)
+    assert drive.status == "stopped"
+    assert not drive.gates_on
+    assert list(duty) == [0.5, 0.5, 0.5]
+    memory = drive.memory()
+    other = sf.Drive(motor, inverter)
+    other.restore(memory)
+    assert other.memory()["R_s"] == pytest.approx(memory["R_s"], rel=1e-6)
+    assert other.memory()["u_off"] == pytest.approx(memory["u_off"], rel=1e-5)
+
+
+def test_accepts_any_three_numbers(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive = sf.Drive(motor, inverter)
+    for currents in ([0, 0.0, 0], (0.0, 0.0, 0.0), np.zeros(3), np.zeros(3, np.float32), np.zeros(6)[::2]):
+        drive.step(currents, 540.0, omega_ref=0.0)
+    assert drive.status == "starting"
+    with pytest.raises(ValueError, match="i_abc has 2 values"):
+        drive.step([0.0, 0.0], 540.0)
+    with pytest.raises(TypeError, match="i_abc"):
+        drive.step(["a", 0.0, 0.0], 540.0)  # type: ignore[list-item]
+    with pytest.raises(ValueError, match="omega_ref = NaN"):
+        drive.step([0.0, 0.0, 0.0], 540.0, omega_ref=float("nan"))
+    with pytest.raises(ValueError, match="only one"):
+        drive.step([0.0, 0.0, 0.0], 540.0, omega_ref=1.0, torque_ref=1.0)
+
+
+@pytest.mark.parametrize(
+    ("i_abc", "u_dc", "cause"),
+    [
+        ((float("nan"), 0.0, 0.0), 540.0, "measurement"),
+        ((17.5, -8.7, -8.7), 540.0, "over-current"),
+        ((100.0, -50.0, -50.0), 540.0, "measurement"),
+        ((0.0, 0.0, 0.0), 100.0, "under-voltage"),
+        ((0.0, 0.0, 0.0), 900.0, "over-voltage"),
+    ],
+)
+@pytest.mark.parametrize("arithmetic", ["f32", "f64", "q"])
+def test_faults_are_latched_with_cause_and_time(
+    arithmetic: str, i_abc: tuple[float, float, float], u_dc: float, cause: str
+) -> None:
+    motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter()
+    drive = sf.Drive(motor, inverter, arithmetic)
+    for _ in range(99):
+        drive.step((0.0, 0.0, 0.0), 540.0, omega_ref=0.0)
+    drive.step(i_abc, u_dc, omega_ref=0.0)
+    drive.step((0.0, 0.0, 0.0), 540.0, omega_ref=0.0)
+    assert drive.status == "fault"
+    assert drive.status.fault == cause
+    assert drive.status.time == pytest.approx(0.01)
+    assert str(drive.status) == f"fault: {cause} at 0.0100 s"
+    assert not drive.gates_on
+    drive.reset()
+    assert drive.status == "stopped"
+
+
+def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive = sf.Drive(motor, inverter, noise_gain=(0.03, 0.2), offset_estimator=False)
+    assert drive.settings["noise_gain"] == (0.03, 0.2)
+    assert drive.settings["offset_estimator"] is False
+    with pytest.raises(TypeError, match="'bandwidth'"):
+        sf.Drive(motor, inverter, bandwidth=3.0)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="psi_ref"):
+        sf.Drive(motor, inverter, psi_ref="one")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"psi_ref = 2 .*range 0.3 to 1.2"):
+        sf.Drive(motor, inverter, psi_ref=2.0)
+    with pytest.raises(ValueError, match=r"arithmetic = .*'q'"):
+        sf.Drive(motor, inverter, arithmetic="f16")
+    with pytest.raises(ValueError, match=r"scheme = .*'paper'"):
+        sf.Drive(motor, inverter, scheme="voltage")
+    with pytest.raises(KeyError, match="R_s"):
+        drive.restore({"u_off": 0j, "i_off": (0, 0, 0)})
+    with pytest.raises(ValueError, match="finite"):
+        drive.restore({"u_off": 0j, "i_off": (0, 0, 0), "R_s": float("nan")})
+
+
+def test_status_behaves_as_its_string() -> None:
+    status = sf.Status("magnetising")
+    assert status == "starting"
+    assert status != "running"
+    assert hash(status) == hash("starting")
+    assert status in {"starting"}
+    assert sf.Status("faulted", "over-current", 1.0) != sf.Status("faulted", "over-current", 2.0)

@@ -1,0 +1,50 @@
+"""FluxEstimator over records."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stillflux as sf
+
+OMEGA = 2 * np.pi * 1.5
+
+
+def record(motor: sf.Motor, inverter: sf.Inverter, offset: complex, n: int) -> tuple[np.ndarray, ...]:
+    """Voltage, current and flux of a machine turning steadily; the voltage carries an offset."""
+    t = np.arange(n) / inverter.f_s
+    psi = motor.base["psi"] * np.exp(1j * OMEGA * t)
+    i = (3.0 + 1.0j) * np.exp(1j * OMEGA * t)
+    u = np.zeros(n, complex)
+    u[1:] = np.diff(psi) * inverter.f_s + (motor.R_s + inverter.r_d) * (i[1:] + i[:-1]) / 2
+    return u + offset, i, psi
+
+
+def test_clean_record_gives_the_flux(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    u, i, psi = record(motor, inverter, 0j, 40_000)
+    trace = sf.FluxEstimator(motor, inverter).run(u, i)
+    assert trace.psi_s == pytest.approx(psi, rel=1e-5)
+    assert np.array_equal(trace.angle, np.angle(trace.psi_s))
+    assert trace.omega_s[-1] == pytest.approx(OMEGA, rel=1e-3)
+    assert len(trace.t) == len(u)
+
+
+def test_offset_is_found(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    u, i, psi = record(motor, inverter, 0.05 - 0.03j, 150_000)
+    trace = sf.FluxEstimator(motor, inverter, offset_gain=0.5).run(u, i, omega_s=OMEGA, psi_s0=psi[0])
+    assert trace.u_off[-1] == pytest.approx(0.05 - 0.03j, rel=0.03)
+    assert np.degrees(np.abs(np.angle(trace.psi_s[-1000:] / psi[-1000:])).max()) < 1.0
+
+
+def test_series_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    u, i, _ = record(motor, inverter, 0j, 100)
+    estimator = sf.FluxEstimator(motor, inverter)
+    constant = estimator.run(u, i, R_s=3.0, omega_s=1.0)
+    series = estimator.run(u, i, R_s=np.full(100, 3.0), omega_s=np.ones(100))
+    assert np.array_equal(constant.psi_s, series.psi_s)
+    assert len(estimator.run(u[:0], i[:0]).t) == 0
+    with pytest.raises(ValueError, match="i_s has 99 samples, u_s has 100"):
+        estimator.run(u, i[:-1])
+    i[7] = np.nan
+    with pytest.raises(ValueError, match=r"i_s\[7\]"):
+        estimator.run(u, i)

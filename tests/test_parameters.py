@@ -1,0 +1,60 @@
+"""Motor and inverter: conversions, copies, errors."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import pytest
+
+import stillflux as sf
+
+RATING: Any = {"n_p": 2, "J": 0.1, "U_N": 400.0, "I_N": 20.0, "f_N": 50.0, "T_N": 70.0}
+
+
+def test_contract_example() -> None:
+    motor = sf.Motor.inverse_gamma(
+        R_s=3.7, R_R=2.1, L_sigma=0.021, L_M=0.224, n_p=2, J=0.015, U_N=400.0, I_N=5.0, f_N=50.0, T_N=14.6
+    )
+    assert motor == sf.Motor.preset("2.2kW").replace(saturation=None)
+    assert motor.replace(R_s=4.4).R_s == 4.4
+    assert motor.tau_r == pytest.approx(0.224 / 2.1)
+    assert motor.L_s == pytest.approx(0.245)
+    assert motor.sigma == pytest.approx(0.021 / 0.245)
+    assert motor.base["psi"] == pytest.approx(400.0 * (2 / 3) ** 0.5 / (100 * 3.141592653589793))
+
+
+def test_circuits_convert_exactly() -> None:
+    motor = sf.Motor.inverse_gamma(R_s=0.2, R_R=0.2, L_sigma=2e-3, L_M=0.06, **RATING)
+    gamma: Any = motor.to_gamma()
+    t_model: Any = motor.to_t_model()
+    for back in (sf.Motor.gamma(**gamma, **RATING), sf.Motor.t_model(**t_model, **RATING)):
+        for name in ("R_s", "R_R", "L_sigma", "L_M"):
+            assert getattr(back, name) == pytest.approx(getattr(motor, name), rel=1e-11)
+
+
+@pytest.mark.parametrize("value", [sf.Motor.preset("2.2kW"), sf.Motor.preset("11kW"), sf.Inverter(f_s=5e3)])
+def test_pickle_and_repr(value: sf.Motor | sf.Inverter) -> None:
+    assert pickle.loads(pickle.dumps(value)) == value
+    assert eval(repr(value), vars(sf)) == value
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("R_s", -1.0), ("L_M", float("nan")), ("n_p", 0), ("J", float("inf")), ("n_p", -3), ("U_N", 1e9)],
+)
+def test_bad_motor_names_field_value_and_range(field: str, value: float) -> None:
+    with pytest.raises(ValueError, match=rf"{field} = .* range .* to ") as error:
+        sf.Motor.preset("2.2kW").replace(**{field: value})
+    assert str(value).lower() in str(error.value).lower() or f"{value:.0f}" in str(error.value)
+
+
+def test_other_errors() -> None:
+    with pytest.raises(ValueError, match=r"n_p = 1.5"):
+        sf.Motor.preset("2.2kW").replace(n_p=1.5)
+    with pytest.raises(ValueError, match=r"'2\.2kW' and '11kW'"):
+        sf.Motor.preset("3kW")
+    with pytest.raises(TypeError, match="R_x"):
+        sf.Motor.preset("2.2kW").replace(R_x=1.0)
+    with pytest.raises(ValueError, match=r"dead_time = 1"):
+        sf.Inverter(dead_time=1.0)

@@ -1,0 +1,165 @@
+"""Scenario, simulate, Result."""
+
+from __future__ import annotations
+
+import _thread
+import pickle
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stillflux as sf
+from stillflux import metrics
+
+
+def test_records_truth_and_estimate_apart(scenario: sf.Scenario) -> None:
+    result = sf.simulate(scenario)
+    assert result.status == "running"
+    assert len(result.t) == pytest.approx(2000, abs=1)
+    assert result["psi_s"].dtype == complex
+    assert result["estimate.omega_m"].shape == result.t.shape
+    assert result.units["omega_m"] == "rad/s"
+    assert result["omega_m"][-1] == pytest.approx(5.0, abs=1.5)
+    assert metrics.start_time(result) == pytest.approx(1.5, abs=0.2)
+    assert result["R_s"][-1] == pytest.approx(4.0, rel=0.05)
+    with pytest.raises(KeyError, match="was not recorded"):
+        result["speed"]
+
+
+def test_same_scenario_same_result(scenario: sf.Scenario) -> None:
+    noisy = scenario.replace(plant={"adc_noise": 0.02, "seed": 5})
+    first, second = sf.simulate(noisy), sf.simulate(noisy)
+    assert np.array_equal(first["i_s"], second["i_s"])
+
+
+def test_pickles(scenario: sf.Scenario) -> None:
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
+    result = sf.simulate(scenario.replace(signals=["omega_m"], duration=0.1))
+    back = pickle.loads(pickle.dumps(result))
+    assert np.array_equal(back["omega_m"], result["omega_m"])
+    assert back.status == result.status
+
+
+def test_save_and_load(scenario: sf.Scenario, tmp_path: Path) -> None:
+    result = sf.simulate(scenario.replace(memory={"u_off": 0.1 + 0.2j, "R_s": 3.9, "i_off": (0.0, 0.1, 0.0)}))
+    path = tmp_path / "run.npz"
+    result.save(path)
+    back = sf.Result.load(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
+    assert back.scenario.plant["current_offset"] == 0.03 + 0.02j
+    assert back.scenario.motor == scenario.motor
+    assert back.memory == result.memory
+    assert back.status == result.status
+    assert back.signals == result.signals
+    assert np.array_equal(back["psi_s"], result["psi_s"])
+    assert np.array_equal(sf.simulate(back.scenario)["psi_s"], result["psi_s"])
+
+
+def test_failed_save_leaves_nothing(
+    scenario: sf.Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = sf.simulate(scenario.replace(duration=0.01))
+    path = tmp_path / "run.npz"
+    path.write_bytes(b"before")
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr(np, "savez_compressed", full)
+    with pytest.raises(OSError, match="disk full"):
+        result.save(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
+    assert path.read_bytes() == b"before"
+
+
+def test_window_and_plot(scenario: sf.Scenario) -> None:
+    result = sf.simulate(scenario)
+    part = result.window(1.0, 1.5)
+    assert part.t[0] == pytest.approx(1.0)
+    assert part.t[-1] == pytest.approx(1.5)
+    assert len(result.plot().axes) == 6
+    with pytest.raises(ValueError, match="window = "):
+        result.window(5.0)
+
+
+def test_mismatch_is_one_line(scenario: sf.Scenario) -> None:
+    result = sf.simulate(scenario.replace(plant_motor=scenario.motor.replace(R_s=4.4), changes=(), plant={}))
+    assert result["R_s"][0] == 4.4
+    assert result.scenario.motor.R_s == 3.7
+
+
+def test_torque_reference_and_imposed_speed(scenario: sf.Scenario) -> None:
+    run = scenario.replace(
+        omega_ref=0.0, torque_ref=[(0.0, 0.0), (1.6, 0.0), (1.6, 5.0)], plant={"speed": 0.0}, changes=()
+    )
+    result = sf.simulate(run)
+    assert result["omega_m"][-1] == 0.0
+    assert result["torque"][-1] == pytest.approx(5.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "text"),
+    [
+        ({"duration": -1.0}, ValueError, "duration = -1"),
+        ({"duration": 9e4}, ValueError, "raise record_every"),
+        ({"arithmetic": "f8"}, ValueError, "arithmetic = "),
+        ({"signals": ["speed"]}, ValueError, "'speed'|\"speed\""),
+        ({"settings": {"gain": 1.0}}, TypeError, "'gain'"),
+        ({"plant": {"gain": 1.0}}, TypeError, "'gain'"),
+        ({"plant": {"adc_bits": 99}}, ValueError, "bits = 99"),
+        ({"changes": [(1.0, {"R_r": 1.0})]}, TypeError, "'R_r'"),
+        ({"changes": [(1.0, {"R_s": -1.0})]}, ValueError, "R_s = -1"),
+        ({"changes": [(1.0, {"R_s": 1.0}), (0.5, {"R_s": 2.0})]}, ValueError, "changes time = 0.5"),
+        ({"load_torque": [(1.0, 0.0), (0.5, 0.0)]}, ValueError, "load_torque: .*time = 0.5"),
+        ({"omega_ref": float("nan")}, ValueError, "omega_ref: .*NaN"),
+        ({"torque_ref": 1.0}, ValueError, "give only one"),
+        ({"memory": {"R_s": 1.0}}, KeyError, "u_off"),
+        ({"plant_inverter": sf.Inverter(f_s=5e3)}, ValueError, "f_s = 5000"),
+    ],
+)
+def test_bad_scenarios(
+    scenario: sf.Scenario, changes: dict[str, object], error: type[Exception], text: str
+) -> None:
+    with pytest.raises(error, match=text):
+        scenario.replace(**changes)
+
+
+def test_reports_progress(scenario: sf.Scenario, capsys: pytest.CaptureFixture[str]) -> None:
+    seen: list[float] = []
+    sf.simulate(scenario, progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+    sf.simulate(scenario, progress=True)
+    assert "start" in capsys.readouterr().err
+
+
+def test_interrupt_within_200_ms_keeps_what_was_recorded(scenario: sf.Scenario) -> None:
+    long = scenario.replace(duration=5000.0, record_every=100, signals=["omega_m"])
+    pressed = 0.0
+
+    def press() -> None:
+        nonlocal pressed
+        pressed = time.monotonic()
+        _thread.interrupt_main()
+
+    timer = threading.Timer(0.3, press)
+    timer.start()
+    with pytest.raises(sf.Interrupted) as stop:
+        sf.simulate(long)
+    assert time.monotonic() - pressed < 0.2
+    assert isinstance(stop.value, KeyboardInterrupt)
+    assert 0.0 < stop.value.result.t[-1] < 5000.0
+
+
+def test_releases_the_gil(scenario: sf.Scenario) -> None:
+    """While one thread simulates, this one gets to run many times between its pieces."""
+    worker = threading.Thread(target=sf.simulate, args=(scenario.replace(duration=20.0),))
+    worker.start()
+    longest, last = 0.0, time.monotonic()
+    while worker.is_alive():
+        time.sleep(0.001)
+        longest, last = max(longest, time.monotonic() - last), time.monotonic()
+    assert longest < 0.04
