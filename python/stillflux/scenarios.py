@@ -30,6 +30,9 @@ OFFSET_25_MV = 0.00625
 OFFSET_250_MV = 10 * OFFSET_25_MV
 """The offset of Figs. 10 and 15 in the paper, whose scale it does not give; ten times that of Fig. 9."""
 
+ADC_NOISE = 0.004
+"""Noise of the 12-bit current sensors, rms per unit of rated rms current."""
+
 RUN = 1.5
 """Offset reading and magnetisation: the drive runs after this time, s."""
 
@@ -104,7 +107,10 @@ def _experiment(
         inverter=Inverter.preset(machine),
         arithmetic=arithmetic,
         settings={"calibrate_offset": False},
-        plant={"current_offset": complex(offset, offset) * motor.base["i"]},
+        plant={
+            "current_offset": complex(offset, offset) * motor.base["i"],
+            "adc_noise": ADC_NOISE * motor.I_N,
+        },
         omega_ref=_scaled(omega, motor.base["omega_m"]),
         load_torque=_scaled(load, motor.T_N),
         duration=duration,
