@@ -63,7 +63,7 @@ fn record<R: Word>(frames_to: &str, answers_to: &str) -> Result<(), Box<dyn Erro
     let mut control = Control::<R>::new(&p)?;
     let mut sample = plant.sample();
     let (mut frames, mut answers) = (Vec::new(), Vec::new());
-    let (mut speed, mut torque_rated) = (0.0_f64, 0_u32);
+    let mut speed = 0.0_f64;
     for k in 0..(DURATION * p.inverter.f_s) as u32 {
         let t = f64::from(k) / p.inverter.f_s;
         let &(_, set, load) = PROFILE.iter().rev().find(|x| x.0 <= t).unwrap_or(&PROFILE[0]);
@@ -74,29 +74,24 @@ fn record<R: Word>(frames_to: &str, answers_to: &str) -> Result<(), Box<dyn Erro
                 speed += (x - speed).clamp(-1.0 / p.inverter.f_s, 1.0 / p.inverter.f_s);
                 Reference::Speed(R::from_f64(speed))
             }
-            Set::Torque(x) => {
-                torque_rated += 1;
-                Reference::Torque(R::from_f64(x * p.machine.T_N / base.torque))
-            }
+            Set::Torque(x) => Reference::Torque(R::from_f64(x * p.machine.T_N / base.torque)),
         };
         let counts = Counts {
             i_abc: sample.i_abc.map(|i| left_aligned(i / p.i_full)),
             u_dc: left_aligned(sample.u_dc / p.u_full),
         };
-        // The references settle on the target's representation: what is recorded is what is applied.
         let command = control.period(&counts, &reference);
         frames.extend(Frame { counts, reference }.to_bytes());
         answers.extend(answer(&control, &command));
-        let duty = command.compare.map(|n| f64::from(n) / 8500.0);
+        let duty = command.compare.map(|n| f64::from(n) / f64::from(control.timer().full()));
         sample = plant.step(duty, command.gates_on, load * p.machine.T_N);
-        if k % 5000 == 0 {
-            eprintln!("{t:5.1} s  {:?}  omega_m {:.3}", control.drive.status(), plant.truth().omega_m / base.omega_m);
+        if matches!(control.drive.status(), Status::Faulted { .. }) {
+            return Err(format!("{:?} at {t} s", control.drive.status()).into());
         }
     }
-    let expected = matches!(control.drive.status(), Status::Stopped);
     std::fs::write(frames_to, &frames)?;
     std::fs::write(answers_to, &answers)?;
-    if expected { Ok(()) } else { Err(format!("the drive ended {:?}", control.drive.status()).into()) }
+    Ok(())
 }
 
 /// A 12-bit reading, left-aligned in 16 bits.

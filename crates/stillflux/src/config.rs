@@ -55,7 +55,8 @@ pub struct DriveParams {
     pub noise_gain: (f64, f64),
     /// Stator resistance adaptation.
     pub resistance_adaptation: bool,
-    /// Gain of the adaptation: relative change of `r̂_s` per second and unit of ε.
+    /// Gain of the adaptation: change of `r̂_s` in per unit, per second and unit of ε. In per unit the answer to a
+    /// wrong resistance, `2 k i_q/ω_s`, is the same for all machines.
     pub resistance_gain: f64,
     /// Read the current offsets with gates off before each start, and `r̂_s` while magnetising.
     pub calibrate_offset: bool,
@@ -90,7 +91,7 @@ impl DriveParams {
             noise_compensator: true,
             noise_gain: (0.06, 0.5),
             resistance_adaptation: true,
-            resistance_gain: 5.0,
+            resistance_gain: 0.42,
             calibrate_offset: true,
             offset_time: 0.1,
             magnetise_time: (4.0 * tau_r).max(1.4),
@@ -122,7 +123,7 @@ impl DriveParams {
         check("offset_gain", self.offset_gain, 0.01, 1.0, "")?;
         check("noise_gain[0]", self.noise_gain.0, 0.0, 1.0, "")?;
         check("noise_gain[1]", self.noise_gain.1, self.noise_gain.0, 4.0, "")?;
-        check("resistance_gain", self.resistance_gain, 0.0, 50.0, "1/s")?;
+        check("resistance_gain", self.resistance_gain, 0.0, 5.0, "p.u./s")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
         check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")
     }
@@ -226,6 +227,7 @@ impl<R: Real> DriveConfig<R> {
         let hz = |f: f64| core::f64::consts::TAU * f / b.omega;
         let periods = |t: f64| (t * inverter.f_s + 0.5) as u32;
 
+        let t_s = b.omega / inverter.f_s;
         let l_s = machine.L_s() / b.l;
         let sigma_l_s = machine.L_sigma / b.l;
         let tau_r = machine.L_M / machine.R_R * b.omega;
@@ -240,8 +242,7 @@ impl<R: Real> DriveConfig<R> {
         let omega_n = hz(p.pll_bandwidth);
         let dead_time = inverter.dead_time * inverter.f_s * inverter.u_dc / b.u;
         let r_s = (machine.R_s + inverter.r_d) / b.z;
-        // Relative gain per second → per unit of r_s and normalised time.
-        let resistance_gain = p.resistance_gain * r_s / b.omega;
+        let resistance_gain = p.resistance_gain / b.omega;
         let noise = if p.noise_compensator { p.noise_gain } else { (0.0, 0.0) };
         let magnetise_periods = periods(p.magnetise_time);
         let r_s_periods = magnetise_periods / 4;
@@ -252,7 +253,8 @@ impl<R: Real> DriveConfig<R> {
             t_s: pu.t_s,
             gain: r(p.offset_gain),
             limit: r(0.05),
-            longest: r(longest_window(0.004)),
+            turn: r(t_s / core::f64::consts::TAU),
+            longest: longest_window(0.004, t_s),
             omega_max: r(0.2),
         };
         Ok(Self {
@@ -274,51 +276,50 @@ impl<R: Real> DriveConfig<R> {
                 sigma_l_s: pu.sigma_l_s,
                 r_r: pu.r_r,
                 k_p: r(2.0 * omega_n),
-                k_i: r(omega_n * omega_n),
+                k_i: r(t_s * omega_n * omega_n),
                 omega_max: r(3.0),
             },
             resistance: p.resistance_adaptation.then(|| ResistanceConfig {
-                t_s: pu.t_s,
                 l_sum: r(l_s + sigma_l_s),
                 l_product: r(l_product),
-                gain: r(resistance_gain),
+                gain: r(t_s * resistance_gain),
                 i_q_min: r(0.15 * machine.T_N / b.torque / p.psi_ref),
+                i_q_high: r(0.6 * machine.T_N / b.torque / p.psi_ref),
                 omega_min: r(0.004),
                 omega_max: r(0.1),
                 transient: r(0.05),
-                corner: r(hz(2.0)),
+                corner: r(t_s * hz(2.0)),
                 hold: periods(0.2),
             }),
             confidence: ConfidenceConfig {
                 t_s: pu.t_s,
                 u_floor: r(1e-4 * r_s + 1e-4 * dead_time),
                 u_initial: r(0.01 * r_s),
-                corner: r(hz(0.2)),
+                corner: r(t_s * hz(0.2)),
             },
             current: CurrentConfig {
-                t_s: pu.t_s,
                 k_p: r(k_p),
-                k_i: r(k_p * hz(p.current_bandwidth) / 5.0),
+                k_i: r(t_s * k_p * hz(p.current_bandwidth) / 5.0),
                 inv_k_p: r(1.0 / k_p),
             },
             flux_control: FluxControlConfig {
-                t_s: pu.t_s,
                 psi_rated: r(p.psi_ref),
+                inv_psi_rated: r(1.0 / p.psi_ref),
                 psi_min: r(0.2 * p.psi_ref),
                 l_sum: r(l_s + sigma_l_s),
-                l_product: r(l_product),
+                root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
+                root_i_q: r(4.0 * l_product * l_product),
                 inv_two_l_product: r(0.5 / l_product),
                 pull_out: r((1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
                 k_p: r(flux_gain * tau_r),
-                k_i: r(flux_gain),
+                k_i: r(t_s * flux_gain),
                 omega_begin: r(0.02),
                 inv_fade: r(25.0),
                 limit: r(0.3 * i_0),
             },
             speed_control: SpeedControlConfig {
-                t_s: pu.t_s,
                 k_p: r(speed_gain),
-                k_i: r(speed_gain * hz(p.speed_bandwidth) / 4.0),
+                k_i: r(t_s * speed_gain * hz(p.speed_bandwidth) / 4.0),
                 torque_max: r(p.torque_max / b.torque),
             },
             inv_r_s: r(1.0 / r_s),

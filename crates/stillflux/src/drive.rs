@@ -420,7 +420,7 @@ impl<R: Real> Drive<R> {
         self.implausible = if lost { self.implausible.saturating_add(1) } else { 0 };
 
         // Controllers: torque, i_q* within current limit and pull-out, i_d* of (12), voltage.
-        let inv_psi = psi_ref.recip();
+        let inv_psi = c.flux_control.reciprocal(psi_ref);
         let i_q_max = (c.pull_out_use * psi_ref).min(c.i_q_max);
         let torque_max = i_q_max * psi_ref;
         let torque_ref = match *reference {

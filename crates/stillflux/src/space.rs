@@ -5,7 +5,7 @@
 //! to the other, so frames cannot be mixed by accident. No trigonometry: a rotator is a unit vector,
 //! taken from a flux vector or turned by small angles.
 
-use crate::scalar::Real;
+use crate::scalar::{Real, likely};
 use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Mul, Neg, Sub};
 use nalgebra::Vector2;
@@ -147,7 +147,7 @@ impl<R: Real> AlphaBeta<R> {
     /// Inverse Clarke transformation without zero sequence.
     #[inline]
     pub fn to_phases(&self) -> [R; 3] {
-        let half = self.re() * R::HALF;
+        let half = self.re().half();
         let h = half_sqrt3::<R>() * self.im();
         [self.re(), h - half, -half - h]
     }
@@ -172,14 +172,20 @@ impl<R: Real> Rotator<R> {
     /// `ψ/|ψ|` and `|ψ|`; keeps the angle zero where the vector (nearly) vanishes.
     #[inline]
     pub fn of(v: &AlphaBeta<R>) -> (Self, R) {
+        let (e, magnitude, _) = Self::near(v, R::ZERO);
+        (e, magnitude)
+    }
+
+    /// [`Rotator::of`] from a `guess` of `1/|ψ|`, that of the period before; returns also the next guess.
+    #[inline]
+    pub fn near(v: &AlphaBeta<R>, guess: R) -> (Self, R, R) {
         let n2 = v.norm_sq();
-        let inv = n2.rsqrt();
-        let e = *v * inv;
+        let inv = n2.rsqrt_near(guess);
         let magnitude = n2 * inv;
-        if magnitude > R::from_f64(0.01) {
-            (Self { cos: e.re(), sin: e.im() }, magnitude)
+        if likely(magnitude > R::from_f64(0.01)) {
+            (Self { cos: v.re() * inv, sin: v.im() * inv }, magnitude, inv)
         } else {
-            (Self::default(), magnitude)
+            (Self::default(), magnitude, inv)
         }
     }
 
@@ -207,10 +213,10 @@ impl<R: Real> Rotator<R> {
     #[inline]
     pub fn turned(&self, x: R) -> Self {
         let x2 = x * x;
-        let c = R::ONE - x2 * R::HALF;
+        let c = R::ONE - x2.half();
         let s = x - x * x2 * R::from_f64(1.0 / 6.0);
         let r = Self { cos: self.cos * c - self.sin * s, sin: self.sin * c + self.cos * s };
-        let k = (R::from_f64(3.0) - (r.cos * r.cos + r.sin * r.sin)) * R::HALF;
+        let k = (R::from_f64(3.0) - (r.cos * r.cos + r.sin * r.sin)).half();
         Self { cos: r.cos * k, sin: r.sin * k }
     }
 }

@@ -12,17 +12,15 @@
 //! The bracket is the anti-windup: the integrator sees the error that the limited voltage would have
 //! asked for. The voltage vector is limited to the circle `|u*| <= u_max`.
 
-use crate::scalar::{Integrator, Real};
+use crate::scalar::{Integrator, Real, likely};
 use crate::space::Dq;
 
 /// Settings of the current controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurrentConfig<R: Real> {
-    /// Control period, normalised.
-    pub t_s: R,
     /// Proportional gain.
     pub k_p: R,
-    /// Integral gain.
+    /// Integral gain times the control period.
     pub k_i: R,
     /// `1/k_p`.
     pub inv_k_p: R,
@@ -41,17 +39,20 @@ impl<R: Real> CurrentController<R> {
     }
 
     /// One period; `u_ff` is the voltage fed forward. Returns the limited voltage reference.
-    #[inline]
+    #[inline(always)]
     pub fn step(&mut self, c: &CurrentConfig<R>, i_ref: &Dq<R>, i: &Dq<R>, u_ff: &Dq<R>, u_max: R) -> Dq<R> {
         let error = *i_ref - *i;
         let x = Dq::new(self.x[0].value(), self.x[1].value());
         let u = error * c.k_p + x + *u_ff;
         let n2 = u.norm_sq();
-        let u_limited = if n2 > u_max * u_max { u * (u_max * n2.rsqrt()) } else { u };
-        let e = error + (u_limited - u) * c.inv_k_p;
-        let gain = c.t_s * c.k_i;
-        self.x[0].add_clamped(gain, e.re(), -u_max, u_max);
-        self.x[1].add_clamped(gain, e.im(), -u_max, u_max);
+        let (u_limited, e) = if likely(n2 <= u_max * u_max) {
+            (u, error)
+        } else {
+            let limited = u * (u_max * n2.rsqrt());
+            (limited, error + (limited - u) * c.inv_k_p)
+        };
+        self.x[0].add_limited(c.k_i, e.re(), u_max);
+        self.x[1].add_limited(c.k_i, e.im(), u_max);
         u_limited
     }
 }
@@ -62,7 +63,7 @@ mod tests {
 
     #[test]
     fn limits_the_vector_and_does_not_wind_up() {
-        let c = CurrentConfig { t_s: 0.03, k_p: 1.0, k_i: 1.0, inv_k_p: 1.0 };
+        let c = CurrentConfig { k_p: 1.0, k_i: 0.03, inv_k_p: 1.0 };
         let mut ctrl = CurrentController::<f32>::default();
         for _ in 0..10_000 {
             let u = ctrl.step(&c, &Dq::new(3.0, 4.0), &Dq::default(), &Dq::default(), 1.0);
@@ -74,7 +75,7 @@ mod tests {
 
     #[test]
     fn removes_the_steady_error_of_a_first_order_plant() {
-        let c = CurrentConfig { t_s: 0.03, k_p: 0.8, k_i: 0.9, inv_k_p: 1.25 };
+        let c = CurrentConfig { k_p: 0.8, k_i: 0.03 * 0.9, inv_k_p: 1.25 };
         let mut ctrl = CurrentController::<f64>::default();
         let mut i = Dq::<f64>::default();
         for _ in 0..3000 {

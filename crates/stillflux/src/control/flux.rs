@@ -11,28 +11,30 @@
 //! towards zero stator frequency, where the amplitude of the estimate is held by the noise compensator and
 //! says nothing. There the feedforward alone keeps the true flux.
 
-use crate::scalar::{Integrator, Real};
+use crate::scalar::{Integrator, Real, likely};
 
 /// Settings of the flux controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FluxControlConfig<R: Real> {
-    /// Control period, normalised.
-    pub t_s: R,
     /// Rated flux reference.
     pub psi_rated: R,
+    /// Its reciprocal.
+    pub inv_psi_rated: R,
     /// Smallest flux reference in field weakening.
     pub psi_min: R,
     /// `l_s + σl_s`.
     pub l_sum: R,
-    /// `l_s · σl_s`.
-    pub l_product: R,
+    /// `(l_s + σl_s)² - 4 l_s σl_s`, what the root of (12) takes of `ψ*²`.
+    pub root_psi: R,
+    /// `(2 l_s σl_s)²`, what it takes of `i_q²`.
+    pub root_i_q: R,
     /// `1 / (2 l_s σl_s)`.
     pub inv_two_l_product: R,
     /// `(1 - σ) / (2 σl_s)`.
     pub pull_out: R,
     /// Proportional gain.
     pub k_p: R,
-    /// Integral gain.
+    /// Integral gain times the control period.
     pub k_i: R,
     /// Stator frequency below which the PI part is off.
     pub omega_begin: R,
@@ -60,13 +62,17 @@ impl<R: Real> FluxControlConfig<R> {
         }
     }
 
-    /// `i_d*` of (12) for a flux and a torque current below pull-out.
+    /// `1/ψ*`; a division in field weakening only.
     #[inline]
+    pub fn reciprocal(&self, psi_ref: R) -> R {
+        if likely(psi_ref == self.psi_rated) { self.inv_psi_rated } else { psi_ref.recip() }
+    }
+
+    /// `i_d*` of (12) for a flux and a torque current below pull-out.
+    #[inline(always)]
     pub fn feedforward(&self, psi_ref: R, i_q: R) -> R {
-        let b = self.l_sum * psi_ref;
-        let c = psi_ref * psi_ref + self.l_product * i_q * i_q;
-        let root = (b * b - self.l_product * c * R::from_f64(4.0)).sqrt();
-        (b - root) * self.inv_two_l_product
+        let root = (psi_ref * psi_ref * self.root_psi - i_q * i_q * self.root_i_q).sqrt();
+        (self.l_sum * psi_ref - root) * self.inv_two_l_product
     }
 }
 
@@ -77,14 +83,14 @@ impl<R: Real> FluxController<R> {
     }
 
     /// One period; returns `i_d*`.
-    #[inline]
+    #[inline(always)]
     pub fn step(&mut self, c: &FluxControlConfig<R>, psi_ref: R, psi_s: R, i_q: R, omega_s: R) -> R {
         let weight = ((omega_s.abs() - c.omega_begin) * c.inv_fade).clamp(R::ZERO, R::ONE);
         let error = psi_ref - psi_s;
         let x = self.x.value();
         // With the weight gone the integrator forgets at the rate at which it learned.
         let leak = x * (R::ONE - weight);
-        let x = self.x.add_clamped(c.t_s * c.k_i, error * weight - leak, -c.limit, c.limit);
+        let x = self.x.add_limited(c.k_i, error * weight - leak, c.limit);
         c.feedforward(psi_ref, i_q) + (error * c.k_p * weight + x).limit(c.limit)
     }
 }
@@ -96,15 +102,16 @@ mod tests {
     pub(super) fn config() -> FluxControlConfig<f64> {
         let (l_s, sl) = (1.67, 0.143);
         FluxControlConfig {
-            t_s: 0.03,
             psi_rated: 1.0,
+            inv_psi_rated: 1.0,
             psi_min: 0.2,
             l_sum: l_s + sl,
-            l_product: l_s * sl,
+            root_psi: (l_s - sl) * (l_s - sl),
+            root_i_q: 4.0 * (l_s * sl) * (l_s * sl),
             inv_two_l_product: 0.5 / (l_s * sl),
             pull_out: (1.0 - sl / l_s) / (2.0 * sl),
             k_p: 1.0,
-            k_i: 0.1,
+            k_i: 0.003,
             omega_begin: 0.02,
             inv_fade: 25.0,
             limit: 0.2,
@@ -117,11 +124,12 @@ mod tests {
         for k in 0..30 {
             let i_q = f64::from(k) * 0.1;
             let i_d = c.feedforward(1.0, i_q);
-            let rhs = 1.0 / c.l_sum + c.l_product / c.l_sum * (i_d * i_d + i_q * i_q);
+            let l_product = 0.5 / c.inv_two_l_product;
+            let rhs = 1.0 / c.l_sum + l_product / c.l_sum * (i_d * i_d + i_q * i_q);
             assert!((i_d - rhs).abs() < 1e-12);
         }
         assert!((c.feedforward(1.0, 0.0) - 1.0 / 1.67).abs() < 1e-12);
-        assert!((c.l_sum * c.l_sum - 4.0 * c.l_product * (1.0 + c.l_product * c.pull_out * c.pull_out)).abs() < 1e-9);
+        assert!((c.root_psi - c.root_i_q * c.pull_out * c.pull_out).abs() < 1e-9);
     }
 
     #[test]

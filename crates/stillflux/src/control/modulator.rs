@@ -17,11 +17,11 @@ pub fn zero_duty<R: Real>() -> Duty<R> {
 }
 
 /// Duties for phase voltages `u` (without regard to their common part) at a dc link of `1/inv_u_dc`.
-#[inline]
+#[inline(always)]
 pub fn modulate<R: Real>(u: [R; 3], inv_u_dc: R, timer: Option<&Timer>) -> Duty<R> {
     let hi = u[0].max(u[1]).max(u[2]);
     let lo = u[0].min(u[1]).min(u[2]);
-    let common = (hi + lo) * R::HALF;
+    let common = (hi + lo).half();
     u.map(|x| {
         let d = (R::HALF + (x - common) * inv_u_dc).clamp(R::ZERO, R::ONE);
         match timer {

@@ -9,11 +9,9 @@ use crate::scalar::{Integrator, Real};
 /// Settings of the speed controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpeedControlConfig<R: Real> {
-    /// Control period, normalised.
-    pub t_s: R,
     /// Proportional gain, torque per speed.
     pub k_p: R,
-    /// Integral gain.
+    /// Integral gain times the control period.
     pub k_i: R,
     /// Largest torque.
     pub torque_max: R,
@@ -32,12 +30,12 @@ impl<R: Real> SpeedController<R> {
     }
 
     /// One period; `torque_max` is the torque available now. Returns the torque reference.
-    #[inline]
+    #[inline(always)]
     pub fn step(&mut self, c: &SpeedControlConfig<R>, omega_ref: R, omega_m: R, torque_max: R) -> R {
         let error = omega_ref - omega_m;
         let limit = torque_max.min(c.torque_max);
         let p = (error * c.k_p).limit(limit);
-        let x = self.x.add_clamped(c.t_s * c.k_i, error, -limit - p.min(R::ZERO), limit - p.max(R::ZERO));
+        let x = self.x.add_clamped(c.k_i, error, -limit - p.min(R::ZERO), limit - p.max(R::ZERO));
         (p + x).limit(limit)
     }
 }
@@ -49,8 +47,8 @@ mod tests {
     #[test]
     fn a_load_step_is_answered_without_steady_error_and_without_windup() {
         let j = 50.0; // normalised inertia
-        let omega_c = 0.06;
-        let c = SpeedControlConfig { t_s: 0.03, k_p: j * omega_c, k_i: j * omega_c * omega_c / 4.0, torque_max: 1.0 };
+        let (omega_c, t_s) = (0.06, 0.03);
+        let c = SpeedControlConfig { k_p: j * omega_c, k_i: t_s * j * omega_c * omega_c / 4.0, torque_max: 1.0 };
         let mut ctrl = SpeedController::<f64>::default();
         let mut omega = 0.0;
         for k in 0..200_000 {
@@ -58,7 +56,7 @@ mod tests {
             let reference = if k > 60_000 { 0.5 } else { 0.0 };
             let t = ctrl.step(&c, reference, omega, 1.0);
             assert!(t.abs() <= 1.0);
-            omega += c.t_s * (t - load) / j;
+            omega += t_s * (t - load) / j;
             assert!(omega < 0.55, "no overshoot from a wound-up integrator");
         }
         assert!((omega - 0.5).abs() < 1e-4);

@@ -17,7 +17,7 @@
 //! disturbances would be turned into angle errors.
 
 use super::offset::{OffsetConfig, OffsetEstimator};
-use crate::scalar::{Integrator, Real};
+use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Rotator};
 
 /// Settings of the flux estimator.
@@ -53,6 +53,10 @@ pub struct FluxEstimate<R: Real> {
 pub struct FluxEstimator<R: Real> {
     psi_s: [Integrator<R>; 2],
     i_s: AlphaBeta<R>,
+    field: Rotator<R>,
+    magnitude: R,
+    /// `1/|ψ̂_s|`.
+    inv_psi: R,
     /// The parallel path of Fig. 4.
     pub offset: OffsetEstimator<R>,
 }
@@ -61,12 +65,13 @@ impl<R: Real> FluxEstimator<R> {
     /// Begins at a known flux, with the current sample of this instant.
     pub fn start(&mut self, psi_s: AlphaBeta<R>, i_s: AlphaBeta<R>) {
         self.psi_s = [Integrator::new(psi_s.re()), Integrator::new(psi_s.im())];
+        (self.field, self.magnitude, self.inv_psi) = Rotator::near(&psi_s, R::ZERO);
         self.i_s = i_s;
         self.offset.start(psi_s);
     }
 
     /// One period: `u_s` was applied since the last call, `i_s` is the sample at its end.
-    #[inline]
+    #[inline(always)]
     pub fn step(
         &mut self,
         config: &FluxConfig<R>,
@@ -76,25 +81,26 @@ impl<R: Real> FluxEstimator<R> {
         psi_ref: R,
         omega_s: R,
     ) -> FluxEstimate<R> {
-        let i_mean = (self.i_s + *i_s) * R::HALF;
+        let u_i = *u_s - (self.i_s + *i_s) * r_s.half();
         self.i_s = *i_s;
-        let u_i = *u_s - i_mean * r_s;
 
-        let (field, magnitude) = Rotator::of(&self.value());
-        let k = (omega_s.abs() * R::TWO).max(config.noise_min).min(config.noise_max);
-        let u_hf = field.axis() * (k * (psi_ref - magnitude));
+        let omega = omega_s.abs();
+        let k = (omega + omega).max(config.noise_min).min(config.noise_max);
+        let u_hf = self.field.axis() * (k * (psi_ref - self.magnitude));
 
         let u_off = match &config.offset {
             Some(c) => self.offset.step(c, &u_i, psi_ref, omega_s),
             None => self.offset.u_off(),
         };
         let u = u_i - u_off + u_hf;
+        let mut psi_s = AlphaBeta::new(self.psi_s[0].add(config.t_s, u.re()), self.psi_s[1].add(config.t_s, u.im()));
         // A flux beyond twice the rated one is a lost estimate, not a value to go on from.
-        let bound = R::from_f64(3.0);
-        self.psi_s[0].add_clamped(config.t_s, u.re(), -bound, bound);
-        self.psi_s[1].add_clamped(config.t_s, u.im(), -bound, bound);
-        let psi_s = self.value();
-        let (field, magnitude) = Rotator::of(&psi_s);
+        if !likely(psi_s.norm_sq() <= R::from_f64(9.0)) {
+            psi_s = psi_s.limit_components(R::TWO);
+            self.psi_s = [Integrator::new(psi_s.re()), Integrator::new(psi_s.im())];
+        }
+        let (field, magnitude, inv_psi) = Rotator::near(&psi_s, self.inv_psi);
+        (self.field, self.magnitude, self.inv_psi) = (field, magnitude, inv_psi);
         FluxEstimate { psi_s, field, magnitude, u_i, u_hf }
     }
 

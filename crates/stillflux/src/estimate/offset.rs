@@ -23,7 +23,7 @@
 //!
 //! Otherwise the estimate holds. That is also the state at zero stator frequency: hold.
 
-use crate::scalar::{Integrator, Real};
+use crate::scalar::{Integrator, Real, likely};
 use crate::space::AlphaBeta;
 
 /// Settings of the offset estimator.
@@ -35,19 +35,28 @@ pub struct OffsetConfig<R: Real> {
     pub gain: R,
     /// Limit of each component of `û_off`.
     pub limit: R,
-    /// Longest window, in units of 64 of normalised time; see [`longest_window`].
-    pub longest: R,
+    /// Control period in revolutions at a stator frequency of one, `t_s / 2π`.
+    pub turn: R,
+    /// Longest window in control periods; see [`longest_window`].
+    pub longest: u32,
     /// Stator frequency above which the estimate holds.
     pub omega_max: R,
 }
 
-/// Windows are measured in units of 64 of normalised time, so that they fit the fixed-point range.
-const WINDOW_UNIT: f64 = 1.0 / 64.0;
-
-/// Longest window for a smallest stator frequency, in the unit of [`OffsetConfig::longest`].
+/// Longest window for a smallest stator frequency, in control periods of normalised length `t_s`.
 #[must_use]
-pub fn longest_window(omega_min: f64) -> f64 {
-    core::f64::consts::TAU / omega_min * WINDOW_UNIT
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+pub fn longest_window(omega_min: f64, t_s: f64) -> u32 {
+    (core::f64::consts::TAU / (omega_min * t_s)) as u32
+}
+
+/// Time and field angle, common to both components: windows are differences of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Now<R: Real> {
+    /// Control periods, wrapping.
+    period: u32,
+    /// Angle that the field turned by, in revolutions.
+    turned: R,
 }
 
 /// One component of the parallel path.
@@ -57,11 +66,11 @@ struct Axis<R: Real> {
     u_off: R,
     max: R,
     min: R,
-    /// Duration of the window in `WINDOW_UNIT`s, and the angle the field turned by, in revolutions.
-    elapsed: Integrator<R>,
-    turned: Integrator<R>,
-    /// Duration of the window before; zero: there was none.
-    last: R,
+    /// Period and angle at which the window began.
+    began: u32,
+    began_at: R,
+    /// Periods of the window before; zero: there was none.
+    last: u32,
     /// ψ̂_1 has been below the hysteresis band since the last crossing.
     armed: bool,
     /// A window is open: there was a crossing since the start or the last hold.
@@ -72,36 +81,45 @@ struct Axis<R: Real> {
 
 impl<R: Real> Axis<R> {
     fn start(&mut self, psi: R) {
-        let u_off = self.u_off;
-        *self = Self { psi_1: Integrator::new(psi), u_off, ..Self::default() };
+        *self = Self { psi_1: Integrator::new(psi), u_off: self.u_off, max: psi, min: psi, ..Self::default() };
     }
 
-    #[inline]
-    fn step(&mut self, c: &OffsetConfig<R>, u_i: R, psi_ref: R, omega_s: R) -> bool {
-        let psi = self.psi_1.add_clamped(c.t_s, u_i - self.u_off, -psi_ref, psi_ref);
-        self.max = self.max.max(psi);
-        self.min = self.min.min(psi);
-        let elapsed = self.elapsed.add(c.t_s, R::from_f64(WINDOW_UNIT));
-        let turned = self.turned.add(c.t_s * R::from_f64(core::f64::consts::FRAC_1_PI * 0.5), omega_s);
-        if elapsed > c.longest || omega_s.abs() > c.omega_max {
-            self.open = false;
-            self.discard = true;
-            self.last = R::ZERO;
-            self.open_window(psi);
+    /// One period; `true` if `û_off` was corrected.
+    #[inline(always)]
+    fn step(&mut self, t_s: R, u_i: R, psi_ref: R, hysteresis: R) -> bool {
+        let psi = self.psi_1.add_limited(t_s, u_i - self.u_off, psi_ref);
+        // Within the band there are neither extremes nor crossings.
+        if psi > hysteresis {
+            self.max = self.max.max(psi);
+            return !likely(!self.armed);
         }
-        let hysteresis = psi_ref * R::from_f64(0.2);
         if psi < -hysteresis {
+            self.min = self.min.min(psi);
             self.armed = true;
         }
-        if !(self.armed && psi > hysteresis) {
-            return false;
-        }
+        false
+    }
+
+    /// The window that is open, and the next one, do not count.
+    fn hold(&mut self, now: &Now<R>) {
+        self.open = false;
+        self.discard = true;
+        self.last = 0;
+        self.open_window(self.psi_1.value(), now);
+    }
+
+    /// A rising zero crossing: judges the window that it ends and opens the next one.
+    fn crossing(&mut self, c: &OffsetConfig<R>, now: &Now<R>) -> bool {
+        let psi = self.psi_1.value();
         self.armed = false;
-        let steady = self.last == R::ZERO || (elapsed - self.last).abs() < elapsed * R::from_f64(1.0 / 3.0);
+        let elapsed = now.period.wrapping_sub(self.began);
+        let turned = now.turned - self.began_at;
+        let steady = self.last == 0 || elapsed.abs_diff(self.last) < elapsed / 3;
         let valid = self.open && !self.discard && steady && (turned.abs() - R::ONE).abs() < R::from_f64(0.25);
         if valid {
-            // g (max + min) / (T/2), T = 64 elapsed.
-            let correction = (self.max + self.min) * elapsed.recip() * (c.gain * R::from_f64(2.0 * WINDOW_UNIT));
+            // g (max + min) / (T/2), T = 64 · duration.
+            let duration = c.t_s.periods(elapsed);
+            let correction = (self.max + self.min) * duration.recip() * (c.gain * R::from_f64(2.0 / 64.0));
             self.u_off = (self.u_off + correction).limit(c.limit);
         }
         if self.open {
@@ -109,13 +127,13 @@ impl<R: Real> Axis<R> {
             self.discard = false;
         }
         self.open = true;
-        self.open_window(psi);
+        self.open_window(psi, now);
         valid
     }
 
-    fn open_window(&mut self, psi: R) {
-        self.elapsed = Integrator::default();
-        self.turned = Integrator::default();
+    fn open_window(&mut self, psi: R, now: &Now<R>) {
+        self.began = now.period;
+        self.began_at = now.turned;
         self.max = psi;
         self.min = psi;
     }
@@ -125,6 +143,9 @@ impl<R: Real> Axis<R> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OffsetEstimator<R: Real> {
     axes: [Axis<R>; 2],
+    now: Now<R>,
+    /// Period in which some window may be overdue.
+    due: u32,
     updates: u32,
     last_correction: R,
 }
@@ -132,6 +153,8 @@ pub struct OffsetEstimator<R: Real> {
 impl<R: Real> OffsetEstimator<R> {
     /// Begins a trajectory at a known flux; `û_off` stays.
     pub fn start(&mut self, psi_s: AlphaBeta<R>) {
+        self.now = Now::default();
+        self.due = 1;
         self.axes[0].start(psi_s.re());
         self.axes[1].start(psi_s.im());
         self.updates = 0;
@@ -144,17 +167,46 @@ impl<R: Real> OffsetEstimator<R> {
     }
 
     /// One period; returns `û_off`.
-    #[inline]
-    pub fn step(&mut self, config: &OffsetConfig<R>, u_i: &AlphaBeta<R>, psi_ref: R, omega_s: R) -> AlphaBeta<R> {
+    #[inline(always)]
+    pub fn step(&mut self, c: &OffsetConfig<R>, u_i: &AlphaBeta<R>, psi_ref: R, omega_s: R) -> AlphaBeta<R> {
         let before = self.u_off();
-        let a = self.axes[0].step(config, u_i.re(), psi_ref, omega_s);
-        let b = self.axes[1].step(config, u_i.im(), psi_ref, omega_s);
-        if a || b {
+        self.now.period = self.now.period.wrapping_add(1);
+        self.now.turned += c.turn * omega_s;
+        let hysteresis = psi_ref * R::from_f64(0.2);
+        let a = self.axes[0].step(c.t_s, u_i.re(), psi_ref, hysteresis);
+        let b = self.axes[1].step(c.t_s, u_i.im(), psi_ref, hysteresis);
+        let fast = omega_s.abs() > c.omega_max;
+        if !likely(!(a || b || fast || self.now.period == self.due)) {
+            self.judge(c, [a, b], fast);
+        }
+        before
+    }
+
+    /// What happens a few times in a fundamental period: crossings, and windows that do not count.
+    #[cold]
+    #[inline(never)]
+    fn judge(&mut self, c: &OffsetConfig<R>, crossed: [bool; 2], fast: bool) {
+        let before = self.u_off();
+        let mut corrected = false;
+        for (axis, crossed) in self.axes.iter_mut().zip(crossed) {
+            if fast || self.now.period.wrapping_sub(axis.began) > c.longest {
+                axis.hold(&self.now);
+            }
+            corrected |= crossed && axis.crossing(c, &self.now);
+        }
+        if corrected {
             self.updates = self.updates.saturating_add(1);
             let d = self.u_off() - before;
             self.last_correction = d.re().abs().max(d.im().abs());
         }
-        before
+        let age = |axis: &Axis<R>| self.now.period.wrapping_sub(axis.began);
+        let oldest = age(&self.axes[0]).max(age(&self.axes[1]));
+        self.due = self.now.period.wrapping_add(c.longest.saturating_sub(oldest)).wrapping_add(1);
+        // The angle begins anew, so that it stays within the range where it is resolved well.
+        for axis in &mut self.axes {
+            axis.began_at -= self.now.turned;
+        }
+        self.now.turned = R::ZERO;
     }
 
     /// Present estimate of the offset voltage.
@@ -183,7 +235,14 @@ impl<R: Real> OffsetEstimator<R> {
 mod tests {
     use super::*;
 
-    const CONFIG: OffsetConfig<f64> = OffsetConfig { t_s: 0.03, gain: 0.5, limit: 0.05, longest: 24.5, omega_max: 0.2 };
+    const CONFIG: OffsetConfig<f64> = OffsetConfig {
+        t_s: 0.03,
+        gain: 0.5,
+        limit: 0.05,
+        turn: 0.03 / core::f64::consts::TAU,
+        longest: 52_266,
+        omega_max: 0.2,
+    };
 
     /// Feeds the induced voltage of a rotating flux of amplitude `a` with a dc component.
     fn run(est: &mut OffsetEstimator<f64>, omega: f64, offset: (f64, f64), a: f64, periods: f64) {

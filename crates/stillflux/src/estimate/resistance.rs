@@ -13,7 +13,8 @@
 //! * above a largest `|ω_s|`, where `ε` tells parameters from noise no more,
 //! * while `i_q` moves: the early response to a load step has a sign of its own,
 //!
-//! and slowed in regeneration. `r̂_s` stays within ±50 % of the prior (nameplate or dc measurement).
+//! and slowed in regeneration and above 60 % load, where the early response of ε has the opposite sign.
+//! `r̂_s` stays within ±50 % of the prior (nameplate or dc measurement).
 
 use crate::scalar::{Integrator, Real};
 use crate::space::Dq;
@@ -21,23 +22,23 @@ use crate::space::Dq;
 /// Settings of the adaptation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ResistanceConfig<R: Real> {
-    /// Control period, normalised.
-    pub t_s: R,
     /// `l_s + σl_s`.
     pub l_sum: R,
     /// `l_s · σl_s`.
     pub l_product: R,
-    /// Gain while motoring, per unit of `r_s` and of normalised time; regeneration takes a tenth.
+    /// Gain at partial load, motoring, per unit of `r_s` and control period; elsewhere a tenth of it.
     pub gain: R,
     /// Smallest `|i_q|`.
     pub i_q_min: R,
+    /// `|i_q|` above which the load counts as high.
+    pub i_q_high: R,
     /// Smallest `|ω_s|`.
     pub omega_min: R,
     /// Largest `|ω_s|`.
     pub omega_max: R,
     /// Change of `i_q` against its low-pass that counts as a transient.
     pub transient: R,
-    /// Corner frequency of that low-pass, per unit.
+    /// Corner frequency of that low-pass times the control period.
     pub corner: R,
     /// Periods for which a transient freezes the adaptation.
     pub hold: u32,
@@ -60,30 +61,28 @@ impl<R: Real> ResistanceEstimator<R> {
     }
 
     /// One period in field coordinates; returns `r̂_s`.
-    #[inline]
+    #[inline(always)]
     pub fn step(&mut self, c: &ResistanceConfig<R>, psi_s: R, i: &Dq<R>, omega_s: R, omega_m: R) -> R {
         let (i_d, i_q) = (i.re(), i.im());
-        self.epsilon = psi_s * psi_s - c.l_sum * i_d * psi_s + c.l_product * i.norm_sq();
+        self.epsilon = (psi_s - c.l_sum * i_d) * psi_s + c.l_product * i.norm_sq();
 
         let slow = self.i_q_slow.value();
-        self.i_q_slow.add(c.t_s * c.corner, i_q - slow);
-        if (i_q - slow).abs() > c.transient {
-            self.frozen = c.hold;
-        } else {
-            self.frozen = self.frozen.saturating_sub(1);
-        }
+        self.i_q_slow.add(c.corner, i_q - slow);
+        self.frozen = if (i_q - slow).abs() > c.transient { c.hold } else { self.frozen.saturating_sub(1) };
 
         let omega = omega_s.abs();
         if self.frozen > 0 || i_q.abs() < c.i_q_min || omega < c.omega_min || omega > c.omega_max {
             return self.r_s.value();
         }
-        let quadrant = omega_s.sign() * i_q.sign();
-        let regeneration = omega_m.sign() * i_q.sign() < R::ZERO;
-        let gain = if regeneration { c.gain * R::from_f64(0.1) } else { c.gain };
-        let half = self.prior * R::HALF;
+        // i_q and ω_s are beyond their smallest values here: neither sign is of a zero.
+        let negative = i_q < R::ZERO;
+        let regeneration = (omega_m < R::ZERO) != negative;
+        let gain = if regeneration || i_q.abs() > c.i_q_high { c.gain * R::from_f64(0.1) } else { c.gain };
+        let half = self.prior.half();
         // The bracket keeps a single disturbed sample from mattering.
-        let epsilon = self.epsilon.limit(R::HALF) * quadrant;
-        self.r_s.add_clamped(gain * c.t_s, epsilon, half, half + self.prior)
+        let epsilon = self.epsilon.limit(R::HALF);
+        let epsilon = if (omega_s < R::ZERO) == negative { epsilon } else { -epsilon };
+        self.r_s.add_clamped(gain, epsilon, half, half + self.prior)
     }
 
     /// Present estimate.
@@ -105,15 +104,15 @@ mod tests {
     fn config() -> ResistanceConfig<f64> {
         let (l_s, sl) = (1.67, 0.143);
         ResistanceConfig {
-            t_s: 0.03,
             l_sum: l_s + sl,
             l_product: l_s * sl,
-            gain: 1e-3,
+            gain: 3e-5,
             i_q_min: 0.1,
+            i_q_high: 1.0,
             omega_min: 0.004,
             omega_max: 0.2,
             transient: 0.05,
-            corner: 0.05,
+            corner: 0.0015,
             hold: 100,
         }
     }

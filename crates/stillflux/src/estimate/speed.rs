@@ -29,7 +29,7 @@ pub struct SpeedConfig<R: Real> {
     pub r_r: R,
     /// Proportional gain `2 ζ ω_n` of the loop, per unit of frequency.
     pub k_p: R,
-    /// Integral gain `ω_n²`.
+    /// Integral gain `ω_n²` times the control period.
     pub k_i: R,
     /// Largest speed.
     pub omega_max: R,
@@ -52,6 +52,8 @@ pub struct SpeedEstimate<R: Real> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SpeedEstimator<R: Real> {
     angle: Rotator<R>,
+    /// `1/|ψ̂_R|` of the last period.
+    inv_psi_r: R,
     omega_m: Integrator<R>,
 }
 
@@ -63,13 +65,14 @@ impl<R: Real> SpeedEstimator<R> {
     }
 
     /// One period.
-    #[inline]
+    #[inline(always)]
     pub fn step(&mut self, c: &SpeedConfig<R>, psi_s: &AlphaBeta<R>, i_s: &AlphaBeta<R>) -> SpeedEstimate<R> {
         let psi_r = *psi_s - *i_s * c.sigma_l_s;
-        let inv = psi_r.norm_sq().max(R::from_f64(0.01)).rsqrt();
+        let inv = psi_r.norm_sq().max(R::from_f64(0.01)).rsqrt_near(self.inv_psi_r);
+        self.inv_psi_r = inv;
         let omega_r = (c.r_r * inv * (psi_r.cross(i_s) * inv)).limit(R::ONE);
         let error = (self.angle.axis().cross(&psi_r) * inv).limit(R::ONE);
-        let omega_m = self.omega_m.add_clamped(c.t_s * c.k_i, error, -c.omega_max, c.omega_max);
+        let omega_m = self.omega_m.add_limited(c.k_i, error, c.omega_max);
         let omega_s = omega_m + omega_r;
         self.angle = self.angle.turned((c.t_s * (omega_s + c.k_p * error)).limit(R::HALF));
         SpeedEstimate { psi_r, omega_m, omega_r, omega_s }
@@ -82,7 +85,7 @@ mod tests {
 
     #[test]
     fn follows_a_ramp_of_speed_and_tells_slip_from_speed() {
-        let c = SpeedConfig { t_s: 0.03, sigma_l_s: 0.1, r_r: 0.05, k_p: 0.8, k_i: 0.16, omega_max: 3.0 };
+        let c = SpeedConfig { t_s: 0.03, sigma_l_s: 0.1, r_r: 0.05, k_p: 0.8, k_i: 0.03 * 0.16, omega_max: 3.0 };
         let mut est = SpeedEstimator::<f64>::default();
         let (mut theta, i_q) = (0.0_f64, 0.5);
         let mut out = SpeedEstimate::default();

@@ -35,6 +35,19 @@ macro_rules! impl_real {
                 <$t>::is_finite(self)
             }
             #[inline]
+            fn abs(self) -> Self {
+                <$t>::abs(self)
+            }
+            #[inline]
+            fn half(self) -> Self {
+                0.5 * self
+            }
+            #[inline]
+            #[allow(clippy::cast_precision_loss)]
+            fn periods(self, n: u32) -> Self {
+                self * n as $t * (1.0 / 64.0)
+            }
+            #[inline]
             fn recip(self) -> Self {
                 if <$t>::abs(self) > $tiny {
                     1.0 / self
