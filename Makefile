@@ -9,7 +9,7 @@ export PYO3_BUILD_EXTENSION_MODULE := 1
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export VIRTUAL_ENV := $(abspath .venv)
 
-.PHONY: demo test test-slow test-rust lint bench build clean
+.PHONY: demo reproduce sensitivity metrics test test-slow test-rust lint bench build clean
 
 demo: build
 	$(BIN)/stillflux demo
@@ -42,8 +42,30 @@ lint: build
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest stillflux._core
 
+# Every figure of the paper: verdicts, report, and the tests of all of them in every arithmetic.
+reproduce: build
+	$(BIN)/stillflux reproduce
+	$(BIN)/python -m pytest -q tests/test_figures.py
+
+# How far each parameter may be off: some minutes.
+sensitivity: build
+	$(BIN)/stillflux reproduce 13b 15 18 19 20 --sensitivity
+
+# Brings the committed table of key metrics up to date; what still agrees stays as it is.
+metrics: build
+	$(BIN)/stillflux reproduce --metrics tests/metrics.csv
+
 bench:
 	cargo bench
 
 clean:
 	rm -rf .venv target reports python/stillflux/*.so
+
+# --- Firmware: needs QEMU, binutils for ARM and a compiler for the target; says so where they are missing.
+.PHONY: firmware firmware-bench
+
+firmware:
+	cd crates/stillflux-firmware && $(PYTHON) -m tools run
+
+firmware-bench:
+	cd crates/stillflux-firmware && $(PYTHON) -m tools bench

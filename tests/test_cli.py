@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import stillflux as sf
-from stillflux import report
+from stillflux import plots, report
+from stillflux.claims import Claim
 from stillflux.cli import main
-from stillflux.scenarios import Claim
 
 SCENARIO = """
 motor = "2.2kW"
@@ -97,3 +97,14 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--machine", "2.2kW", "--out", str(tmp_path)]) == 0
     assert "FAILED" not in capsys.readouterr().out
     assert 10_000 < (tmp_path / "demo.html").stat().st_size < 3_000_000
+
+
+def test_thinning_keeps_extremes_and_the_end() -> None:
+    t = np.arange(100_007, dtype=float)
+    x = np.sin(t)
+    x[[77_777, 100_005]] = 9.0, -9.0
+    thin_t, thin_x = plots.thin(t, x, 1000)
+    assert len(thin_t) < 1300
+    assert {9.0, -9.0} <= set(thin_x)
+    assert np.diff(thin_t).max() < 500
+    assert thin_t[-1] == t[-1]

@@ -1,4 +1,4 @@
-"""Command line: `stillflux demo`, `simulate`, `replay`."""
+"""Command line: `stillflux demo`, `reproduce`, `simulate`, `replay`."""
 
 from __future__ import annotations
 
@@ -52,6 +52,22 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--out", type=Path, default=Path("reports"), help="folder for report and plots")
     demo.set_defaults(run=_demo)
 
+    figures = commands.add_parser("reproduce", help="the paper's figures on plant truth, with verdicts")
+    figures.add_argument(
+        "figures", nargs="*", metavar="FIG", help="numbers such as 9, 13b; none: all of them"
+    )
+    figures.add_argument("--machine", choices=[*MACHINES, "all"], default="all")
+    figures.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
+    figures.add_argument("--out", type=Path, default=Path("reports"), help="folder for report and plots")
+    figures.add_argument("--json", metavar="FILE", help="write the verdicts there as JSON; -: to stdout")
+    figures.add_argument(
+        "--metrics", type=Path, metavar="FILE", help="bring this table of key metrics up to date"
+    )
+    figures.add_argument(
+        "--sensitivity", action="store_true", help="also how far parameters may be off (minutes)"
+    )
+    figures.set_defaults(run=_reproduce)
+
     run = commands.add_parser("simulate", help="run a scenario from a TOML file")
     run.add_argument(
         "file", type=Path, help="fields of stillflux.Scenario; motor and inverter by preset or table"
@@ -78,6 +94,35 @@ def _demo(options: argparse.Namespace) -> int:
 
     machines = MACHINES if options.machine == "all" else (options.machine,)
     return 0 if demo.run(machines, options.out, options.command_line, options.arithmetic) else 1
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    from stillflux import reproduce, sensitivity
+
+    machines = MACHINES if options.machine == "all" else (options.machine,)
+    figures = reproduce.choose(options.figures)
+    options.out.mkdir(parents=True, exist_ok=True)
+    outcomes = reproduce.run_all(figures, machines, options.arithmetic, options.out, reproduce.progress)
+    extra = ""
+    if options.sensitivity:
+        rows = sensitivity.run_all(figures, machines, options.arithmetic, sensitivity.progress)
+        extra = sensitivity.to_html(rows)
+    as_json = reproduce.to_json(outcomes)
+    if options.json == "-":
+        print(as_json)
+    else:
+        print(reproduce.table(outcomes))
+        if options.sensitivity:
+            print(f"\n{sensitivity.to_markdown(rows)}")
+    if options.json not in (None, "-"):
+        Path(options.json).write_text(as_json + "\n", encoding="utf-8")
+    if options.metrics:
+        before = reproduce.read_metrics(options.metrics)
+        options.metrics.write_text(reproduce.metrics_table(outcomes, before), encoding="utf-8")
+    path = options.out / "reproduce.html"
+    reproduce.write_report(path, options.command_line, outcomes, extra)
+    print(f"report: {path}", file=sys.stderr)
+    return 1 if any(outcome.verdict == "FAILED" for outcome in outcomes) else 0
 
 
 def _simulate(options: argparse.Namespace) -> int:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stillflux import report
+from stillflux.claims import Claim
+from stillflux.experiments import EXPERIMENTS
 from stillflux.report import Section
-from stillflux.scenarios import EXPERIMENTS, Claim
 from stillflux.simulation import simulate
 
 __all__ = ["run"]
@@ -27,9 +28,8 @@ def run(machines: Sequence[str], out: Path, command: str, arithmetic: str = "f32
 def _sections(machine: str, arithmetic: str) -> list[Section]:
     headline = EXPERIMENTS["headline"]
     scenario = headline.build(machine, arithmetic)
-    control = scenario.with_settings(**headline.control).replace(
-        name=f"{scenario.name}, offset estimator off"
-    )
+    (control,) = headline.control((scenario,))
+    control = control.replace(name=f"{scenario.name}, {headline.control_text}")
     result, without = simulate(scenario, progress=True), simulate(control, progress=True)
     failed = [claim for claim in headline.check(without) if claim.of_motor and not claim.ok]
     verdict = Claim(

@@ -22,12 +22,14 @@ _MOST = 1200
 def thin(t: NDArray[Any], x: NDArray[Any], most: int = _MOST) -> tuple[NDArray[Any], NDArray[Any]]:
     """At most about `most` samples of a real signal; of every bin the least and the greatest stay."""
     bins = most // 2
-    size = len(t) // bins
+    size = -(-len(t) // bins)
     if size < 2:
         return t, x
+    bins = len(t) // size
     folded = x[: bins * size].reshape(bins, size)
     extremes = np.stack([folded.argmin(1), folded.argmax(1)], axis=1) + size * np.arange(bins)[:, None]
-    chosen = np.unique(np.append(extremes, len(t) - 1))
+    # What does not fill a bin stays whole.
+    chosen = np.unique(np.append(extremes, np.arange(bins * size, len(t))))
     return t[chosen], x[chosen]
 
 

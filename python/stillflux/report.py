@@ -10,20 +10,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stillflux import plots
+from stillflux.claims import Claim
 from stillflux.result import Result
-from stillflux.scenarios import Claim
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Section", "table", "write"]
+__all__ = ["STYLE", "Section", "conditions", "svg", "table", "write"]
 
-_STYLE = """
+STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222 }
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
 table { border-collapse: collapse; margin: 1rem 0 }
 td, th { padding: .25rem .8rem; border-bottom: 1px solid #ddd }
 th { text-align: left } .ok { color: #176f2c } .failed { color: #b3261e; font-weight: 600 }
+.limit { color: #8a5a00 } td { vertical-align: top } figure { margin: 1rem 0 }
 svg { max-width: 100%; height: auto } code { background: #f3f3f3; padding: .1rem .3rem }
 """
 
@@ -55,7 +56,7 @@ def write(path: Path, title: str, command: str, sections: Sequence[Section]) -> 
     body = "\n".join(_section(section, path.parent) for section in sections)
     path.write_text(
         f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{html.escape(title)}</title>"
-        f"<style>{_STYLE}</style></head>\n<body><h1>{html.escape(title)}</h1>\n"
+        f"<style>{STYLE}</style></head>\n<body><h1>{html.escape(title)}</h1>\n"
         f"<p>Made by <code>{html.escape(command)}</code>. Every figure in the tables is the plant's truth, "
         f"not the drive's opinion.</p>\n{body}\n</body></html>\n",
         encoding="utf-8",
@@ -72,15 +73,16 @@ def _section(section: Section, folder: Path) -> str:
     for name, draw in (("signals", plots.overview), ("flux", plots.flux_trajectory)):
         figure = draw(section.result)
         figure.savefig(folder / f"{section.slug}-{name}.png", dpi=110)
-        figures += f"<figure>{_svg(figure)}</figure>"
+        figures += f"<figure>{svg(figure)}</figure>"
     return (
         f"<h2>{html.escape(section.title)}</h2><p>{html.escape(section.note)}</p>"
         f"<table><tr><th>claim</th><th>measured</th><th></th></tr>{rows}</table>"
-        f"<p>{html.escape(_conditions(section.result))}</p>{figures}"
+        f"<p>{html.escape(conditions(section.result))}</p>{figures}"
     )
 
 
-def _conditions(result: Result) -> str:
+def conditions(result: Result) -> str:
+    """What a run was made under, in a sentence."""
     s = result.scenario
     plant, inverter = s.plant, s.plant_inverter or s.inverter
     return (
@@ -92,7 +94,8 @@ def _conditions(result: Result) -> str:
     )
 
 
-def _svg(figure: Figure) -> str:
+def svg(figure: Figure) -> str:
+    """A figure for inclusion in a page, without anything that varies from run to run."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()

@@ -10,6 +10,8 @@ use crate::scalar::Real;
 
 /// Base quantities, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Base {
     /// Voltage, V.
     pub u: f64,
@@ -42,8 +44,16 @@ impl Base {
     }
 }
 
+/// [`Real::from_f64`] as a call: a configuration has a hundred of them, and flash is short.
+#[inline(never)]
+pub(crate) fn rounded<R: Real>(x: f64) -> R {
+    R::from_f64(x)
+}
+
 /// Machine and inverter in per unit, with the products the control step needs, computed once.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct PerUnit<R: Real> {
     /// Stator resistance (with the inverter's `r_d`: the two are in series and identified as one).
     pub r_s: R,
@@ -76,7 +86,7 @@ impl<R: Real> PerUnit<R> {
         machine.validate()?;
         inverter.validate()?;
         let b = Base::new(machine);
-        let r = R::from_f64;
+        let r = rounded::<R>;
         Ok(Self {
             r_s: r((machine.R_s + inverter.r_d) / b.z),
             l_s: r(machine.L_s() / b.l),

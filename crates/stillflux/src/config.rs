@@ -1,11 +1,10 @@
 //! Configuration of a drive: what a user sets, in SI units where there are any, and what the control
 //! step reads, per unit, with every division done beforehand.
 
-use crate::base::{Base, PerUnit};
+use crate::base::{Base, PerUnit, rounded};
 use crate::control::current::CurrentConfig;
 use crate::control::flux::FluxControlConfig;
 use crate::control::speed::SpeedControlConfig;
-use crate::drive::BOOST;
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
 use crate::estimate::offset::{OffsetConfig, longest_window};
@@ -15,9 +14,14 @@ use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Real, Timer};
 
+/// Magnetising current during the build-up of the flux, as multiple of its final value.
+pub(crate) const BOOST: f64 = 1.5;
+
 /// Settings of a drive. [`DriveParams::new`] derives every value from machine and inverter; change single
 /// fields from there.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct DriveParams {
     /// Flux reference, per unit of rated flux `U_N √(2/3) / omega_sR`; 0.3 to 1.2.
     pub psi_ref: f64,
@@ -131,6 +135,8 @@ impl DriveParams {
 
 /// What the control step reads: constants, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct DriveConfig<R: Real> {
     pub(crate) pu: PerUnit<R>,
     pub(crate) inverter: InverterModel<R>,
@@ -223,7 +229,7 @@ impl<R: Real> DriveConfig<R> {
         let pu = PerUnit::<R>::new(machine, inverter)?;
         p.validate(machine, inverter)?;
         let b = Base::new(machine);
-        let r = R::from_f64;
+        let r = rounded::<R>;
         let hz = |f: f64| core::f64::consts::TAU * f / b.omega;
         let periods = |t: f64| (t * inverter.f_s + 0.5) as u32;
 

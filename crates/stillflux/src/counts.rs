@@ -12,6 +12,8 @@ use crate::scalar::{Real, Timer};
 
 /// One set of readings, left-aligned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Counts {
     /// Phase currents, positive into the machine.
     pub i_abc: [i16; 3],
@@ -21,6 +23,8 @@ pub struct Counts {
 
 /// Per-unit values of full scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Scale<R: Real> {
     i: R,
     u_dc: R,

@@ -16,7 +16,7 @@
 //!
 //! No call panics, allocates, or lets a number that is not finite through, whatever the ADC delivers.
 
-use crate::config::DriveConfig;
+use crate::config::{BOOST, DriveConfig};
 use crate::control::current::CurrentController;
 use crate::control::flux::FluxController;
 use crate::control::modulator::{Duty, applied, modulate, zero_duty};
@@ -30,6 +30,8 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// What the drive measures at the start of a period, per unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Measurement<R: Real> {
     /// Phase currents, positive into the machine.
     pub i_abc: [R; 3],
@@ -39,6 +41,8 @@ pub struct Measurement<R: Real> {
 
 /// What the drive is to do.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub enum Reference<R: Real> {
     /// Gates off.
     #[default]
@@ -51,6 +55,8 @@ pub enum Reference<R: Real> {
 
 /// What the drive hands to the modulator's preload registers.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Output<R: Real> {
     /// Duties of the next period, each in [0, 1].
     pub duty: Duty<R>,
@@ -60,6 +66,8 @@ pub struct Output<R: Real> {
 
 /// Why a drive blocked its bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub enum Fault {
     /// Current above the trip level.
     OverCurrent,
@@ -79,6 +87,8 @@ pub enum Fault {
 
 /// State of the sequence.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub enum Status {
     /// Gates off, waiting for a reference.
     #[default]
@@ -100,6 +110,8 @@ pub enum Status {
 
 /// What a drive stores at a stop and takes back at a start (the paper's nonvolatile memory).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Memory<R: Real> {
     /// Offset voltage.
     pub u_off: AlphaBeta<R>,
@@ -111,6 +123,8 @@ pub struct Memory<R: Real> {
 
 /// Everything the drive estimates, per unit, of the latest period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Estimate<R: Real> {
     /// Flux estimator outputs.
     pub flux: FluxEstimate<R>,
@@ -142,6 +156,8 @@ pub struct Estimate<R: Real> {
 
 /// A period's voltage on its way to the machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 struct InFlight<R: Real> {
     /// Applied by ideal legs, per unit of dc link.
     ideal: AlphaBeta<R>,
@@ -151,6 +167,8 @@ struct InFlight<R: Real> {
 
 /// A sensorless induction motor drive.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Drive<R: Real> {
     config: DriveConfig<R>,
     status: Status,
@@ -288,7 +306,7 @@ impl<R: Real> Drive<R> {
         // The duties act from one to two periods after the sample: turn the voltage to their middle.
         let t_s = self.config.pu.t_s;
         let omega_s = self.estimate.speed.omega_s;
-        let ahead = field.turned(omega_s * t_s * R::from_f64(1.5));
+        let ahead = field.ahead(omega_s * t_s * R::from_f64(1.5));
         let u_ref = ahead.to_stator(&u_dq);
         // The inverter model sees the current that will flow then: the reference, free from noise.
         let loss = self.config.inverter.distortion(&ahead.to_stator(&i_ref), u_dc);
@@ -325,6 +343,7 @@ impl<R: Real> Drive<R> {
     }
 
     /// Mean of the current samples while no current can flow.
+    #[inline(never)]
     fn read_offset(&mut self, m: &Measurement<R>) {
         let c = &self.config;
         if c.calibrate_offset {
@@ -346,6 +365,7 @@ impl<R: Real> Drive<R> {
     }
 
     /// Direct current along the a-axis; its last quarter gives `r̂_s`.
+    #[inline(never)]
     fn magnetise(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
         let c = &self.config;
         let i_d = c.flux_control.feedforward(c.flux_control.psi_rated, R::ZERO);
@@ -443,6 +463,7 @@ impl<R: Real> Drive<R> {
         (field, i_ref, u)
     }
 
+    #[inline(never)]
     fn enter(&mut self, status: Status) {
         self.status = status;
         self.stage = 0;
@@ -459,18 +480,18 @@ impl<R: Real> Drive<R> {
         }
     }
 
+    #[cold]
+    #[inline(never)]
     fn fault(&mut self, cause: Fault) {
         if !matches!(self.status, Status::Faulted { .. }) {
             self.enter(Status::Faulted { cause, period: self.period });
         }
     }
 
+    #[inline(never)]
     fn blocked(&mut self) -> Output<R> {
         self.in_flight = [InFlight::default(); 2];
         self.estimate.confidence = R::ZERO;
         Output { duty: zero_duty(), gates_on: false }
     }
 }
-
-/// Magnetising current during the build-up of the flux, as multiple of its final value.
-pub(crate) const BOOST: f64 = 1.5;

@@ -21,7 +21,7 @@
 
 use crate::base::{Base, PerUnit};
 use crate::params::{Inverter, Machine};
-use crate::scalar::Real;
+use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 
 /// Width of the model's band as part of the physical one.
@@ -31,6 +31,8 @@ const SCALE: f64 = 64.0;
 
 /// Parameters of the inverter model, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct InverterModel<R: Real> {
     /// Threshold voltage.
     u_th: R,
@@ -60,14 +62,22 @@ impl<R: Real> InverterModel<R> {
     /// A model of an ideal inverter: no compensation.
     #[must_use]
     pub fn ideal() -> Self {
-        Self { u_th: R::ZERO, dead_time: R::ZERO, band: R::ONE, inv_band: R::ONE }
+        Self { u_th: R::ZERO, dead_time: R::ZERO, band: R::ZERO, inv_band: R::ONE }
     }
 
     /// Voltage lost in each phase at the phase currents of `i_s`: add it to the reference to compensate.
     #[inline]
     pub fn distortion(&self, i_s: &AlphaBeta<R>, u_dc: R) -> [R; 3] {
-        let u = (self.u_th + self.dead_time * u_dc) * R::from_f64(SCALE);
-        i_s.to_phases().map(|i| i.limit(self.band) * self.inv_band * u)
+        let u = self.u_th + self.dead_time * u_dc;
+        let leg = |i: R| {
+            if likely(i.abs() >= self.band) {
+                if i < R::ZERO { -u } else { u }
+            } else {
+                i * self.inv_band * (u * R::from_f64(SCALE))
+            }
+        };
+        let [a, b, c] = i_s.to_phases();
+        [leg(a), leg(b), leg(c)]
     }
 }
 

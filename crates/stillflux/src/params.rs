@@ -37,6 +37,7 @@ impl fmt::Display for ParamError {
 impl core::error::Error for ParamError {}
 
 /// Checks `min <= value <= max` (and with it that the value is finite).
+#[inline(never)]
 pub fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'static str) -> Result<(), ParamError> {
     if value >= min && value <= max { Ok(()) } else { Err(ParamError { field, value, min, max, unit }) }
 }
@@ -45,6 +46,8 @@ pub fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'static
 ///
 /// A plant property: the drive models the machine at its rated flux.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Saturation {
     /// Unsaturated stator inductance `L_u` in H.
     pub L_u: f64,
@@ -56,6 +59,8 @@ pub struct Saturation {
 
 /// Induction machine, inverse-Γ parameters and rating, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Machine {
     /// Stator resistance, Ω.
     pub R_s: f64,
@@ -83,6 +88,8 @@ pub struct Machine {
 
 /// Rating part of a machine's data: what the nameplate says.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Rating {
     /// Pole pairs.
     pub n_p: u32,
@@ -100,6 +107,8 @@ pub struct Rating {
 
 /// Γ-form parameters: all leakage on the rotor side, `L_s` shunt at the stator.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Gamma {
     /// Stator resistance, Ω.
     pub R_s: f64,
@@ -113,6 +122,8 @@ pub struct Gamma {
 
 /// T-form parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct TModel {
     /// Stator resistance, Ω.
     pub R_s: f64,
@@ -212,6 +223,7 @@ impl Machine {
     ///
     /// # Errors
     /// The first field found outside its range.
+    #[inline(never)]
     pub fn validate(&self) -> Result<(), ParamError> {
         check("R_s", self.R_s, 1e-5, 1e3, "ohm")?;
         check("R_R", self.R_R, 1e-5, 1e3, "ohm")?;
@@ -235,6 +247,8 @@ impl Machine {
 
 /// Two-level inverter, SI: what the nonlinear inverter model (4)-(7) knows.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Inverter {
     /// Rated dc-link voltage, V.
     pub u_dc: f64,
@@ -267,6 +281,7 @@ impl Inverter {
     ///
     /// # Errors
     /// The first field found outside its range.
+    #[inline(never)]
     pub fn validate(&self) -> Result<(), ParamError> {
         check("u_dc", self.u_dc, 5.0, 10e3, "V")?;
         check("f_s", self.f_s, 1e3, 100e3, "Hz")?;

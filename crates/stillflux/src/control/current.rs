@@ -17,6 +17,8 @@ use crate::space::Dq;
 
 /// Settings of the current controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct CurrentConfig<R: Real> {
     /// Proportional gain.
     pub k_p: R,
@@ -28,6 +30,8 @@ pub struct CurrentConfig<R: Real> {
 
 /// State of the current controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct CurrentController<R: Real> {
     x: [Integrator<R>; 2],
 }

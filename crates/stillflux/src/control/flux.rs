@@ -15,6 +15,8 @@ use crate::scalar::{Integrator, Real, likely};
 
 /// Settings of the flux controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxControlConfig<R: Real> {
     /// Rated flux reference.
     pub psi_rated: R,
@@ -46,6 +48,8 @@ pub struct FluxControlConfig<R: Real> {
 
 /// State of the flux controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxController<R: Real> {
     x: Integrator<R>,
 }

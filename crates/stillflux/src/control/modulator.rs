@@ -22,13 +22,12 @@ pub fn modulate<R: Real>(u: [R; 3], inv_u_dc: R, timer: Option<&Timer>) -> Duty<
     let hi = u[0].max(u[1]).max(u[2]);
     let lo = u[0].min(u[1]).min(u[2]);
     let common = (hi + lo).half();
-    u.map(|x| {
-        let d = (R::HALF + (x - common) * inv_u_dc).clamp(R::ZERO, R::ONE);
-        match timer {
-            Some(t) => d.quantise(t).1,
-            None => d,
-        }
-    })
+    let leg = |x: R| (R::HALF + (x - common) * inv_u_dc).clamp(R::ZERO, R::ONE);
+    let duty = [leg(u[0]), leg(u[1]), leg(u[2])];
+    match timer {
+        Some(t) => [duty[0].quantise(t).1, duty[1].quantise(t).1, duty[2].quantise(t).1],
+        None => duty,
+    }
 }
 
 /// Voltage vector that ideal legs apply with these duties, per unit of dc link.

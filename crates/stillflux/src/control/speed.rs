@@ -8,6 +8,8 @@ use crate::scalar::{Integrator, Real};
 
 /// Settings of the speed controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct SpeedControlConfig<R: Real> {
     /// Proportional gain, torque per speed.
     pub k_p: R,
@@ -19,6 +21,8 @@ pub struct SpeedControlConfig<R: Real> {
 
 /// State of the speed controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct SpeedController<R: Real> {
     x: Integrator<R>,
 }

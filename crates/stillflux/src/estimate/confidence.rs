@@ -22,6 +22,8 @@ pub const SIGMA_HALF: f64 = 0.261_8;
 
 /// Settings of the confidence model.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct ConfidenceConfig<R: Real> {
     /// Control period, normalised.
     pub t_s: R,
@@ -35,6 +37,8 @@ pub struct ConfidenceConfig<R: Real> {
 
 /// State of the confidence model.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Confidence<R: Real> {
     sigma: Integrator<R>,
     effort: Integrator<R>,

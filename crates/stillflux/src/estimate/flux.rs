@@ -22,6 +22,8 @@ use crate::space::{AlphaBeta, Rotator};
 
 /// Settings of the flux estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxConfig<R: Real> {
     /// Control period, normalised.
     pub t_s: R,
@@ -35,6 +37,8 @@ pub struct FluxConfig<R: Real> {
 
 /// What the estimator delivers for one period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxEstimate<R: Real> {
     /// Stator flux linkage `ψ̂_s`.
     pub psi_s: AlphaBeta<R>,
@@ -50,6 +54,8 @@ pub struct FluxEstimate<R: Real> {
 
 /// State of the flux estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxEstimator<R: Real> {
     psi_s: [Integrator<R>; 2],
     i_s: AlphaBeta<R>,

@@ -28,6 +28,8 @@ use crate::space::AlphaBeta;
 
 /// Settings of the offset estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct OffsetConfig<R: Real> {
     /// Control period, normalised.
     pub t_s: R,
@@ -52,6 +54,8 @@ pub fn longest_window(omega_min: f64, t_s: f64) -> u32 {
 
 /// Time and field angle, common to both components: windows are differences of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 struct Now<R: Real> {
     /// Control periods, wrapping.
     period: u32,
@@ -61,6 +65,8 @@ struct Now<R: Real> {
 
 /// One component of the parallel path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 struct Axis<R: Real> {
     psi_1: Integrator<R>,
     u_off: R,
@@ -141,6 +147,8 @@ impl<R: Real> Axis<R> {
 
 /// State of the offset estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct OffsetEstimator<R: Real> {
     axes: [Axis<R>; 2],
     now: Now<R>,

@@ -21,6 +21,8 @@ use crate::space::Dq;
 
 /// Settings of the adaptation.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct ResistanceConfig<R: Real> {
     /// `l_s + σl_s`.
     pub l_sum: R,
@@ -46,6 +48,8 @@ pub struct ResistanceConfig<R: Real> {
 
 /// State of the adaptation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct ResistanceEstimator<R: Real> {
     r_s: Integrator<R>,
     prior: R,

@@ -20,6 +20,8 @@ use crate::space::{AlphaBeta, Rotator};
 
 /// Settings of the speed estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct SpeedConfig<R: Real> {
     /// Control period, normalised.
     pub t_s: R,
@@ -37,6 +39,8 @@ pub struct SpeedConfig<R: Real> {
 
 /// Speed, slip and rotor flux.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct SpeedEstimate<R: Real> {
     /// Rotor flux linkage `ψ̂_R`.
     pub psi_r: AlphaBeta<R>,
@@ -50,6 +54,8 @@ pub struct SpeedEstimate<R: Real> {
 
 /// State of the speed estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct SpeedEstimator<R: Real> {
     angle: Rotator<R>,
     /// `1/|ψ̂_R|` of the last period.

@@ -5,6 +5,8 @@ use super::{Real, Timer};
 
 /// Value and rounding residual of a compensated (Kahan) sum.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Compensated<T> {
     value: T,
     residual: T,

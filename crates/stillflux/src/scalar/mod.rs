@@ -12,6 +12,28 @@ pub use q::Q;
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
+/// What the feature `serde` adds to every arithmetic; without it, nothing.
+#[cfg(feature = "serde")]
+pub trait Store: serde::Serialize + serde::de::DeserializeOwned {}
+#[cfg(feature = "serde")]
+impl<T: serde::Serialize + serde::de::DeserializeOwned> Store for T {}
+/// What the feature `serde` adds to every arithmetic; without it, nothing.
+#[cfg(not(feature = "serde"))]
+pub trait Store {}
+#[cfg(not(feature = "serde"))]
+impl<T> Store for T {}
+
+/// What the feature `defmt` adds to every arithmetic; without it, nothing.
+#[cfg(feature = "defmt")]
+pub trait Log: defmt::Format {}
+#[cfg(feature = "defmt")]
+impl<T: defmt::Format> Log for T {}
+/// What the feature `defmt` adds to every arithmetic; without it, nothing.
+#[cfg(not(feature = "defmt"))]
+pub trait Log {}
+#[cfg(not(feature = "defmt"))]
+impl<T> Log for T {}
+
 /// Arithmetic of the per-unit quantities of a drive.
 pub trait Real:
     Copy
@@ -31,9 +53,11 @@ pub trait Real:
     + MulAssign
     + num_traits::Zero
     + num_traits::One
+    + Store
+    + Log
 {
     /// Accumulator that keeps what an addition to `Self` would round away.
-    type Sum: Copy + Debug + Default + PartialEq + Send + Sync + 'static;
+    type Sum: Copy + Debug + Default + PartialEq + Send + Sync + Store + Log + 'static;
 
     /// 0.
     const ZERO: Self;
@@ -152,6 +176,8 @@ pub(crate) fn likely(condition: bool) -> bool {
 
 /// Resolution of the PWM timer, with the reciprocal that replaces a division by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Timer {
     /// Counts of a full duty (from carrier valley to peak).
     full: u32,
@@ -176,6 +202,8 @@ impl Timer {
 
 /// Integrator that loses no low-order bits: increments below one rounding step are carried.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Integrator<R: Real> {
     sum: R::Sum,
 }

@@ -1,0 +1,125 @@
+//! The complete drive on a Cortex-M4F.
+//!
+//! `control_isr` is what a product runs: readings in, one period of the drive, compare values out. Around
+//! it, the main loop plays the sampling instants: it reads recorded frames from a file on the host, pends
+//! the interrupt for each and writes what came back to a second file (processor in the loop). Without
+//! arguments the drive starts on idle readings and the image reports its sizes.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::{entry, exception};
+use stillflux::drive::Reference;
+use stillflux::scalar::Real;
+use stillflux_firmware::blob::{Blob, Parameters};
+use stillflux_firmware::board::{self, File, Handover, Mailbox, print};
+use stillflux_firmware::control::Control;
+use stillflux_firmware::exchange::{ANSWER, FRAME, Frame, answer};
+use stillflux_firmware::violation;
+
+#[cfg(feature = "q")]
+type Arithmetic = stillflux::scalar::Q;
+#[cfg(not(feature = "q"))]
+type Arithmetic = f32;
+
+/// The page of flash that commissioning writes.
+#[unsafe(link_section = ".rodata.parameters")]
+#[used]
+static PAGE: Blob = Blob::seal(&Parameters::preset());
+/// The one drive; none until the page is read.
+static CONTROL: Handover<Option<Control<Arithmetic>>> = Handover::new(None);
+static MAILBOX: Handover<Mailbox<Arithmetic>> = Handover::new(Mailbox::new());
+
+#[exception]
+fn SysTick() {
+    control_isr();
+}
+
+/// The control interrupt.
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn control_isr() {
+    // SAFETY: the main loop touches both only while this interrupt is not pended.
+    unsafe {
+        CONTROL.with(|control| {
+            MAILBOX.with(|mailbox| {
+                if let Some(control) = control {
+                    let frame = mailbox.readings();
+                    let command = control.period(&frame.counts, &frame.reference);
+                    mailbox.command(command);
+                    violation::planted(&command);
+                }
+            });
+        });
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    // Opaque: flash is written after the image is linked, its content must not be folded into the code.
+    let Some(parameters) = core::hint::black_box(&PAGE).open() else {
+        print(format_args!("parameter page is not valid: the bridge stays blocked"));
+        board::exit(false)
+    };
+    match Control::new(&parameters) {
+        // SAFETY: the interrupt is not pended yet.
+        Ok(control) => unsafe { CONTROL.with(|c| *c = Some(control)) },
+        Err(e) => {
+            // The field alone: printing its value would bring in the formatting of floating-point numbers.
+            print(format_args!("{} is outside its admissible range", e.field));
+            board::exit(false)
+        }
+    }
+    let mut buffer = [0; 512];
+    let mut arguments = board::arguments(&mut buffer).split_whitespace().skip(1);
+    match (arguments.next(), arguments.next()) {
+        (Some(from), Some(to)) => board::exit(replay(from, to)),
+        _ => board::exit(idle()),
+    }
+}
+
+/// Feeds the frames of one file to the drive and writes its answers to another.
+fn replay(from: &str, to: &str) -> bool {
+    let (Some(mut frames), Some(mut answers)) = (File::open(from, false), File::open(to, true)) else {
+        print(format_args!("cannot open {from} and {to}"));
+        return false;
+    };
+    let mut buffer = [0_u8; 1024 * FRAME];
+    let mut out = [0_u8; 1024 * ANSWER];
+    loop {
+        let n = frames.read(&mut buffer) / FRAME;
+        if n == 0 {
+            return true;
+        }
+        for (bytes, to) in buffer.as_chunks::<FRAME>().0[..n].iter().zip(out.as_chunks_mut::<ANSWER>().0) {
+            *to = period(Frame::from_bytes(bytes));
+        }
+        if !answers.write(&out[..n * ANSWER]) {
+            print(format_args!("cannot write {to}"));
+            return false;
+        }
+    }
+}
+
+/// One sampling instant and what it gave.
+fn period(frame: Frame<Arithmetic>) -> [u8; ANSWER] {
+    let command = board::sample(&MAILBOX, frame);
+    // SAFETY: the interrupt has run and is not pended.
+    unsafe { CONTROL.with(|c| c.as_ref().map_or([0; ANSWER], |c| answer(c, &command))) }
+}
+
+/// A drive on idle readings at its rated dc link: reads its offsets and begins to magnetise.
+fn idle() -> bool {
+    let counts = stillflux::counts::Counts { i_abc: [0; 3], u_dc: 21_845 };
+    for _ in 0..1100 {
+        period(Frame { counts, reference: Reference::Speed(Arithmetic::ZERO) });
+    }
+    // SAFETY: the interrupt is not pended.
+    let status = unsafe { CONTROL.with(|c| c.as_ref().map(|c| c.drive.status())) };
+    let (drive, config) =
+        (size_of::<stillflux::drive::Drive<Arithmetic>>(), size_of::<stillflux::config::DriveConfig<Arithmetic>>());
+    print(format_args!(
+        "{{\"arithmetic\": \"{}\", \"status\": \"{status:?}\", \"drive_bytes\": {drive}, \"config_bytes\": {config}}}",
+        Arithmetic::NAME
+    ));
+    matches!(status, Some(stillflux::drive::Status::Magnetising))
+}

@@ -1,0 +1,151 @@
+//! Parameters and what a drive remembers, as they lie in a page of flash: magic, length, values, CRC-32.
+//!
+//! A firmware writes such a page after commissioning and after every stop (`Drive::memory`). It is read
+//! once at power-up; an image whose page is erased, torn or of another layout does not start the bridge.
+//! Values are SI in double precision: the page does not depend on the arithmetic of the image.
+
+#![allow(non_snake_case)]
+
+use stillflux::base::Base;
+use stillflux::drive::Memory;
+use stillflux::params::{Inverter, Machine};
+use stillflux::scalar::Real;
+use stillflux::space::AlphaBeta;
+
+/// `sfx1`: changes with the layout.
+const MAGIC: u32 = 0x3178_6673;
+/// Values in a page.
+const VALUES: usize = 24;
+/// Magic, length, values as two words each, CRC.
+const WORDS: usize = 2 + 2 * VALUES + 1;
+
+/// What an image needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameters {
+    /// The machine.
+    pub machine: Machine,
+    /// The inverter.
+    pub inverter: Inverter,
+    /// Full scale of the current channels, A.
+    pub i_full: f64,
+    /// Full scale of the dc-link channel, V.
+    pub u_full: f64,
+    /// Stored offset voltage, V, α and β.
+    pub u_off: [f64; 2],
+    /// Stored stator resistance with the inverter's `r_d`, Ω.
+    pub r_s: f64,
+    /// Stored offsets of the current channels, A.
+    pub i_off: [f64; 3],
+}
+
+impl Parameters {
+    /// The 2.2-kW machine on its inverter, with 12-bit channels and an offset found in an earlier run.
+    pub const fn preset() -> Self {
+        Self {
+            machine: Machine::preset_2k2(),
+            inverter: Inverter::preset_2k2(),
+            i_full: 17.5,
+            u_full: 810.0,
+            u_off: [0.05, -0.03],
+            r_s: 3.9,
+            i_off: [0.0; 3],
+        }
+    }
+
+    /// What the drive takes back, per unit.
+    pub fn memory<R: Real>(&self) -> Memory<R> {
+        let b = Base::new(&self.machine);
+        Memory {
+            u_off: AlphaBeta::new(R::from_f64(self.u_off[0] / b.u), R::from_f64(self.u_off[1] / b.u)),
+            r_s: R::from_f64(self.r_s / b.z),
+            i_off: self.i_off.map(|i| R::from_f64(i / b.i)),
+        }
+    }
+}
+
+/// A page as it lies in flash.
+#[repr(C)]
+pub struct Blob([u32; WORDS]);
+
+impl Blob {
+    /// The page that holds `p`. `const`: a linker places it, no code runs.
+    pub const fn seal(p: &Parameters) -> Self {
+        let (m, inv) = (&p.machine, &p.inverter);
+        let values: [f64; VALUES] = [
+            m.R_s,
+            m.R_R,
+            m.L_sigma,
+            m.L_M,
+            m.n_p as f64,
+            m.J,
+            m.U_N,
+            m.I_N,
+            m.f_N,
+            m.T_N,
+            inv.u_dc,
+            inv.f_s,
+            inv.u_th,
+            inv.r_d,
+            inv.dead_time,
+            inv.f_clk,
+            p.i_full,
+            p.u_full,
+            p.u_off[0],
+            p.u_off[1],
+            p.r_s,
+            p.i_off[0],
+            p.i_off[1],
+            p.i_off[2],
+        ];
+        let mut words = [0; WORDS];
+        words[0] = MAGIC;
+        words[1] = WORDS as u32;
+        let mut k = 0;
+        while k < VALUES {
+            let bits = values[k].to_bits();
+            words[2 + 2 * k] = bits as u32;
+            words[3 + 2 * k] = (bits >> 32) as u32;
+            k += 1;
+        }
+        words[WORDS - 1] = crc(&words);
+        Self(words)
+    }
+
+    /// The parameters, if the page is whole.
+    pub fn open(&self) -> Option<Parameters> {
+        let words = &self.0;
+        if words[0] != MAGIC || words[1] != WORDS as u32 || words[WORDS - 1] != crc(words) {
+            return None;
+        }
+        let v: [f64; VALUES] =
+            core::array::from_fn(|k| f64::from_bits(u64::from(words[3 + 2 * k]) << 32 | u64::from(words[2 + 2 * k])));
+        #[rustfmt::skip]
+        let [R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, u_dc, f_s, u_th, r_d, dead_time, f_clk,
+             i_full, u_full, u_alpha, u_beta, r_s, i_a, i_b, i_c] = v;
+        Some(Parameters {
+            machine: Machine { R_s, R_R, L_sigma, L_M, n_p: n_p as u32, J, U_N, I_N, f_N, T_N, saturation: None },
+            inverter: Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk },
+            i_full,
+            u_full,
+            u_off: [u_alpha, u_beta],
+            r_s,
+            i_off: [i_a, i_b, i_c],
+        })
+    }
+}
+
+/// CRC-32 (IEEE 802.3) of all words but the last.
+const fn crc(words: &[u32; WORDS]) -> u32 {
+    let mut crc = u32::MAX;
+    let mut k = 0;
+    while k < WORDS - 1 {
+        crc ^= words[k];
+        let mut bit = 0;
+        while bit < 32 {
+            crc = if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 };
+            bit += 1;
+        }
+        k += 1;
+    }
+    !crc
+}

@@ -1,0 +1,195 @@
+//! The board: QEMU's mps2-an386 (Cortex-M4F). **The one file to replace for a port**, with `memory.x`.
+//!
+//! On an STM32G4 the same functions are: [`readings`] the injected data registers of the converters
+//! (left-aligned, sensor zero in `OFRy`), which the timer triggers at the carrier's peak; [`command`] the
+//! timer's `CCR1..3` with preload and its main-output-enable bit; the interrupt is the converters' end of
+//! injected sequence; [`Clock`] is `DWT::CYCCNT`. `docs/firmware.md` has the wiring.
+//!
+//! Here the peripherals are a mailbox that the main loop fills from a file on the host; the interrupt is
+//! SysTick, pended by software once for each period.
+
+use crate::control::Command;
+use crate::exchange::Frame;
+use core::cell::UnsafeCell;
+use core::fmt::{self, Write};
+use core::panic::PanicInfo;
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{SCB, SYST};
+use cortex_m_semihosting::{debug, hio, nr, syscall};
+use stillflux::drive::Reference;
+use stillflux::scalar::Real;
+
+/// A static that the control interrupt and the main loop hand to each other: the main loop touches it only
+/// while the interrupt cannot run.
+pub struct Handover<T>(UnsafeCell<T>);
+
+// SAFETY: one core; the contract of `with`.
+unsafe impl<T> Sync for Handover<T> {}
+
+impl<T> Handover<T> {
+    /// Holds `value`.
+    pub const fn new(value: T) -> Self {
+        Self(UnsafeCell::new(value))
+    }
+
+    /// Exclusive access.
+    ///
+    /// # Safety
+    /// Not called again from within `f`, and from the main loop only while the control interrupt is not
+    /// pended.
+    #[inline(always)]
+    pub unsafe fn with<U>(&self, f: impl FnOnce(&mut T) -> U) -> U {
+        // SAFETY: no second reference lives, by the caller's promise.
+        f(unsafe { &mut *self.0.get() })
+    }
+}
+
+/// Peripheral registers of this board: readings and reference in, command out.
+pub struct Mailbox<R: Real> {
+    frame: Frame<R>,
+    command: Command,
+}
+
+impl<R: Real> Mailbox<R> {
+    /// Gates off.
+    #[allow(clippy::new_without_default, reason = "a static takes a const fn")]
+    pub const fn new() -> Self {
+        let counts = stillflux::counts::Counts { i_abc: [0; 3], u_dc: 0 };
+        Self {
+            frame: Frame { counts, reference: Reference::Stop },
+            command: Command { compare: [0; 3], gates_on: false },
+        }
+    }
+
+    /// What the converters have read, and what the application wants.
+    #[inline(always)]
+    pub fn readings(&self) -> Frame<R> {
+        self.frame
+    }
+
+    /// Preloads the timer.
+    #[inline(always)]
+    pub fn command(&mut self, command: Command) {
+        self.command = command;
+    }
+}
+
+/// One sampling instant: runs the control interrupt on `frame`, returns what it commanded.
+pub fn sample<R: Real>(mailbox: &Handover<Mailbox<R>>, frame: Frame<R>) -> Command {
+    // SAFETY: the interrupt is pended only between the two accesses.
+    unsafe {
+        mailbox.with(|m| m.frame = frame);
+        SCB::set_pendst();
+        cortex_m::asm::dsb();
+        cortex_m::asm::isb();
+        mailbox.with(|m| m.command)
+    }
+}
+
+/// Instructions by SysTick: with `-icount shift=0` one instruction is a nanosecond, a tick is 40.
+pub struct Clock;
+
+impl Clock {
+    /// Instructions per tick.
+    pub const TICK: u32 = 40;
+    /// SysTick's current value.
+    const CURRENT: u32 = 0xE000_E018;
+
+    /// Starts it, without its interrupt.
+    pub fn start(syst: &mut SYST) {
+        syst.set_clock_source(SystClkSource::Core);
+        syst.set_reload(0x00FF_FFFF);
+        syst.clear_current();
+        syst.enable_counter();
+    }
+
+    /// Waits for the edge of a tick: its count.
+    #[inline(always)]
+    pub fn edge() -> u32 {
+        let (from, now): (u32, u32);
+        // SAFETY: reads SysTick's current value. Clobbers memory: no call is moved across.
+        unsafe {
+            core::arch::asm!(
+                "ldr {from}, [{at}]", "2:", "ldr {now}, [{at}]", "cmp {now}, {from}", "beq 2b",
+                at = in(reg) Self::CURRENT, from = out(reg) from, now = out(reg) now,
+            );
+        }
+        let _ = from;
+        now
+    }
+
+    /// Count now, and the instructions from now to the next edge.
+    #[inline(always)]
+    pub fn until_edge() -> (u32, u32) {
+        let (begin, loops): (u32, u32);
+        // SAFETY: as in `edge`.
+        unsafe {
+            core::arch::asm!(
+                "ldr {begin}, [{at}]", "2:", "adds {loops}, #1", "ldr {now}, [{at}]", "cmp {now}, {begin}", "beq 2b",
+                at = in(reg) Self::CURRENT, begin = out(reg) begin, now = out(reg) _, loops = inout(reg) 0 => loops,
+            );
+        }
+        (begin.wrapping_sub(1), 4 * loops)
+    }
+}
+
+/// A file on the host.
+pub struct File(usize);
+
+impl File {
+    /// Opens `path` (without trailing zero) for reading or writing.
+    pub fn open(path: &str, write: bool) -> Option<Self> {
+        let mut name = [0_u8; 256];
+        name.get_mut(..path.len())?.copy_from_slice(path.as_bytes());
+        let mode = if write { nr::open::RW_TRUNC_BINARY } else { nr::open::R_BINARY };
+        // SAFETY: the name lives and ends in a zero.
+        let handle = unsafe { syscall!(OPEN, name.as_ptr(), mode, path.len()) };
+        (handle != usize::MAX).then_some(Self(handle))
+    }
+
+    /// Fills `buffer` as far as the file goes; the number of bytes read.
+    pub fn read(&mut self, buffer: &mut [u8]) -> usize {
+        // SAFETY: pointer and length are those of the buffer.
+        let left = unsafe { syscall!(READ, self.0, buffer.as_mut_ptr(), buffer.len()) };
+        buffer.len() - left.min(buffer.len())
+    }
+
+    /// Writes all of `buffer`; `false` if the host did not take it.
+    pub fn write(&mut self, buffer: &[u8]) -> bool {
+        // SAFETY: pointer and length are those of the buffer.
+        unsafe { syscall!(WRITE, self.0, buffer.as_ptr(), buffer.len()) == 0 }
+    }
+}
+
+/// The command line that the host gave: image name, then arguments.
+pub fn arguments(buffer: &mut [u8; 512]) -> &str {
+    let mut request = [buffer.as_mut_ptr() as usize, buffer.len()];
+    // SAFETY: SYS_GET_CMDLINE fills the buffer that the request names and writes the length back.
+    let failed = unsafe { cortex_m_semihosting::syscall1(nr::GET_CMDLINE, request.as_mut_ptr() as usize) };
+    let length = if failed == 0 { request[1].min(buffer.len()) } else { 0 };
+    core::str::from_utf8(&buffer[..length]).unwrap_or("").trim_end_matches('\0')
+}
+
+/// Prints a line on the host.
+pub fn print(line: fmt::Arguments<'_>) {
+    if let Ok(mut out) = hio::hstdout() {
+        // A host that does not listen is no fault of the drive.
+        let _ = writeln!(out, "{line}");
+    }
+}
+
+/// Ends the emulation.
+pub fn exit(success: bool) -> ! {
+    debug::exit(if success { debug::EXIT_SUCCESS } else { debug::EXIT_FAILURE });
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// Unreachable from the control interrupt, as `tests/test_firmware.py` proves. On hardware: main output
+/// off, then wait for the watchdog.
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    print(format_args!("{info}"));
+    exit(false)
+}

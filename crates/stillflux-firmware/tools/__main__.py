@@ -1,0 +1,49 @@
+"""`python3 -m tools run|bench` in the firmware crate: `make firmware` and `make firmware-bench` call it."""
+
+from __future__ import annotations
+
+import sys
+
+from . import cost, pil, toolchain
+
+
+def run(chain: toolchain.Toolchain) -> int:
+    """Builds both images, starts them, and compares a closed loop with the host."""
+    failed = 0
+    for arithmetic in cost.ARITHMETICS:
+        elf = toolchain.build(chain, "drive", *([] if arithmetic == "f32" else ["q"]))
+        print(toolchain.emulate(elf).strip())
+        result = pil.run(elf, arithmetic)
+        if result.first:
+            failed += 1
+            print(f"  {result.periods} periods: {result.different} words differ, first {result.first}")
+        else:
+            print(f"  {result.periods} periods of a closed loop: every bit as on the host")
+    return failed
+
+
+def bench(chain: toolchain.Toolchain) -> int:
+    """Measures and reports."""
+    report = cost.measure(chain)
+    cost.write(report)
+    print(cost.table(report))
+    return 0
+
+
+def main() -> int:
+    """Runs one of the commands."""
+    commands = {"run": run, "bench": bench}
+    if len(sys.argv) != 2 or sys.argv[1] not in commands:
+        print("usage: python3 -m tools run|bench", file=sys.stderr)
+        return 2
+    try:
+        chain = toolchain.find()
+        print(f"building with {chain.name}", file=sys.stderr)
+        return commands[sys.argv[1]](chain)
+    except (toolchain.MissingError, RuntimeError) as error:
+        print(error, file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,106 @@
+"""What the core costs on a Cortex-M4F, beside what it must compute and how exact it is."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from . import pil, toolchain
+from .image import Image
+
+BLOCKS = (
+    "flux_estimator",
+    "speed_estimator",
+    "resistance_adaptation",
+    "confidence",
+    "speed_control",
+    "flux_control",
+    "current_control",
+    "inverter_model",
+    "modulator",
+    "drive_step",
+)
+ARITHMETICS = ("f32", "q")
+#: What the design asks for, mean instructions: f32, q.
+TARGETS = {"flux_estimator": (150, 250), "drive_step": (600, 1000)}
+REPORT = toolchain.ROOT / "target" / "firmware-bench.json"
+
+
+def measure(chain: toolchain.Toolchain) -> dict[str, Any]:
+    """All figures, as they go into the report."""
+    frames = [pil.record(arithmetic)[0].name for arithmetic in ARITHMETICS]
+    lines = toolchain.emulate(toolchain.build(chain, "cost"), *frames, count=True).splitlines()
+    operations = json.loads(toolchain.host_example("operations"))
+    report: dict[str, Any] = {name: {} for name in BLOCKS}
+    for line in lines:
+        row = json.loads(line)
+        if row.get("block") in report:
+            block = report[row["block"]]
+            block[row["arithmetic"]] = row["mean"]
+            block[f"{row['arithmetic']}_worst"] = row["worst"]
+    for name in BLOCKS:
+        report[name]["operations"] = operations[name]
+    for key in ("flash_step", "flash_library", "flash_image", "ram_drive", "ram_config", "stack_step"):
+        report[key] = {}
+    for arithmetic in ARITHMETICS:
+        elf = toolchain.build(chain, "drive", *([] if arithmetic == "f32" else ["q"]))
+        _sizes(report, arithmetic, elf)
+    report["accuracy"] = json.loads(toolchain.host_example("accuracy"))
+    return report
+
+
+def _sizes(report: dict[str, Any], arithmetic: str, elf: Path) -> None:
+    image = Image(elf)
+    idle = json.loads(toolchain.emulate(elf))
+    report["flash_step"][arithmetic] = sum(f.size for f in image.reachable("control_isr"))
+    [configuration] = [f.name for f in image.functions.values() if re.search(r"Control<.*>>::new$", f.name)]
+    library = {f.address: f.size for root in ("control_isr", configuration) for f in image.reachable(root)}
+    report["flash_library"][arithmetic] = sum(library.values())
+    report["flash_image"][arithmetic] = sum(f.size for f in image.functions.values())
+    report["ram_drive"][arithmetic] = idle["drive_bytes"]
+    report["ram_config"][arithmetic] = idle["config_bytes"]
+    report["stack_step"][arithmetic] = image.stack("control_isr")
+
+
+def table(report: dict[str, Any]) -> str:
+    """The report for people."""
+    out = [
+        "Cortex-M4F, instructions a call over a recorded closed loop (worst ±4; not cycles: VDIV takes 14)",
+        f"{'':25}{'arithmetic':>10}"
+        f"{'f32 mean':>10}{'worst':>7}{'q mean':>10}{'worst':>7}{'target f32/q':>15}",
+    ]
+    for name in BLOCKS:
+        b = report[name]
+        target = "/".join(map(str, TARGETS[name])) if name in TARGETS else ""
+        out.append(
+            f"{name:25}{b['operations']:>10}{b['f32']:>10.1f}{b['f32_worst']:>7}{b['q']:>10.1f}{b['q_worst']:>7}{target:>15}"
+        )
+    out += ["", f"{'bytes':25}{'':>10}{'f32':>10}{'':>7}{'q':>10}{'':>7}{'target':>15}"]
+    for name, label, target in (
+        ("flash_step", "flash, control step", ""),
+        ("flash_library", "flash, with configuration", "16384"),
+        ("flash_image", "flash, whole image", ""),
+        ("ram_drive", "RAM, Drive", "1024"),
+        ("ram_config", "  of it configuration", ""),
+        ("stack_step", "stack, one step", "512"),
+    ):
+        out.append(
+            f"{label:25}{'':>10}{report[name]['f32']:>10}{'':>7}{report[name]['q']:>10}{'':>7}{target:>15}"
+        )
+    out += ["", f"{'60 s at zero frequency':25}{'f64':>10}{'f32':>10}{'':>7}{'q':>10}"]
+    for key, label, form in (
+        ("angle_rms_deg", "field angle, rms °", ".3f"),
+        ("angle_worst_deg", "field angle, worst °", ".3f"),
+        ("speed_rms_pu", "speed, rms p.u.", ".1e"),
+    ):
+        f64, f32, q = (format(report["accuracy"][a][key], form) for a in ("f64", "f32", "q"))
+        out.append(f"{label:25}{f64:>10}{f32:>10}{'':>7}{q:>10}")
+    return "\n".join(out)
+
+
+def write(report: dict[str, Any]) -> None:
+    """To `target/firmware-bench.json`."""
+    REPORT.parent.mkdir(parents=True, exist_ok=True)
+    REPORT.write_text(json.dumps(report, indent=2) + "\n")

@@ -1,0 +1,54 @@
+"""Processor in the loop: a closed loop recorded on the host, replayed on the target, compared bit by bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import toolchain
+
+FRAME, ANSWER = 16, 64
+#: Words of an answer, as `src/exchange.rs` has them.
+WORDS = [
+    *("compare_a", "compare_b", "compare_c", "state", "psi_alpha", "psi_beta", "omega_m", "omega_s"),
+    *("torque", "u_off_alpha", "u_off_beta", "r_s", "i_d_ref", "i_q_ref", "epsilon", "confidence"),
+]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Host against target."""
+
+    periods: int
+    #: First difference: period and word; `None`: every bit of every word is the same.
+    first: tuple[int, str] | None
+    different: int
+
+
+def record(arithmetic: str) -> tuple[Path, Path]:
+    """Frames to the target and the host's answers."""
+    toolchain.OUT.mkdir(parents=True, exist_ok=True)
+    names = f"{arithmetic}.frames", f"{arithmetic}.answers"
+    toolchain.host_example("record_pil", arithmetic, *names)
+    return toolchain.OUT / names[0], toolchain.OUT / names[1]
+
+
+def run(elf: Path, arithmetic: str) -> Comparison:
+    """Records, replays on `elf`, compares."""
+    frames, answers = record(arithmetic)
+    back = toolchain.OUT / f"{arithmetic}.back"
+    # Names, not paths: the emulator's argument list knows no commas.
+    toolchain.emulate(elf, frames.name, back.name)
+    return compare(answers.read_bytes(), back.read_bytes())
+
+
+def compare(host: bytes, target: bytes) -> Comparison:
+    """Word by word."""
+    periods = len(host) // ANSWER
+    if len(target) != len(host):
+        return Comparison(periods, (len(target) // ANSWER, "missing"), abs(len(host) - len(target)) // 4)
+    if host == target:
+        return Comparison(periods, None, 0)
+    different = [k for k in range(0, len(host), 4) if host[k : k + 4] != target[k : k + 4]]
+    first = different[0]
+    return Comparison(periods, (first // ANSWER, WORDS[first % ANSWER // 4]), len(different))

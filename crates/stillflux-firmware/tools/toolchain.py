@@ -1,0 +1,113 @@
+"""Finds what builds and runs the image here, or says what to install."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from dataclasses import dataclass, field
+from pathlib import Path
+
+CRATE = Path(__file__).resolve().parents[1]
+ROOT = CRATE.parents[1]
+TARGET = "thumbv7em-none-eabihf"
+OUT = Path(os.environ.get("FIRMWARE_TARGET_DIR", ROOT / "target" / "firmware"))
+
+HELP = f"""\
+  rustup:         rustup target add {TARGET}
+  Debian/Ubuntu:  apt-get install rustc-web cargo-web rust-web-src   (compiler with library source)
+and for both:     apt-get install qemu-system-arm gcc-arm-none-eabi"""
+
+
+class MissingError(RuntimeError):
+    """Something has to be installed first; the message says what."""
+
+
+@dataclass(frozen=True)
+class Toolchain:
+    """A cargo that builds for a bare target."""
+
+    name: str
+    env: dict[str, str] = field(default_factory=dict)
+    build_std: bool = False
+
+    def cargo(self, *args: str, target: str, cwd: Path) -> None:
+        """Runs cargo; its output only where it fails."""
+        command = ["cargo", *args, "--target", target]
+        if self.build_std:
+            command.append("-Zbuild-std=core,compiler_builtins")
+        env = {**os.environ, "CARGO_TARGET_DIR": str(OUT), **self.env}
+        done = subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise RuntimeError(f"{' '.join(command)} failed:\n{done.stderr}")
+
+
+def find(target: str = TARGET) -> Toolchain:
+    """The installed target if there is one, else a distribution's compiler with the library source."""
+    absent = [
+        tool
+        for tool in ("qemu-system-arm", "arm-none-eabi-ld", "arm-none-eabi-objdump")
+        if not shutil.which(tool)
+    ]
+    if absent:
+        raise MissingError(f"{', '.join(absent)} not found. Install\n{HELP}")
+    if shutil.which("rustup"):
+        installed = subprocess.run(
+            ["rustup", "target", "list", "--installed"], capture_output=True, text=True, check=False
+        ).stdout.split()
+        if target in installed:
+            return Toolchain("rustup target")
+    if Path("/usr/bin/rustc").exists() and Path("/usr/bin/cargo").exists():
+        sysroot = subprocess.run(
+            ["/usr/bin/rustc", "--print", "sysroot"], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        if (Path(sysroot) / "lib/rustlib/src/rust/library/core").is_dir():
+            env = {"RUSTC_BOOTSTRAP": "1", "PATH": f"/usr/bin:{os.environ['PATH']}"}
+            # A rustc that some outer tool has set would be another compiler.
+            return Toolchain("distribution compiler", {**env, "RUSTC": "/usr/bin/rustc"}, build_std=True)
+    raise MissingError(f"no Rust compiler for {target}. Install one of\n{HELP}")
+
+
+def build(chain: Toolchain, name: str, *features: str) -> Path:
+    """Builds a bin of the firmware crate; the ELF file under a name of its own."""
+    args = ["build", "--release", "--locked", "--bin", name]
+    if features:
+        args += ["--features", ",".join(features)]
+    chain.cargo(*args, target=TARGET, cwd=CRATE)
+    elf = OUT / ("-".join([name, *features]) + ".elf")
+    shutil.copy(OUT / TARGET / "release" / name, elf)
+    return elf
+
+
+def emulate(elf: Path, *args: str | Path, count: bool = False, timeout: float = 900) -> str:
+    """Runs an image under QEMU with arguments on its command line; what it prints."""
+    config = ",".join(["enable=on", "target=native", "arg=fw", *(f"arg={a}" for a in args)])
+    command = ["qemu-system-arm", "-cpu", "cortex-m4", "-machine", "mps2-an386", "-nographic"]
+    command += ["-monitor", "none", "-serial", "none", "-semihosting-config", config, "-kernel", str(elf)]
+    if count:
+        command += ["-icount", "shift=0"]
+    done = subprocess.run(
+        command,
+        cwd=OUT,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+    if done.returncode:
+        raise RuntimeError(f"{elf.name} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def host_example(name: str, *args: str | Path) -> str:
+    """Builds and runs an example of the simulation crate on the host; what it prints."""
+    command = ["cargo", "build", "--release", "--locked", "-p", "stillflux-sim", "--example", name]
+    env = {**os.environ, "CARGO_TARGET_DIR": str(OUT / "host")}
+    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)} failed:\n{done.stderr}")
+    binary = OUT / "host" / "release" / "examples" / name
+    return subprocess.run(
+        [str(binary), *map(str, args)], cwd=OUT, stdout=subprocess.PIPE, text=True, check=True
+    ).stdout

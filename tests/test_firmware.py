@@ -1,0 +1,153 @@
+"""The core on a Cortex-M4F under QEMU: bit for bit the host's, within its budget, and unable to fail.
+
+Every proof is made on the disassembly of the release image, from `control_isr` down, and shown to notice a
+violation planted by a feature of the firmware crate.
+"""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CRATE = Path(__file__).resolve().parents[1] / "crates" / "stillflux-firmware"
+sys.path.insert(0, str(CRATE))
+toolchain: Any = importlib.import_module("tools.toolchain")
+image: Any = importlib.import_module("tools.image")
+pil: Any = importlib.import_module("tools.pil")
+cost: Any = importlib.import_module("tools.cost")
+
+ISR = "control_isr"
+FEATURES = {"f32": [], "q": ["q"]}
+
+
+@pytest.fixture(scope="module")
+def chain() -> Any:
+    try:
+        return toolchain.find()
+    except toolchain.MissingError as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.fixture(scope="module", params=list(FEATURES))
+def built(chain: Any, request: pytest.FixtureRequest) -> tuple[str, Path]:
+    """An arithmetic and its release image."""
+    return request.param, toolchain.build(chain, "drive", *FEATURES[request.param])
+
+
+def test_target_computes_every_bit_as_the_host_does(built: tuple[str, Path]) -> None:
+    arithmetic, elf = built
+    result = pil.run(elf, arithmetic)
+    assert result.periods >= 100_000
+    assert result.first is None, f"{result.different} words differ, first {result.first}"
+
+
+def test_the_comparison_notices_one_bit() -> None:
+    host = bytes(pil.ANSWER * 3)
+    target = bytearray(host)
+    target[pil.ANSWER + 4 * pil.WORDS.index("omega_m")] ^= 1
+    assert pil.compare(host, bytes(target)) == pil.Comparison(3, (1, "omega_m"), 1)
+    assert pil.compare(host, host[: pil.ANSWER]).first == (1, "missing")
+
+
+def test_nothing_in_the_interrupt_can_panic_allocate_divide_or_leave_the_fpu(built: tuple[str, Path]) -> None:
+    _, elf = built
+    listing = image.Image(elf)
+    assert listing.violations(ISR) == {}
+    allocation = image.FORBIDDEN["allocation"]
+    assert not [f.name for f in listing.functions.values() if allocation.search(f.name)]
+    # The scan sees the whole step, not a stub of it.
+    assert sum(f.size for f in listing.reachable(ISR)) > 2000
+
+
+@pytest.mark.parametrize(
+    ("feature", "kind"),
+    [
+        ("panic", "panic"),
+        ("double", "double"),
+        ("soft-float", "soft float"),
+        ("division", "64-bit division"),
+        ("recursion", "unbounded stack"),
+        ("indirect", "indirect"),
+        ("allocation", "allocation"),
+    ],
+)
+def test_a_planted_violation_is_noticed(chain: Any, feature: str, kind: str) -> None:
+    elf = toolchain.build(chain, "drive", f"plant-violation-{feature}")
+    assert kind in image.Image(elf).violations(ISR)
+
+
+def test_stack_and_memory_stay_within_their_budget(built: tuple[str, Path]) -> None:
+    _, elf = built
+    listing = image.Image(elf)
+    assert listing.stack(ISR) <= 512
+    assert sum(f.size for f in listing.reachable(ISR)) <= 16 * 1024
+
+
+def test_a_stack_beyond_the_budget_is_noticed(chain: Any) -> None:
+    elf = toolchain.build(chain, "drive", "plant-violation-stack")
+    assert image.Image(elf).stack(ISR) > 512
+
+
+def test_a_torn_parameter_page_keeps_the_bridge_blocked(chain: Any) -> None:
+    elf = toolchain.build(chain, "drive")
+    content = bytearray(elf.read_bytes())
+    at = content.index(b"sfx1")
+    content[at + 20] ^= 1
+    torn = elf.with_name("torn.elf")
+    torn.write_bytes(content)
+    with pytest.raises(RuntimeError, match="parameter page is not valid"):
+        toolchain.emulate(torn)
+
+
+def test_cost_stays_within_its_budget(chain: Any) -> None:
+    """Instructions a call as measured, with little room: a change that costs shows here."""
+    report = cost.measure(chain)
+    cost.write(report)
+    for block, arithmetics in BUDGET.items():
+        for arithmetic, budget in arithmetics.items():
+            assert report[block][arithmetic] <= budget, (block, arithmetic)
+    for arithmetic in cost.ARITHMETICS:
+        assert report["drive_step"][f"{arithmetic}_worst"] <= 1.5 * report["drive_step"][arithmetic]
+        assert report["ram_drive"][arithmetic] <= 1024
+        exact = report["accuracy"]["f64"]
+        assert report["accuracy"][arithmetic]["angle_worst_deg"] < exact["angle_worst_deg"] + 0.5
+        assert report["accuracy"][arithmetic]["speed_rms_pu"] < exact["speed_rms_pu"] + 2e-4
+
+
+#: Mean instructions a call.
+BUDGET = {
+    "flux_estimator": {"f32": 230, "q": 330},
+    "drive_step": {"f32": 1030, "q": 1780},
+}
+
+
+@pytest.mark.parametrize("target", ["thumbv6m-none-eabi", "thumbv7m-none-eabi"])
+def test_the_core_builds_without_fpu_with_every_combination_of_features(chain: Any, target: str) -> None:
+    if not chain.build_std:
+        try:
+            chain = toolchain.find(target)
+        except toolchain.MissingError as missing:
+            pytest.skip(str(missing))
+    for features in _combinations():
+        args = ["check", "-p", "stillflux", "--features", features]
+        chain.cargo(*args, target=target, cwd=toolchain.ROOT)
+
+
+def test_the_core_builds_on_the_host_with_every_combination_of_features() -> None:
+    for features in _combinations():
+        subprocess.run(
+            ["cargo", "check", "--quiet", "-p", "stillflux", "--features", features],
+            cwd=toolchain.ROOT,
+            check=True,
+        )
+
+
+def _combinations() -> list[str]:
+    names = ["defmt", "serde"]
+    return [",".join(c) for n in range(len(names) + 1) for c in itertools.combinations(names, n)]
