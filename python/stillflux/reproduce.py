@@ -6,18 +6,16 @@ import csv
 import html
 import io
 import json
-import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from stillflux.claims import Claim
 from stillflux.experiments import EXPERIMENTS, FIGURES, Experiment
 from stillflux.openloop import VoltageFed, Waveforms
+from stillflux.parallel import run_jobs
 from stillflux.report import STYLE, conditions, svg
 from stillflux.scenarios import MACHINES
 
@@ -130,23 +128,8 @@ def run_all(
 ) -> list[Outcome]:
     """Runs figures at machines in as many processes as there are processors; `show` reports progress."""
     jobs = [(figure, machine) for figure in figures for machine in machines]
-    # The long ones first, lest one of them is left over at the end.
-    long = sorted(jobs, key=lambda job: job[0] not in ("18", "11", "17-130", "17-120", "10", "10-250mV", "2"))
-    outcomes: dict[tuple[str, str], Outcome] = {}
-    context = get_context("spawn")
-    with ProcessPoolExecutor(
-        max_workers=max(1, min(os.cpu_count() or 1, len(jobs))), mp_context=context
-    ) as pool:
-        waiting = {pool.submit(run, *job, arithmetic, folder): job for job in long}
-        try:
-            for done in as_completed(waiting):
-                outcomes[waiting[done]] = done.result()
-                if show is not None:
-                    show(len(outcomes), len(jobs), done.result())
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [outcomes[job] for job in jobs]
+    long = ("18", "11", "17-130", "17-120", "10", "10-250mV", "2")
+    return run_jobs(run, jobs, arithmetic, folder, first=lambda job: job[0] in long, show=show)
 
 
 def progress(done: int, total: int, outcome: Outcome) -> None:

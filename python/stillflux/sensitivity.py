@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import html
-import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 from stillflux.experiments import EXPERIMENTS
+from stillflux.parallel import run_jobs
 from stillflux.parameters import Motor
 from stillflux.scenario import Scenario
 from stillflux.simulation import simulate
@@ -165,19 +163,7 @@ def run_all(
 ) -> list[Margin]:
     """Measures every margin of those of `figures` that have any, on all processors."""
     jobs = [(f, m, e) for f in FIGURES if f in figures for m in machines for e in ERRORS]
-    long = sorted(jobs, key=lambda job: job[0] != "18")
-    found: dict[tuple[str, str, str], Margin] = {}
-    with ProcessPoolExecutor(max_workers=os.cpu_count() or 1, mp_context=get_context("spawn")) as pool:
-        waiting = {pool.submit(margin, *job, arithmetic): job for job in long}
-        try:
-            for done in as_completed(waiting):
-                found[waiting[done]] = done.result()
-                if show is not None:
-                    show(len(found), len(jobs), done.result())
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [found[job] for job in jobs]
+    return run_jobs(margin, jobs, arithmetic, first=lambda job: job[0] == "18", show=show)
 
 
 def progress(done: int, total: int, found: Margin) -> None:

@@ -100,7 +100,7 @@ impl<R: Real> FluxEstimator<R> {
         };
         let u = u_i - u_off + u_hf;
         let mut psi_s = AlphaBeta::new(self.psi_s[0].add(config.t_s, u.re()), self.psi_s[1].add(config.t_s, u.im()));
-        // A flux beyond twice the rated one is a lost estimate, not a value to go on from.
+        // A flux beyond three times the base is a lost estimate, not a value to go on from.
         if !likely(psi_s.norm_sq() <= R::from_f64(9.0)) {
             psi_s = psi_s.limit_components(R::TWO);
             self.psi_s = [Integrator::new(psi_s.re()), Integrator::new(psi_s.im())];
