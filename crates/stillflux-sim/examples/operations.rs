@@ -18,7 +18,7 @@ use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::resistance::ResistanceEstimator;
 use stillflux::estimate::speed::SpeedEstimator;
 use stillflux::params::{Inverter, Machine};
-use stillflux::scalar::{Real, Timer};
+use stillflux::scalar::{Real, Sum, Timer};
 use stillflux::space::{AlphaBeta, Dq};
 
 thread_local! {
@@ -85,6 +85,7 @@ impl num_traits::One for Counted {
 
 impl Real for Counted {
     type Sum = f64;
+    type Quick = f64;
 
     const ZERO: Self = Self(0.0);
     const HALF: Self = Self(0.5);
@@ -109,8 +110,11 @@ impl Real for Counted {
         book(1);
         Self(self.0.max(1e-24).sqrt().recip())
     }
-    fn rsqrt_near(self, _: Self) -> Self {
-        self.rsqrt()
+    fn rsqrt_next(self, _: Self) -> Option<Self> {
+        Some(self.rsqrt())
+    }
+    fn recip_next(self, _: Self) -> Option<Self> {
+        Some(self.recip())
     }
     fn half(self) -> Self {
         book(1);
@@ -140,15 +144,22 @@ impl Real for Counted {
         let n = (self.0 * f64::from(timer.full())).round();
         (n as u32, Self(n / f64::from(timer.full())))
     }
-    fn accumulate(sum: &mut f64, gain: Self, x: Self) {
-        book(2);
-        *sum += gain.0 * x.0;
+    fn within(self, bound: Self) -> bool {
+        book(1);
+        self.0.abs() <= bound.0
     }
-    fn sum_value(sum: f64) -> Self {
-        Self(sum)
-    }
-    fn sum_from(x: Self) -> f64 {
+}
+
+impl Sum<Counted> for f64 {
+    fn of(x: Counted) -> Self {
         x.0
+    }
+    fn accumulate(&mut self, gain: Counted, x: Counted) {
+        book(2);
+        *self += gain.0 * x.0;
+    }
+    fn value(self) -> Counted {
+        Counted(self)
     }
 }
 

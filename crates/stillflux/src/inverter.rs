@@ -70,7 +70,7 @@ impl<R: Real> InverterModel<R> {
     pub fn distortion(&self, i_s: &AlphaBeta<R>, u_dc: R) -> [R; 3] {
         let u = self.u_th + self.dead_time * u_dc;
         let leg = |i: R| {
-            if likely(i.abs() >= self.band) {
+            if likely(!i.within(self.band)) {
                 if i < R::ZERO { -u } else { u }
             } else {
                 i * self.inv_band * (u * R::from_f64(SCALE))

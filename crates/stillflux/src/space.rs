@@ -5,7 +5,7 @@
 //! to the other, so frames cannot be mixed by accident. No trigonometry: a rotator is a unit vector,
 //! taken from a flux vector or turned by small angles.
 
-use crate::scalar::{Real, likely};
+use crate::scalar::Real;
 use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Mul, Neg, Sub};
 use nalgebra::Vector2;
@@ -85,13 +85,13 @@ impl<R: Real, F> Space<R, F> {
     /// Scalar product, `Re(conj(a) b)`.
     #[inline]
     pub fn dot(&self, o: &Self) -> R {
-        self.v.x * o.v.x + self.v.y * o.v.y
+        R::dot([self.v.x, self.v.y], [o.v.x, o.v.y])
     }
 
     /// Cross product, `Im(conj(a) b)`; with `a` a flux and `b` a current the per-unit torque.
     #[inline]
     pub fn cross(&self, o: &Self) -> R {
-        self.v.x * o.v.y - self.v.y * o.v.x
+        R::cross([self.v.x, self.v.y], [o.v.x, o.v.y])
     }
 
     /// Squared magnitude.
@@ -197,20 +197,29 @@ impl<R: Real> Rotator<R> {
     /// `ψ/|ψ|` and `|ψ|`; keeps the angle zero where the vector (nearly) vanishes.
     #[inline]
     pub fn of(v: &AlphaBeta<R>) -> (Self, R) {
-        let (e, magnitude, _) = Self::near(v, R::ZERO);
+        let (e, magnitude, _) = Self::anew(v, v.norm_sq());
         (e, magnitude)
     }
 
-    /// [`Rotator::of`] from a `guess` of `1/|ψ|`, that of the period before; returns also the next guess.
+    /// [`Rotator::of`] from `1/|ψ|` of the period before; returns also the next one.
     #[inline]
     pub fn near(v: &AlphaBeta<R>, guess: R) -> (Self, R, R) {
         let n2 = v.norm_sq();
-        let inv = n2.rsqrt_near(guess);
+        match n2.rsqrt_next(guess) {
+            Some(inv) => (Self { cos: v.re() * inv, sin: v.im() * inv }, n2 * inv, inv),
+            None => Self::anew(v, n2),
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn anew(v: &AlphaBeta<R>, n2: R) -> (Self, R, R) {
+        let inv = n2.rsqrt();
         let magnitude = n2 * inv;
-        if likely(magnitude > R::from_f64(0.01)) {
+        if magnitude > R::from_f64(0.01) {
             (Self { cos: v.re() * inv, sin: v.im() * inv }, magnitude, inv)
         } else {
-            (Self::default(), magnitude, inv)
+            (Self::default(), magnitude, R::ZERO)
         }
     }
 
@@ -223,32 +232,38 @@ impl<R: Real> Rotator<R> {
     /// Stator → field coordinates, `e^{-jδ} v`.
     #[inline]
     pub fn to_field(&self, v: &AlphaBeta<R>) -> Dq<R> {
-        Dq::new(self.cos * v.re() + self.sin * v.im(), self.cos * v.im() - self.sin * v.re())
+        let (e, v) = ([self.cos, self.sin], [v.re(), v.im()]);
+        Dq::new(R::dot(e, v), R::cross(e, v))
     }
 
     /// Field → stator coordinates, `e^{jδ} v`.
     #[inline]
     pub fn to_stator(&self, v: &Dq<R>) -> AlphaBeta<R> {
-        AlphaBeta::new(self.cos * v.re() - self.sin * v.im(), self.cos * v.im() + self.sin * v.re())
+        let e = [self.cos, self.sin];
+        AlphaBeta::new(R::cross(e, [v.im(), v.re()]), R::dot(e, [v.im(), v.re()]))
     }
 
-    /// Turned by a small angle `x` (rad): `e^{jx}` by its series to the third order. Error of the angle below
-    /// 2e-4 rad, of the magnitude below 1e-3, for `|x| <= 0.3`.
+    /// Turned by a small angle `x` (rad) to the second order: error of the angle `x³/6`, 2e-5 rad at 0.05, of
+    /// the magnitude `x⁴/8`.
     #[inline]
     pub fn ahead(&self, x: R) -> Self {
-        let x2 = x * x;
-        let c = R::ONE - x2.half();
-        let s = x - x * x2 * R::from_f64(1.0 / 6.0);
-        Self { cos: self.cos * c - self.sin * s, sin: self.sin * c + self.cos * s }
+        self.times(R::ONE - (x * x).half(), x)
     }
 
-    /// [`Rotator::ahead`], renormalised by one Newton step, so that the magnitude stays at one however often
-    /// this is repeated.
+    /// Turned by `x` and renormalised by one Newton step, so that the magnitude stays at one however often this
+    /// is repeated. Not `e^{jx}` but a vector of the same angle: `tan x = x / (1 - x²/3)` up to `x⁵/45`.
     #[inline]
     pub fn turned(&self, x: R) -> Self {
-        let r = self.ahead(x);
-        let k = (R::from_f64(3.0) - (r.cos * r.cos + r.sin * r.sin)).half();
+        let r = self.times(R::ONE - x * x * R::from_f64(1.0 / 3.0), x);
+        let k = R::from_f64(1.5) - R::dot([r.cos, r.sin], [r.cos, r.sin]).half();
         Self { cos: r.cos * k, sin: r.sin * k }
+    }
+
+    /// The complex product with `c + js`.
+    #[inline]
+    fn times(&self, c: R, s: R) -> Self {
+        let e = [self.cos, self.sin];
+        Self { cos: R::cross(e, [s, c]), sin: R::dot(e, [s, c]) }
     }
 }
 

@@ -12,7 +12,7 @@
 //! The bracket is the anti-windup: the integrator sees the error that the limited voltage would have
 //! asked for. The voltage vector is limited to the circle `|u*| <= u_max`.
 
-use crate::scalar::{Integrator, Real, likely};
+use crate::scalar::{QuickIntegrator, Real, likely};
 use crate::space::Dq;
 
 /// Settings of the current controller.
@@ -33,7 +33,7 @@ pub struct CurrentConfig<R: Real> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct CurrentController<R: Real> {
-    x: [Integrator<R>; 2],
+    x: [QuickIntegrator<R>; 2],
 }
 
 impl<R: Real> CurrentController<R> {

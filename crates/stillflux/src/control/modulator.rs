@@ -5,7 +5,7 @@
 //! duties are limited to [0, 1] always, and what the limited and quantised duties really apply is
 //! returned to the flux estimator.
 
-use crate::scalar::{Real, Timer};
+use crate::scalar::{Real, Timer, likely};
 use crate::space::AlphaBeta;
 
 /// Duties of the three legs, in [0, 1].
@@ -16,14 +16,26 @@ pub fn zero_duty<R: Real>() -> Duty<R> {
     [R::HALF; 3]
 }
 
-/// Duties for phase voltages `u` (without regard to their common part) at a dc link of `1/inv_u_dc`.
+/// Duties for phase voltages `u` (without regard to their common part) at a dc link of `1/inv_u_dc`, which is
+/// at most 32.
 #[inline(always)]
 pub fn modulate<R: Real>(u: [R; 3], inv_u_dc: R, timer: Option<&Timer>) -> Duty<R> {
-    let hi = u[0].max(u[1]).max(u[2]);
-    let lo = u[0].min(u[1]).min(u[2]);
-    let common = (hi + lo).half();
-    let leg = |x: R| (R::HALF + (x - common) * inv_u_dc).clamp(R::ZERO, R::ONE);
-    let duty = [leg(u[0]), leg(u[1]), leg(u[2])];
+    // Largest and smallest of the three by magnitudes instead of comparisons, with the third one as zero:
+    // max(x, 0) = (x + |x|)/2. So `hi + lo` and `hi - lo` take no branch.
+    let (a, b) = (u[0] - u[2], u[1] - u[2]);
+    let (sum, distance) = (a + b, (a - b).abs());
+    let larger = (sum + distance).half();
+    let smaller = sum - larger;
+    let (p, q) = (larger.abs(), smaller.abs());
+    let common = (sum + p - q).half().half();
+    let span = distance + p + q;
+
+    let leg = |x: R| R::HALF + (x - common) * inv_u_dc;
+    let mut duty = [leg(a), leg(b), leg(R::ZERO)];
+    // The duties lie at half ± span/4: one comparison for all six limits.
+    if !likely(span * inv_u_dc <= R::from_f64(1.9999)) {
+        duty = duty.map(|d| d.clamp(R::ZERO, R::ONE));
+    }
     match timer {
         Some(t) => [duty[0].quantise(t).1, duty[1].quantise(t).1, duty[2].quantise(t).1],
         None => duty,
@@ -69,13 +81,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn duties_stay_between_zero_and_one(a: i32, b: i32, c: i32, v in 1i32..) {
+        fn duties_stay_between_zero_and_one(a: i32, b: i32, c: i32, v in 1i32 << 19..) {
             let u = [Q::from_bits(a), Q::from_bits(b), Q::from_bits(c)];
             for d in modulate(u, Q::from_bits(v), Some(&Timer::new(8500))) {
                 prop_assert!(d >= Q::ZERO && d <= Q::ONE);
             }
             let f = u.map(|x| x.to_f64() as f32 * 1e30);
-            for d in modulate(f, v as f32, None) {
+            for d in modulate(f, Q::from_bits(v).to_f64() as f32, None) {
                 prop_assert!((0.0..=1.0).contains(&d));
             }
         }

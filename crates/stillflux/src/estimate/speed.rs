@@ -15,7 +15,7 @@
 //!
 //! Validity: as that of ψ̂_R. Where the rotor flux (nearly) vanishes, slip and ε are limited and stay finite.
 
-use crate::scalar::{Integrator, Real};
+use crate::scalar::{QuickIntegrator, Real};
 use crate::space::{AlphaBeta, Rotator};
 
 /// Settings of the speed estimator.
@@ -60,29 +60,39 @@ pub struct SpeedEstimator<R: Real> {
     angle: Rotator<R>,
     /// `1/|ψ̂_R|` of the last period.
     inv_psi_r: R,
-    omega_m: Integrator<R>,
+    omega_m: QuickIntegrator<R>,
 }
 
 impl<R: Real> SpeedEstimator<R> {
     /// Begins at a known flux and speed.
     pub fn start(&mut self, psi_s: &AlphaBeta<R>, omega_m: R) {
         self.angle = Rotator::of(psi_s).0;
-        self.omega_m = Integrator::new(omega_m);
+        self.omega_m = QuickIntegrator::new(omega_m);
+        self.inv_psi_r = R::ZERO;
     }
 
     /// One period.
     #[inline(always)]
     pub fn step(&mut self, c: &SpeedConfig<R>, psi_s: &AlphaBeta<R>, i_s: &AlphaBeta<R>) -> SpeedEstimate<R> {
         let psi_r = *psi_s - *i_s * c.sigma_l_s;
-        let inv = psi_r.norm_sq().max(R::from_f64(0.01)).rsqrt_near(self.inv_psi_r);
+        let n2 = psi_r.norm_sq();
+        let inv = n2.rsqrt_next(self.inv_psi_r).unwrap_or_else(|| anew(n2));
         self.inv_psi_r = inv;
         let omega_r = (c.r_r * inv * (psi_r.cross(i_s) * inv)).limit(R::ONE);
-        let error = (self.angle.axis().cross(&psi_r) * inv).limit(R::ONE);
+        // The sine of an angle: within ±1 as it stands.
+        let error = self.angle.axis().cross(&psi_r) * inv;
         let omega_m = self.omega_m.add_limited(c.k_i, error, c.omega_max);
         let omega_s = omega_m + omega_r;
         self.angle = self.angle.turned((c.t_s * (omega_s + c.k_p * error)).limit(R::HALF));
         SpeedEstimate { psi_r, omega_m, omega_r, omega_s }
     }
+}
+
+/// `1/|ψ̂_R|` without a value to start from, limited where the flux vanishes.
+#[cold]
+#[inline(never)]
+fn anew<R: Real>(n2: R) -> R {
+    n2.max(R::from_f64(0.01)).rsqrt()
 }
 
 #[cfg(test)]

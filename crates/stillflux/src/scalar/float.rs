@@ -1,7 +1,7 @@
 //! `f32` and `f64`. Reciprocal roots by Newton's method from the exponent trick: the same operations on
 //! every target, so that host and microcontroller agree to the bit, and no call into a maths library.
 
-use super::{Real, Timer};
+use super::{Real, Sum, Timer};
 
 /// Value and rounding residual of a compensated (Kahan) sum.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -16,6 +16,7 @@ macro_rules! impl_real {
     ($t:ident, $bits:ident, $magic:expr, $tiny:expr, $newton:expr) => {
         impl Real for $t {
             type Sum = Compensated<$t>;
+            type Quick = $t;
 
             const ZERO: Self = 0.0;
             const HALF: Self = 0.5;
@@ -80,20 +81,38 @@ macro_rules! impl_real {
                 let n = (self * timer.full as $t + 0.5) as u32;
                 (n, n as $t * (timer.recip as $t * (1.0 / 1_099_511_627_776.0)))
             }
+        }
+
+        impl Sum<$t> for Compensated<$t> {
             #[inline]
-            fn accumulate(sum: &mut Self::Sum, gain: Self, x: Self) {
-                let increment = gain * x + sum.residual;
-                let value = sum.value + increment;
-                sum.residual = increment - (value - sum.value);
-                sum.value = value;
+            fn of(x: $t) -> Self {
+                Self { value: x, residual: 0.0 }
             }
             #[inline]
-            fn sum_value(sum: Self::Sum) -> Self {
-                sum.value
+            fn accumulate(&mut self, gain: $t, x: $t) {
+                let increment = gain * x + self.residual;
+                let value = self.value + increment;
+                self.residual = increment - (value - self.value);
+                self.value = value;
             }
             #[inline]
-            fn sum_from(x: Self) -> Self::Sum {
-                Compensated { value: x, residual: 0.0 }
+            fn value(self) -> $t {
+                self.value
+            }
+        }
+
+        impl Sum<$t> for $t {
+            #[inline]
+            fn of(x: $t) -> Self {
+                x
+            }
+            #[inline]
+            fn accumulate(&mut self, gain: $t, x: $t) {
+                *self += gain * x;
+            }
+            #[inline]
+            fn value(self) -> $t {
+                self
             }
         }
     };

@@ -10,6 +10,7 @@ mod q;
 pub use q::Q;
 
 use core::fmt::Debug;
+use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// What the feature `serde` adds to every arithmetic; without it, nothing.
@@ -57,7 +58,10 @@ pub trait Real:
     + Log
 {
     /// Accumulator that keeps what an addition to `Self` would round away.
-    type Sum: Copy + Debug + Default + PartialEq + Send + Sync + Store + Log + 'static;
+    type Sum: Sum<Self>;
+    /// Accumulator for loops that correct themselves: free from bias, but increments below one rounding step
+    /// may get lost where that saves instructions.
+    type Quick: Sum<Self>;
 
     /// 0.
     const ZERO: Self;
@@ -87,30 +91,44 @@ pub trait Real:
     /// Nearest multiple of one timer count, for `0 <= x <= 1`.
     fn quantise(self, timer: &Timer) -> (u32, Self);
 
-    /// `sum += gain · x` without loss of the product's low-order bits.
-    fn accumulate(sum: &mut Self::Sum, gain: Self, x: Self);
-    /// The accumulator's value, rounded.
-    fn sum_value(sum: Self::Sum) -> Self;
-    /// An accumulator that holds `x`.
-    fn sum_from(x: Self) -> Self::Sum;
-
     /// `x/2`.
     fn half(self) -> Self;
     /// `64⁻¹ n x`, saturated: durations of many periods.
     fn periods(self, n: u32) -> Self;
 
-    /// `1/√x` from a `guess` of an earlier period: two Newton steps where it is good to 1 %, which leaves
-    /// nothing of its error, and [`Real::rsqrt`] where it is not.
+    /// `a·b`, the scalar product: rounded once where a wide register holds both products.
+    #[inline]
+    fn dot(a: [Self; 2], b: [Self; 2]) -> Self {
+        a[0] * b[0] + a[1] * b[1]
+    }
+    /// `a×b`, rounded as [`Real::dot`].
+    #[inline]
+    fn cross(a: [Self; 2], b: [Self; 2]) -> Self {
+        a[0] * b[1] - a[1] * b[0]
+    }
+    /// `|x| <= bound` for `bound >= 0`; never true of NaN.
+    #[inline]
+    fn within(self, bound: Self) -> bool {
+        self.abs() <= bound
+    }
+
+    /// `1/√x` by one Newton step from the value of an earlier period, if that one is good to 1 %. Its error
+    /// `e` becomes `3/2 e²`: quantities that move by a thousandth in a period lose nothing here.
+    #[inline]
+    fn rsqrt_next(self, guess: Self) -> Option<Self> {
+        let k = Self::from_f64(1.5) - self.half() * guess * guess;
+        likely((k - Self::ONE).within(Self::from_f64(0.01))).then_some(guess * k)
+    }
+    /// [`Real::rsqrt_next`], and [`Real::rsqrt`] where the guess is not good enough.
     #[inline]
     fn rsqrt_near(self, guess: Self) -> Self {
-        let half = self.half();
-        let k = Self::from_f64(1.5) - half * guess * guess;
-        if likely((k - Self::ONE).abs() < Self::from_f64(0.01)) {
-            let y = guess * k;
-            y * (Self::from_f64(1.5) - half * y * y)
-        } else {
-            self.rsqrt()
-        }
+        self.rsqrt_next(guess).unwrap_or_else(|| self.rsqrt())
+    }
+    /// `1/x` by one Newton step from the value of an earlier period, if that one is good to 1 %.
+    #[inline]
+    fn recip_next(self, guess: Self) -> Option<Self> {
+        let e = Self::ONE - self * guess;
+        likely(e.within(Self::from_f64(0.01))).then_some(guess + guess * e)
     }
 
     /// `√x`, zero for `x <= 0`.
@@ -137,7 +155,7 @@ pub trait Real:
     #[inline]
     fn limit(self, bound: Self) -> Self {
         // One comparison where nothing is to be limited, which is nearly always.
-        if likely(self.abs() <= bound) { self } else { outside(self, -bound, bound) }
+        if likely(self.within(bound)) { self } else { outside(self, -bound, bound) }
     }
     /// Limits to `lo ..= hi`, `lo <= hi`; NaN goes to `lo`, never through.
     #[inline]
@@ -181,7 +199,7 @@ pub(crate) fn likely(condition: bool) -> bool {
 pub struct Timer {
     /// Counts of a full duty (from carrier valley to peak).
     full: u32,
-    /// `2^40 / full`.
+    /// `2^40 / full`, rounded up: `full` times it is one.
     recip: u32,
 }
 
@@ -190,7 +208,7 @@ impl Timer {
     #[must_use]
     pub fn new(full: u32) -> Self {
         let full = full.clamp(512, 65_536);
-        Self { full, recip: ((1_u64 << 40) / u64::from(full)) as u32 }
+        Self { full, recip: (1_u64 << 40).div_ceil(u64::from(full)) as u32 }
     }
 
     /// Counts of a full duty.
@@ -200,25 +218,40 @@ impl Timer {
     }
 }
 
+/// A running sum of products.
+pub trait Sum<R>: Copy + Debug + Default + PartialEq + Send + Sync + Store + Log + 'static {
+    /// A sum that holds `x`.
+    fn of(x: R) -> Self;
+    /// Adds `gain · x`.
+    fn accumulate(&mut self, gain: R, x: R);
+    /// The sum, rounded.
+    fn value(self) -> R;
+}
+
 /// Integrator that loses no low-order bits: increments below one rounding step are carried.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub struct Integrator<R: Real> {
-    sum: R::Sum,
+pub struct Integrator<R: Real, S: Sum<R> = <R as Real>::Sum> {
+    sum: S,
+    of: PhantomData<R>,
 }
 
-impl<R: Real> Integrator<R> {
+/// [`Integrator`] on [`Real::Quick`]: within a closed loop, whose error grows until it counts.
+pub type QuickIntegrator<R> = Integrator<R, <R as Real>::Quick>;
+
+impl<R: Real, S: Sum<R>> Integrator<R, S> {
     /// Starts at `x`.
     #[must_use]
+    #[inline]
     pub fn new(x: R) -> Self {
-        Self { sum: R::sum_from(x) }
+        Self { sum: S::of(x), of: PhantomData }
     }
 
     /// Adds `gain · x` and returns the new value.
     #[inline]
     pub fn add(&mut self, gain: R, x: R) -> R {
-        R::accumulate(&mut self.sum, gain, x);
+        self.sum.accumulate(gain, x);
         self.value()
     }
 
@@ -233,7 +266,7 @@ impl<R: Real> Integrator<R> {
     #[inline]
     pub fn add_limited(&mut self, gain: R, x: R, bound: R) -> R {
         let y = self.add(gain, x);
-        if likely(y.abs() <= bound) { y } else { self.stop(outside(y, -bound, bound)) }
+        if likely(y.within(bound)) { y } else { self.stop(outside(y, -bound, bound)) }
     }
 
     #[inline]
@@ -245,12 +278,12 @@ impl<R: Real> Integrator<R> {
     /// Present value.
     #[inline]
     pub fn value(&self) -> R {
-        R::sum_value(self.sum)
+        self.sum.value()
     }
 
     /// Sets the value and drops the residual.
     #[inline]
     pub fn set(&mut self, x: R) {
-        self.sum = R::sum_from(x);
+        self.sum = S::of(x);
     }
 }

@@ -6,7 +6,7 @@
 //! never on the other side. Division exists only as [`Real::recip`]: normalise, linear start, Newton;
 //! no 64-bit division anywhere.
 
-use super::{Real, Timer};
+use super::{Real, Sum, Timer};
 use core::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// Fixed-point number with 24 fractional bits.
@@ -35,11 +35,16 @@ impl Q {
     }
 }
 
-/// `(a·b) >> 24`, saturated, rounded down: four instructions on Cortex-M4, where rounding to nearest takes
-/// six. The bias of half an LSB is 3e-8; integrators take the product unrounded.
+/// The whole product, Q15.48.
 #[inline]
-fn mul_q24(a: i32, b: i32) -> i32 {
-    let p = i64::from(a) * i64::from(b);
+fn wide(a: Q, b: Q) -> i64 {
+    i64::from(a.0) * i64::from(b.0)
+}
+
+/// `p >> 24`, saturated, rounded down: with the product four instructions on Cortex-M4, where rounding to
+/// nearest takes six. The bias of half an LSB is 3e-8; integrators take the product unrounded.
+#[inline]
+fn narrow(p: i64) -> i32 {
     let hi = ((p >> 32) as i32).clamp(-(1 << 23), (1 << 23) - 1);
     (hi << 8) | ((p as u32) >> 24) as i32
 }
@@ -68,7 +73,7 @@ impl Mul for Q {
     type Output = Self;
     #[inline]
     fn mul(self, o: Self) -> Self {
-        Self(mul_q24(self.0, o.0))
+        Self(narrow(wide(self, o)))
     }
 }
 impl Neg for Q {
@@ -113,6 +118,7 @@ impl num_traits::One for Q {
 impl Real for Q {
     /// Q15.48: the full product of two Q7.24 is added without rounding.
     type Sum = i64;
+    type Quick = i64;
 
     const ZERO: Self = Self(0);
     const HALF: Self = Self(1 << 23);
@@ -205,26 +211,43 @@ impl Real for Q {
 
     #[inline]
     fn quantise(self, timer: &Timer) -> (u32, Self) {
-        let x = self.0.clamp(0, 1 << Self::FRAC) as u64;
-        let n = ((x * u64::from(timer.full) + (1 << 23)) >> 24) as u32;
-        (n, Self(((u64::from(n) * u64::from(timer.recip) + (1 << 15)) >> 16) as i32))
+        // Q30 times four full counts, rounded: the upper word (SMMULR) is the count.
+        let n = ((i64::from(self.0 << 6) * i64::from((timer.full << 2) as i32) + (1 << 31)) >> 32) as u32;
+        (n, Self(((u64::from(n) * u64::from(timer.recip)) >> 16) as i32))
     }
 
     #[inline]
-    fn accumulate(sum: &mut i64, gain: Self, x: Self) {
+    fn dot(a: [Self; 2], b: [Self; 2]) -> Self {
+        // Only twice 2^62 is beyond i64: both factors of both products at -128, which no limited signal is.
+        Self(narrow(wide(a[0], b[0]).wrapping_add(wide(a[1], b[1]))))
+    }
+    #[inline]
+    fn cross(a: [Self; 2], b: [Self; 2]) -> Self {
+        Self(narrow(wide(a[0], b[1]).wrapping_sub(wide(a[1], b[0]))))
+    }
+    #[inline]
+    fn within(self, bound: Self) -> bool {
+        // One unsigned comparison: -bound ..= bound moved to 0 ..= 2 bound.
+        self.0.wrapping_add(bound.0) as u32 <= (bound.0 as u32) << 1
+    }
+}
+
+impl Sum<Q> for i64 {
+    #[inline]
+    fn of(x: Q) -> Self {
+        Self::from(x.0) << Q::FRAC
+    }
+    #[inline]
+    fn accumulate(&mut self, gain: Q, x: Q) {
         // |product| <= 2^62; the sum is kept within ±2^55 (±128), so no overflow. Saturating the upper word
         // alone (one SSAT) lands within 2^-16 of the bound.
-        let s = *sum + i64::from(gain.0) * i64::from(x.0);
+        let s = *self + wide(gain, x);
         let hi = ((s >> 32) as i32).clamp(-(1 << 23), (1 << 23) - 1);
-        *sum = i64::from(hi) << 32 | (s & 0xFFFF_FFFF);
+        *self = Self::from(hi) << 32 | (s & 0xFFFF_FFFF);
     }
     #[inline]
-    fn sum_value(sum: i64) -> Self {
-        Self((sum >> 24) as i32)
-    }
-    #[inline]
-    fn sum_from(x: Self) -> i64 {
-        i64::from(x.0) << 24
+    fn value(self) -> Q {
+        Q((self >> Q::FRAC) as i32)
     }
 }
 
@@ -262,6 +285,28 @@ mod tests {
         }
 
         #[test]
+        fn products_in_pairs_round_once_and_saturate(a: [i32; 2], b: [i32; 2]) {
+            prop_assume!((a, b) != ([i32::MIN; 2], [i32::MIN; 2]));
+            let product = |i: usize, k: usize| i128::from(a[i]) * i128::from(b[k]);
+            for (exact, got) in [
+                (product(0, 0) + product(1, 1), Q::dot(a.map(Q), b.map(Q))),
+                (product(0, 1) - product(1, 0), Q::cross(a.map(Q), b.map(Q))),
+            ] {
+                let want = (exact >> 24).clamp(i128::from(i32::MIN), i128::from(i32::MAX)) as i32;
+                if want == i32::MAX || want == i32::MIN {
+                    prop_assert_eq!(got.0 >> 8, want >> 8);
+                } else {
+                    prop_assert_eq!(got.0, want);
+                }
+            }
+        }
+
+        #[test]
+        fn within_is_a_comparison_of_the_magnitude(x: i32, bound in 0..=i32::MAX) {
+            prop_assert_eq!(Q(x).within(Q(bound)), i64::from(x).abs() <= i64::from(bound));
+        }
+
+        #[test]
         fn small_products_agree_with_the_oracle(a in -(8 << 24)..(8 << 24), b in -(8 << 24)..(8 << 24)) {
             let want = I8F24::from_bits(a).saturating_mul(I8F24::from_bits(b)).to_bits();
             prop_assert!(((Q(a) * Q(b)).0 - want).abs() <= 1);
@@ -284,9 +329,10 @@ mod tests {
         fn nothing_panics(a: i32, b: i32) {
             let (x, y) = (Q(a), Q(b));
             let _ = (-x, x.abs(), x.recip(), x.rsqrt(), x.sqrt(), x * y + x - y);
-            let mut s = Q::sum_from(x);
-            for _ in 0..8 { Q::accumulate(&mut s, y, y); Q::accumulate(&mut s, x, x); }
-            let _ = Q::sum_value(s);
+            let _ = (Q::dot([x, y], [y, x]), Q::cross([x, y], [y, x]), x.within(y.abs()));
+            let mut s = <i64 as Sum<Q>>::of(x);
+            for _ in 0..8 { s.accumulate(y, y); s.accumulate(x, x); }
+            let _: Q = s.value();
         }
     }
 
