@@ -38,7 +38,7 @@ fn blocks<R: Real>(c: &mut Criterion) {
     let mut flux = FluxEstimator::default();
     flux.start(psi, i);
     bench("flux estimator", &mut || {
-        black_box(flux.step(config.flux_config(), black_box(&u), &i, r(0.08), R::ONE, r(0.03)));
+        flux.step(config.flux_config(), black_box(&u), &i, r(0.08), R::ONE);
     });
     let mut speed = SpeedEstimator::default();
     speed.start(&psi, R::ZERO);

@@ -5,9 +5,9 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::base::Base;
-use stillflux::config::DriveConfig;
+use stillflux::config::{DriveConfig, SPEED_PERIODS};
 use stillflux::estimate::flux::FluxEstimator as CoreFlux;
-use stillflux::estimate::speed::SpeedEstimator;
+use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use stillflux::space::AlphaBeta;
 
 use crate::convert::{scaled, value_error};
@@ -175,24 +175,26 @@ impl FluxEstimator {
         let b = &self.base;
         let mut c = Columns::default();
         let (mut flux, mut speed) = (CoreFlux::default(), SpeedEstimator::default());
-        let mut omega_s = 0.0;
+        let mut estimate = SpeedEstimate::default();
         for k in 0..u.len() {
-            let mut u_hf = AlphaBeta::default();
             if k == 0 {
                 flux.start(start, i[0]);
                 speed.start(&(start - i[0] * self.config.speed_config().sigma_l_s), 0.0);
             } else {
-                let omega_s = omega.map_or(omega_s, |w| w[k]);
-                u_hf = flux.step(self.config.flux_config(), &u[k], &i[k], r_s[k], self.psi_ref, omega_s).u_hf;
+                flux.step(self.config.flux_config(), &u[k], &i[k], r_s[k], self.psi_ref);
             }
             let psi_s = flux.value();
-            let estimate = speed.step(self.config.speed_config(), &psi_s, &i[k]);
-            omega_s = estimate.omega_s;
+            // As often as in the drive.
+            if k % SPEED_PERIODS as usize == 0 {
+                estimate = speed.step(self.config.speed_config(), &psi_s, &i[k]);
+                flux.follow(self.config.flux_config(), omega.map_or(estimate.omega_s, |w| w[k]));
+            }
+            let u_hf = flux.estimate().u_hf;
             c.psi_s.push(scaled(&psi_s, b.psi));
             c.psi_1.push(scaled(&flux.offset.psi_1(), b.psi));
             c.u_off.push(scaled(&flux.offset.u_off(), b.u));
             c.u_hf.push(scaled(&u_hf, b.u));
-            c.omega_s.push(omega_s * b.omega);
+            c.omega_s.push(estimate.omega_s * b.omega);
             c.omega_m.push(estimate.omega_m * b.omega_m);
         }
         c

@@ -1,5 +1,6 @@
 //! The arithmetic that each block cannot do without, as one line of JSON: additions, multiplications, limits
-//! and comparisons, roots and divisions of one undisturbed period, counted by an arithmetic that books them.
+//! and comparisons, roots and divisions of one undisturbed call, counted by an arithmetic that books them; of
+//! flux estimator and drive step, where not every period does the same, their mean.
 //!
 //! An integration counts as one multiplication and one addition; the compensation of its rounding, loads,
 //! stores, flags and calls are the overhead that the instruction counts of the firmware show beside it.
@@ -7,7 +8,7 @@
 use std::cell::Cell;
 use std::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-use stillflux::config::{DriveConfig, DriveParams};
+use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::FluxController;
 use stillflux::control::modulator::{applied, modulate};
@@ -120,6 +121,10 @@ impl Real for Counted {
         book(1);
         Self(0.5 * self.0)
     }
+    fn quarter(self) -> Self {
+        book(1);
+        Self(0.25 * self.0)
+    }
     fn abs(self) -> Self {
         book(1);
         Self(self.0.abs())
@@ -166,11 +171,20 @@ impl Sum<Counted> for f64 {
 type R = Counted;
 
 /// Operations of the second of two calls: the first one settles what the state remembers.
-fn operations<T>(mut call: impl FnMut() -> T) -> u32 {
-    call();
+fn operations<T>(call: impl FnMut() -> T) -> u32 {
+    mean(1, call)
+}
+
+/// Mean of the second `n` calls.
+fn mean<T>(n: u32, mut call: impl FnMut() -> T) -> u32 {
+    for _ in 0..n {
+        call();
+    }
     COUNT.with(|c| c.set(0));
-    call();
-    COUNT.with(Cell::get)
+    for _ in 0..n {
+        call();
+    }
+    COUNT.with(Cell::get).div_ceil(n)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -195,8 +209,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let half = r(0.3);
     let measured = Measurement { i_abc: [r(0.6), -half, -half], u_dc: r(1.65) };
     let resistance_config = *config.resistance_config().ok_or("no adaptation")?;
+    let mut calls = 0_u32;
     let table = [
-        ("flux_estimator", operations(|| flux.step(config.flux_config(), &u, &i, r(0.08), r(1.0), r(0.05)))),
+        (
+            "flux_estimator",
+            mean(2, || {
+                calls += 1;
+                if calls % 2 == 0 {
+                    flux.follow(config.flux_config(), r(0.05));
+                }
+                flux.step(config.flux_config(), &u, &i, r(0.08), r(1.0));
+            }),
+        ),
         ("speed_estimator", operations(|| speed.step(config.speed_config(), &psi, &i))),
         ("resistance_adaptation", operations(|| resistance.step(&resistance_config, r(1.0), &i_dq, r(0.05), r(0.04)))),
         ("confidence", operations(|| confidence.step(config.confidence_config(), r(0.05), r(0.001), Some(r(1e-4))))),
@@ -214,7 +238,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ),
         ("inverter_model", operations(|| config.inverter_model().distortion(&i, r(1.65)))),
         ("modulator", operations(|| applied(&modulate([r(0.1), r(-0.3), r(0.2)], r(0.6), config.timer())))),
-        ("drive_step", operations(|| drive.step(&measured, &Reference::Speed(r(0.0))))),
+        ("drive_step", mean(SLOW_PERIODS, || drive.step(&measured, &Reference::Speed(r(0.0))))),
     ];
     let fields: Vec<_> = table.iter().map(|(name, n)| format!("\"{name}\": {n}")).collect();
     println!("{{{}}}", fields.join(", "));

@@ -17,6 +17,14 @@ use crate::scalar::{Real, Timer};
 /// Magnetising current during the build-up of the flux, as multiple of its final value.
 pub(crate) const BOOST: f64 = 1.5;
 
+/// Largest offset of a current channel at rest, per unit.
+const I_OFF_MAX: f64 = 0.15;
+
+/// Control periods from one run of the speed estimator to the next, and of each slower block.
+pub const SPEED_PERIODS: u32 = 2;
+/// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
+pub const SLOW_PERIODS: u32 = 4;
+
 /// Settings of a drive. [`DriveParams::new`] derives every value from machine and inverter; change single
 /// fields from there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -149,11 +157,15 @@ pub struct DriveConfig<R: Real> {
     pub(crate) flux_control: FluxControlConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
     pub(crate) inv_r_s: R,
+    /// From a sample to the middle of the duties' effect.
+    pub(crate) t_ahead: R,
     pub(crate) u_utilisation: R,
     /// Part of the voltage that the flux may take; the rest drives the torque current.
     pub(crate) u_flux: R,
     pub(crate) u_off_limit: R,
     pub(crate) i_range: R,
+    /// Sum of the squared phase currents below which neither range nor trip level can be reached.
+    pub(crate) i_plain_sq: R,
     pub(crate) i_trip: R,
     pub(crate) i_off_max: R,
     pub(crate) i_q_max: R,
@@ -234,12 +246,17 @@ impl<R: Real> DriveConfig<R> {
         let periods = |t: f64| (t * inverter.f_s + 0.5) as u32;
 
         let t_s = b.omega / inverter.f_s;
+        let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));
+        let slow_periods = |t: f64| periods(t / f64::from(SLOW_PERIODS));
         let l_s = machine.L_s() / b.l;
         let sigma_l_s = machine.L_sigma / b.l;
         let tau_r = machine.L_M / machine.R_R * b.omega;
         let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
+        let i_trip = p.i_trip / b.i;
+        // Readings are within their range if the currents are, less the largest offset taken off them.
+        let plain = (p.i_range / b.i - I_OFF_MAX).max(0.0);
 
         let k_p = hz(p.current_bandwidth) * sigma_l_s;
         let flux_gain = hz(p.flux_bandwidth) / l_s;
@@ -259,8 +276,10 @@ impl<R: Real> DriveConfig<R> {
             t_s: pu.t_s,
             gain: r(p.offset_gain),
             limit: r(0.05),
-            turn: r(t_s / core::f64::consts::TAU),
-            longest: longest_window(0.004, t_s),
+            hysteresis: r(0.2 * p.psi_ref),
+            interval: r(t_speed),
+            turn: r(t_speed / core::f64::consts::TAU),
+            longest: longest_window(0.004, t_speed),
             omega_max: r(0.2),
         };
         Ok(Self {
@@ -278,30 +297,30 @@ impl<R: Real> DriveConfig<R> {
                 offset: p.offset_estimator.then_some(offset),
             },
             speed: SpeedConfig {
-                t_s: pu.t_s,
+                t_s: r(t_speed),
                 sigma_l_s: pu.sigma_l_s,
                 r_r: pu.r_r,
                 k_p: r(2.0 * omega_n),
-                k_i: r(t_s * omega_n * omega_n),
+                k_i: r(t_speed * omega_n * omega_n),
                 omega_max: r(3.0),
             },
             resistance: p.resistance_adaptation.then(|| ResistanceConfig {
                 l_sum: r(l_s + sigma_l_s),
                 l_product: r(l_product),
-                gain: r(t_s * resistance_gain),
+                gain: r(t_slow * resistance_gain),
                 i_q_min: r(0.15 * machine.T_N / b.torque / p.psi_ref),
                 i_q_high: r(0.6 * machine.T_N / b.torque / p.psi_ref),
                 omega_min: r(0.004),
                 omega_max: r(0.1),
                 transient: r(0.05),
-                corner: r(t_s * hz(2.0)),
-                hold: periods(0.2),
+                corner: r(t_slow * hz(2.0)),
+                hold: slow_periods(0.2),
             }),
             confidence: ConfidenceConfig {
-                t_s: pu.t_s,
+                t_s: r(t_slow),
                 u_floor: r(1e-4 * r_s + 1e-4 * dead_time),
                 u_initial: r(0.01 * r_s),
-                corner: r(t_s * hz(0.2)),
+                corner: r(t_slow * hz(0.2)),
             },
             current: CurrentConfig {
                 k_p: r(k_p),
@@ -318,23 +337,25 @@ impl<R: Real> DriveConfig<R> {
                 inv_two_l_product: r(0.5 / l_product),
                 pull_out: r((1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
                 k_p: r(flux_gain * tau_r),
-                k_i: r(t_s * flux_gain),
+                k_i: r(t_slow * flux_gain),
                 omega_begin: r(0.02),
                 inv_fade: r(25.0),
                 limit: r(0.3 * i_0),
             },
             speed_control: SpeedControlConfig {
                 k_p: r(speed_gain),
-                k_i: r(t_s * speed_gain * hz(p.speed_bandwidth) / 4.0),
+                k_i: r(t_slow * speed_gain * hz(p.speed_bandwidth) / 4.0),
                 torque_max: r(p.torque_max / b.torque),
             },
             inv_r_s: r(1.0 / r_s),
+            t_ahead: r(1.5 * t_s),
             u_utilisation: r(0.98 / libm::sqrt(3.0)),
             u_flux: r(0.88),
             u_off_limit: r(0.05),
             i_range: r(p.i_range / b.i),
-            i_trip: r(p.i_trip / b.i),
-            i_off_max: r(0.15),
+            i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
+            i_trip: r(i_trip),
+            i_off_max: r(I_OFF_MAX),
             i_q_max: r(libm::sqrt(i_max * i_max - i_0 * i_0)),
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_dc_min: r(p.u_dc_min / b.u),
@@ -343,7 +364,7 @@ impl<R: Real> DriveConfig<R> {
             omega_max: r(p.omega_max / b.omega_m),
             omega_trip: r(1.3 * p.omega_max / b.omega_m),
             psi_deviation: r(0.4 * p.psi_ref),
-            implausible_max: periods(0.05),
+            implausible_max: slow_periods(0.05),
             calibrate_offset: p.calibrate_offset,
             offset_periods: periods(p.offset_time),
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),

@@ -25,7 +25,7 @@ use crate::estimate::confidence::Confidence;
 use crate::estimate::flux::{FluxEstimate, FluxEstimator};
 use crate::estimate::resistance::ResistanceEstimator;
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
-use crate::scalar::{Integrator, Real};
+use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// What the drive measures at the start of a period, per unit.
@@ -51,6 +51,17 @@ pub enum Reference<R: Real> {
     Speed(R),
     /// Torque control, torque per unit.
     Torque(R),
+}
+
+impl<R: Real> Reference<R> {
+    /// Asks for a motion, with a finite number.
+    #[inline]
+    fn is_admissible(&self) -> bool {
+        match self {
+            Self::Stop => false,
+            Self::Speed(x) | Self::Torque(x) => x.is_finite(),
+        }
+    }
 }
 
 /// What the drive hands to the modulator's preload registers.
@@ -181,6 +192,8 @@ pub struct Drive<R: Real> {
     offset_sum: [Integrator<R>; 3],
     r_s_sum: Integrator<R>,
     in_flight: [InFlight<R>; 2],
+    /// `1/u_dc` of the latest period.
+    inv_u_dc: R,
     flux: FluxEstimator<R>,
     speed: SpeedEstimator<R>,
     resistance: ResistanceEstimator<R>,
@@ -205,6 +218,7 @@ impl<R: Real> Drive<R> {
             offset_sum: [Integrator::default(); 3],
             r_s_sum: Integrator::default(),
             in_flight: [InFlight::default(); 2],
+            inv_u_dc: R::ZERO,
             flux: FluxEstimator::default(),
             speed: SpeedEstimator::default(),
             resistance: ResistanceEstimator::default(),
@@ -215,7 +229,6 @@ impl<R: Real> Drive<R> {
             estimate: Estimate::default(),
         };
         drive.resistance.start(config.pu.r_s);
-        drive.estimate.r_s = config.pu.r_s;
         drive
     }
 
@@ -229,9 +242,20 @@ impl<R: Real> Drive<R> {
         self.status
     }
 
-    /// Estimates of the latest period.
-    pub fn estimate(&self) -> &Estimate<R> {
-        &self.estimate
+    /// Estimates of the latest period; what the step does not need in this form is computed here.
+    pub fn estimate(&self) -> Estimate<R> {
+        let flux = self.flux.estimate();
+        let confidence = if self.status == Status::Running { self.confidence.value() } else { R::ZERO };
+        Estimate {
+            flux,
+            psi_1: self.flux.offset.psi_1(),
+            u_off: self.flux.offset.u_off(),
+            torque: flux.magnitude * self.estimate.i_dq.im(),
+            r_s: self.resistance.r_s(),
+            epsilon: self.resistance.epsilon(),
+            confidence,
+            ..self.estimate
+        }
     }
 
     /// Control periods since power-up (wraps).
@@ -251,8 +275,6 @@ impl<R: Real> Drive<R> {
         let r_s = self.config.pu.r_s;
         self.resistance.start(memory.r_s.clamp(r_s * R::HALF, r_s * R::from_f64(1.5)));
         self.i_off = memory.i_off.map(|i| i.limit(self.config.i_off_max));
-        self.estimate.u_off = self.flux.offset.u_off();
-        self.estimate.r_s = self.resistance.r_s();
     }
 
     /// Leaves a fault; the drive is stopped then.
@@ -265,81 +287,100 @@ impl<R: Real> Drive<R> {
     /// One control period.
     pub fn step(&mut self, measured: &Measurement<R>, reference: &Reference<R>) -> Output<R> {
         self.period = self.period.wrapping_add(1);
-        self.stage = self.stage.saturating_add(1);
-        let Some((i_s, u_dc)) = self.acquire(measured) else {
+        let Some(i_s) = self.acquire(measured) else {
             return self.blocked();
         };
-        if let Reference::Speed(x) | Reference::Torque(x) = reference
-            && !x.is_finite()
-        {
-            self.fault(Fault::Reference);
+        let running = likely(self.status == Status::Running && reference.is_admissible());
+        if !running && !self.sequence(measured, reference, &i_s) {
+            return self.blocked();
         }
-        match (self.status, reference) {
-            (Status::Faulted { .. }, _) => return self.blocked(),
-            (Status::Stopped, Reference::Stop) => return self.blocked(),
-            (_, Reference::Stop) => {
-                self.enter(Status::Stopped);
-                return self.blocked();
-            }
-            (Status::Stopped, _) => self.enter(Status::ReadingOffset),
-            _ => {}
-        }
-        let inv_u_dc = u_dc.recip();
+        let u_dc = measured.u_dc;
+        self.inv_u_dc = u_dc.recip_next(self.inv_u_dc).unwrap_or_else(|| u_dc.recip());
         let u_max = u_dc * self.config.u_utilisation;
-        let last = self.in_flight[0];
+        // Written two calls ago; this call's entry takes its place.
+        let slot = (self.period & 1) as usize;
+        let last = self.in_flight[slot];
         let u_s = last.ideal * u_dc - last.loss;
         self.estimate.u_s = u_s;
 
-        let (field, i_ref, u_dq) = match self.status {
-            Status::ReadingOffset => {
-                self.read_offset(measured);
-                return self.blocked();
-            }
-            Status::Magnetising => self.magnetise(&i_s, &u_s, u_max),
-            _ => self.control(&i_s, &u_s, u_max, reference),
-        };
-        if self.implausible > self.config.implausible_max {
-            self.fault(Fault::EstimateLost);
-            return self.blocked();
-        }
+        let (field, i_ref, u_dq) =
+            if likely(running) { self.control(&i_s, &u_s, u_max) } else { self.magnetise(&i_s, &u_s, u_max) };
 
         // The duties act from one to two periods after the sample: turn the voltage to their middle.
-        let t_s = self.config.pu.t_s;
-        let omega_s = self.estimate.speed.omega_s;
-        let ahead = field.ahead(omega_s * t_s * R::from_f64(1.5));
+        let ahead = field.ahead(self.estimate.speed.omega_s * self.config.t_ahead);
         let u_ref = ahead.to_stator(&u_dq);
         // The inverter model sees the current that will flow then: the reference, free from noise.
         let loss = self.config.inverter.distortion(&ahead.to_stator(&i_ref), u_dc);
         let u = u_ref.to_phases();
-        let duty = modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], inv_u_dc, self.config.timer.as_ref());
-        self.in_flight[0] = self.in_flight[1];
-        self.in_flight[1] = InFlight { ideal: applied(&duty), loss: AlphaBeta::from_phases(loss) };
+        let duty =
+            modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], self.inv_u_dc, self.config.timer.as_ref());
+        self.in_flight[slot] = InFlight { ideal: applied(&duty), loss: AlphaBeta::from_phases(loss) };
+
+        if likely(running) {
+            self.turn(reference, u_max);
+        }
         Output { duty, gates_on: true }
     }
 
-    /// Checks the measurement; current vector and dc link if they can be worked with.
+    /// Checks the measurement; the current vector, if measurement and drive can be worked with.
     #[inline]
-    fn acquire(&mut self, m: &Measurement<R>) -> Option<(AlphaBeta<R>, R)> {
+    fn acquire(&mut self, m: &Measurement<R>) -> Option<AlphaBeta<R>> {
         let c = &self.config;
-        let range = c.i_range;
-        // Written so that NaN fails every comparison.
-        let readable = m.i_abc.iter().all(|i| i.abs() < range) && m.u_dc.abs() < c.u_dc_range;
-        if !readable {
-            self.fault(Fault::Measurement);
-            return None;
-        }
-        if m.u_dc < c.u_dc_min || m.u_dc > c.u_dc_max {
-            self.fault(if m.u_dc < c.u_dc_min { Fault::UnderVoltage } else { Fault::OverVoltage });
-            return None;
-        }
         let i = [m.i_abc[0] - self.i_off[0], m.i_abc[1] - self.i_off[1], m.i_abc[2] - self.i_off[2]];
-        let i_s = AlphaBeta::from_phases(i);
-        if i_s.norm_sq() > c.i_trip * c.i_trip {
-            self.fault(Fault::OverCurrent);
-            return None;
+        // One comparison for four: no channel near its range, the vector below the trip level. Written so that
+        // NaN fails it.
+        let sum = i[0] * i[0] + i[1] * i[1] + i[2] * i[2];
+        if !likely(sum <= c.i_plain_sq && m.u_dc >= c.u_dc_min && m.u_dc <= c.u_dc_max) {
+            self.examine(m)?;
         }
-        self.estimate.i_s = i_s;
-        Some((i_s, m.u_dc))
+        Some(AlphaBeta::from_phases(i))
+    }
+
+    /// What is wrong with a measurement, if anything.
+    #[cold]
+    #[inline(never)]
+    fn examine(&mut self, m: &Measurement<R>) -> Option<()> {
+        let c = &self.config;
+        let i_s = AlphaBeta::<R>::from_phases([0, 1, 2].map(|k| m.i_abc[k] - self.i_off[k]));
+        let readable = m.i_abc.iter().all(|i| i.abs() < c.i_range) && m.u_dc.abs() < c.u_dc_range;
+        let cause = if !readable {
+            Fault::Measurement
+        } else if m.u_dc < c.u_dc_min {
+            Fault::UnderVoltage
+        } else if m.u_dc > c.u_dc_max {
+            Fault::OverVoltage
+        } else if i_s.norm_sq() > c.i_trip * c.i_trip {
+            Fault::OverCurrent
+        } else {
+            return Some(());
+        };
+        self.fault(cause);
+        None
+    }
+
+    /// All states but `Running`: whether the bridge is to be driven in this period.
+    #[cold]
+    #[inline(never)]
+    fn sequence(&mut self, measured: &Measurement<R>, reference: &Reference<R>, i_s: &AlphaBeta<R>) -> bool {
+        self.estimate.i_s = *i_s;
+        self.stage = self.stage.saturating_add(1);
+        if !reference.is_admissible() && *reference != Reference::Stop {
+            self.fault(Fault::Reference);
+        }
+        match (self.status, reference) {
+            (Status::Faulted { .. }, _) | (Status::Stopped, Reference::Stop) => return false,
+            (_, Reference::Stop) => {
+                self.enter(Status::Stopped);
+                return false;
+            }
+            (Status::Stopped, _) => self.enter(Status::ReadingOffset),
+            _ => {}
+        }
+        if self.status == Status::ReadingOffset {
+            self.read_offset(measured);
+            return false;
+        }
+        true
     }
 
     /// Mean of the current samples while no current can flow.
@@ -365,6 +406,7 @@ impl<R: Real> Drive<R> {
     }
 
     /// Direct current along the a-axis; its last quarter gives `r̂_s`.
+    #[cold]
     #[inline(never)]
     fn magnetise(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
         let c = &self.config;
@@ -389,7 +431,9 @@ impl<R: Real> Drive<R> {
             }
             let psi = AlphaBeta::new(c.flux_control.psi_rated, R::ZERO);
             self.flux.start(psi, *i_s);
+            self.flux.follow(&c.flux, R::ZERO);
             self.speed.start(&psi, R::ZERO);
+            self.estimate.psi_ref = c.flux_control.psi_rated;
             self.confidence.start();
             self.flux_control.start();
             self.speed_control.start(R::ZERO);
@@ -398,49 +442,54 @@ impl<R: Real> Drive<R> {
         (field, i_ref, u)
     }
 
-    /// Estimators, then controllers.
-    #[inline]
-    fn control(
-        &mut self,
-        i_s: &AlphaBeta<R>,
-        u_s: &AlphaBeta<R>,
-        u_max: R,
-        reference: &Reference<R>,
-    ) -> (Rotator<R>, Dq<R>, Dq<R>) {
+    /// What every period needs: flux estimator and current control.
+    #[inline(always)]
+    fn control(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
         let c = &self.config;
         let e = &mut self.estimate;
+        let r_s = self.resistance.r_s();
 
-        // Estimators: Fig. 7 with Fig. 4, speed, Fig. 12.
-        let omega_s = e.speed.omega_s;
-        let psi_ref = c.flux_control.reference(omega_s, u_max * c.u_flux);
-        e.flux = self.flux.step(&c.flux, u_s, i_s, self.resistance.r_s(), psi_ref, omega_s);
+        self.flux.step(&c.flux, u_s, i_s, r_s, e.psi_ref);
+        let field = self.flux.field();
         // What û_off stands for is first of all an offset of the current sensors, û_off = -r_s i_off. The
         // flux estimator has it removed already; control and inverter model get the current without it.
         e.i_s = *i_s + self.flux.offset.u_off() * c.inv_r_s;
-        let i_s = &e.i_s;
-        e.speed = self.speed.step(&c.speed, &e.flux.psi_s, i_s);
-        let field = e.flux.field;
-        let psi_s = e.flux.magnitude;
-        let (omega_s, omega_m) = (e.speed.omega_s, e.speed.omega_m);
-        e.i_dq = field.to_field(i_s);
-        e.torque = psi_s * e.i_dq.im();
-        if let Some(resistance) = &c.resistance {
-            self.resistance.step(resistance, psi_s, &e.i_dq, omega_s, omega_m);
+        e.i_dq = field.to_field(&e.i_s);
+
+        let i_ref = e.i_dq_ref;
+        let u_ff = Dq::new(i_ref.re() * r_s, i_ref.im() * r_s + e.speed.omega_s * self.flux.magnitude());
+        let u = self.current_control.step(&c.current, &i_ref, &e.i_dq, &u_ff, u_max);
+        (field, i_ref, u)
+    }
+
+    /// What is slow against the control period takes turns, after the duties are known: the speed estimator in
+    /// every second period, the rest in every fourth. So no period has to carry all of it.
+    #[inline(always)]
+    fn turn(&mut self, reference: &Reference<R>, u_max: R) {
+        match self.period & 3 {
+            0 => self.set_currents(reference, u_max),
+            2 => self.adapt(),
+            _ => self.track(),
         }
+    }
+
+    /// Speed estimator, and what follows the stator frequency.
+    #[inline(never)]
+    fn track(&mut self) {
+        let c = &self.config;
+        let e = &mut self.estimate;
+        e.speed = self.speed.step(&c.speed, &self.flux.value(), &e.i_s);
+        self.flux.follow(&c.flux, e.speed.omega_s);
+    }
+
+    /// Current references: torque, i_q* within current limit and pull-out, i_d* of (12).
+    #[inline(never)]
+    fn set_currents(&mut self, reference: &Reference<R>, u_max: R) {
+        let c = &self.config;
+        let e = &mut self.estimate;
+        let (omega_s, omega_m) = (e.speed.omega_s, e.speed.omega_m);
+        let psi_ref = c.flux_control.reference(omega_s, u_max * c.u_flux);
         e.psi_ref = psi_ref;
-        e.psi_1 = self.flux.offset.psi_1();
-        e.u_off = self.flux.offset.u_off();
-        e.r_s = self.resistance.r_s();
-        e.epsilon = self.resistance.epsilon();
-        let corrected = (self.flux.offset.updates() > 0).then(|| self.flux.offset.last_correction());
-        e.confidence = self.confidence.step(&c.confidence, omega_s, e.flux.u_hf.dot(&field.axis()), corrected);
-
-        // Plausibility: the flux on its circle, the speed within reach.
-        let lost = (psi_s - psi_ref).abs() > c.psi_deviation || omega_m.abs() > c.omega_trip;
-        self.implausible = if lost { self.implausible.saturating_add(1) } else { 0 };
-
-        // Controllers: torque, i_q* within current limit and pull-out, i_d* of (12), voltage.
-        let inv_psi = c.flux_control.reciprocal(psi_ref);
         let i_q_max = (c.pull_out_use * psi_ref).min(c.i_q_max);
         let torque_max = i_q_max * psi_ref;
         let torque_ref = match *reference {
@@ -454,13 +503,34 @@ impl<R: Real> Drive<R> {
             }
             Reference::Stop => R::ZERO,
         };
-        let i_q = torque_ref * inv_psi;
-        let i_d = self.flux_control.step(&c.flux_control, psi_ref, psi_s, i_q, omega_s);
-        let i_ref = Dq::new(i_d, i_q);
-        e.i_dq_ref = i_ref;
-        let u_ff = i_ref * e.r_s + Dq::new(R::ZERO, omega_s * psi_s);
-        let u = self.current_control.step(&c.current, &i_ref, &e.i_dq, &u_ff, u_max);
-        (field, i_ref, u)
+        let i_q = torque_ref * c.flux_control.reciprocal(psi_ref);
+        let i_d = self.flux_control.step(&c.flux_control, psi_ref, self.flux.magnitude(), i_q, omega_s);
+        e.i_dq_ref = Dq::new(i_d, i_q);
+    }
+
+    /// Resistance (Fig. 12), confidence, plausibility.
+    #[inline(never)]
+    fn adapt(&mut self) {
+        let c = &self.config;
+        let e = &self.estimate;
+        let (omega_s, omega_m) = (e.speed.omega_s, e.speed.omega_m);
+        let psi_s = self.flux.magnitude();
+        if let Some(resistance) = &c.resistance {
+            self.resistance.step(resistance, psi_s, &e.i_dq, omega_s, omega_m);
+        }
+        let corrected = (self.flux.offset.updates() > 0).then(|| self.flux.offset.last_correction());
+        self.confidence.step(&c.confidence, omega_s, self.flux.effort(), corrected);
+
+        // Plausibility: the flux on its circle, the speed within reach.
+        let plausible = (psi_s - e.psi_ref).within(c.psi_deviation) && omega_m.within(c.omega_trip);
+        if likely(plausible) {
+            self.implausible = 0;
+        } else {
+            self.implausible = self.implausible.saturating_add(1);
+            if self.implausible > c.implausible_max {
+                self.fault(Fault::EstimateLost);
+            }
+        }
     }
 
     #[inline(never)]
@@ -491,7 +561,6 @@ impl<R: Real> Drive<R> {
     #[inline(never)]
     fn blocked(&mut self) -> Output<R> {
         self.in_flight = [InFlight::default(); 2];
-        self.estimate.confidence = R::ZERO;
         Output { duty: zero_duty(), gates_on: false }
     }
 }

@@ -10,14 +10,14 @@
 
 use core::hint::black_box;
 use cortex_m_rt::entry;
-use stillflux::config::DriveConfig;
+use stillflux::config::{DriveConfig, SLOW_PERIODS, SPEED_PERIODS};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::FluxController;
 use stillflux::control::modulator::{Duty, applied, modulate};
 use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Estimate, Measurement, Output, Reference, Status};
 use stillflux::estimate::confidence::Confidence;
-use stillflux::estimate::flux::{FluxEstimate, FluxEstimator};
+use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::resistance::ResistanceEstimator;
 use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use stillflux::scalar::Q;
@@ -76,6 +76,8 @@ struct Blocks<R: Word> {
     speed_control: SpeedController<R>,
     flux_control: FluxController<R>,
     current_control: CurrentController<R>,
+    /// Stator frequency of this period, if the flux estimator has not been told it yet.
+    follow: Option<R>,
     /// Periods in which a block and the drive disagreed: flux, speed, resistance, confidence, flux control.
     different: [u32; 5],
 }
@@ -92,10 +94,12 @@ impl<R: Word> Blocks<R> {
             speed_control: SpeedController::default(),
             flux_control: FluxController::default(),
             current_control: CurrentController::default(),
+            follow: None,
             different: [0; 5],
         };
         blocks.flux.offset.restore(e.u_off);
         blocks.flux.start(psi, i_s);
+        blocks.flux.follow(config.flux_config(), R::ZERO);
         blocks.speed.start(&psi, R::ZERO);
         blocks.resistance.start(drive.memory().r_s);
         blocks
@@ -112,35 +116,48 @@ impl<R: Word> Blocks<R> {
     ) {
         let c = drive.config();
         let e = drive.estimate();
+        // Speed estimator and slow blocks run when the drive runs them.
+        let turn = drive.period() % SLOW_PERIODS;
         let flux_input = FluxInput {
             u_s: e.u_s,
             i_s: *i_s,
             r_s: self.resistance.r_s(),
-            psi_ref: e.psi_ref,
-            omega_s: before.speed.omega_s,
+            psi_ref: before.psi_ref,
+            omega_s: self.follow.take(),
         };
-        let flux = costs.flux_estimator.call(|| flux_estimator(&mut self.flux, c, &flux_input));
-        let speed = costs.speed_estimator.call(|| speed_estimator(&mut self.speed, c, &flux.psi_s, &e.i_s));
-        if let Some(config) = c.resistance_config() {
-            costs
-                .resistance_adaptation
-                .call(|| resistance_adaptation(&mut self.resistance, config, flux.magnitude, &e.i_dq, &speed));
+        costs.flux_estimator.call(|| flux_estimator(&mut self.flux, c, &flux_input));
+        let flux = self.flux.estimate();
+        let mut speed = e.speed;
+        if turn % SPEED_PERIODS == 1 {
+            speed = costs.speed_estimator.call(|| speed_estimator(&mut self.speed, c, &flux.psi_s, &e.i_s));
+            self.follow = Some(speed.omega_s);
         }
-        let u_hf = flux.u_hf.dot(&flux.field.axis());
-        let corrected = (self.flux.offset.updates() > 0).then(|| self.flux.offset.last_correction());
-        let trust = costs.confidence.call(|| confidence(&mut self.confidence, c, speed.omega_s, u_hf, corrected));
-        let i_q = e.i_dq_ref.im();
-        if let Reference::Speed(omega) = input.reference {
-            costs.speed_control.call(|| speed_control(&mut self.speed_control, c, omega, speed.omega_m));
+        if turn == 2 {
+            if let Some(config) = c.resistance_config() {
+                costs
+                    .resistance_adaptation
+                    .call(|| resistance_adaptation(&mut self.resistance, config, flux.magnitude, &e.i_dq, &speed));
+            }
+            let u_hf = self.flux.effort();
+            let corrected = (self.flux.offset.updates() > 0).then(|| self.flux.offset.last_correction());
+            costs.confidence.call(|| confidence(&mut self.confidence, c, speed.omega_s, u_hf, corrected));
         }
-        let i_d = costs
-            .flux_control
-            .call(|| flux_control(&mut self.flux_control, c, &[e.psi_ref, flux.magnitude, i_q, speed.omega_s]));
-        let feedforward = e.i_dq_ref * e.r_s + Dq::new(R::ZERO, speed.omega_s * flux.magnitude);
+        let mut i_d = e.i_dq_ref.re();
+        if turn == 0 {
+            let i_q = e.i_dq_ref.im();
+            if let Reference::Speed(omega) = input.reference {
+                costs.speed_control.call(|| speed_control(&mut self.speed_control, c, omega, speed.omega_m));
+            }
+            i_d = costs
+                .flux_control
+                .call(|| flux_control(&mut self.flux_control, c, &[e.psi_ref, flux.magnitude, i_q, speed.omega_s]));
+        }
+        let i_ref = before.i_dq_ref;
+        let feedforward = i_ref * before.r_s + Dq::new(R::ZERO, before.speed.omega_s * flux.magnitude);
         let u_max = input.measured.u_dc * R::from_f64(0.98 / 1.732_050_807_568_877_2);
         let u = costs
             .current_control
-            .call(|| current_control(&mut self.current_control, c, &e.i_dq_ref, &e.i_dq, &feedforward, u_max));
+            .call(|| current_control(&mut self.current_control, c, &i_ref, &e.i_dq, &feedforward, u_max));
         let loss = costs.inverter_model.call(|| inverter_model(c, &e.i_s, input.measured.u_dc));
         let u = flux.field.to_stator(&u).to_phases();
         let phases = [u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]];
@@ -150,7 +167,7 @@ impl<R: Word> Blocks<R> {
             flux == e.flux,
             speed == e.speed,
             self.resistance.r_s() == e.r_s,
-            trust == e.confidence,
+            self.confidence.value() == e.confidence,
             i_d == e.i_dq_ref.re(),
         ]
         .into_iter()
@@ -173,7 +190,8 @@ struct FluxInput<R: Word> {
     i_s: AlphaBeta<R>,
     r_s: R,
     psi_ref: R,
-    omega_s: R,
+    /// A stator frequency to follow, every second period.
+    omega_s: Option<R>,
 }
 
 // Calls that the optimiser leaves where they are.
@@ -183,8 +201,11 @@ fn empty(state: &mut u32) {
     *state = black_box(*state);
 }
 #[inline(never)]
-fn flux_estimator<R: Word>(s: &mut FluxEstimator<R>, c: &DriveConfig<R>, x: &FluxInput<R>) -> FluxEstimate<R> {
-    s.step(c.flux_config(), &x.u_s, &x.i_s, x.r_s, x.psi_ref, x.omega_s)
+fn flux_estimator<R: Word>(s: &mut FluxEstimator<R>, c: &DriveConfig<R>, x: &FluxInput<R>) {
+    if let Some(omega_s) = x.omega_s {
+        s.follow(c.flux_config(), omega_s);
+    }
+    s.step(c.flux_config(), &x.u_s, &x.i_s, x.r_s, x.psi_ref);
 }
 #[inline(never)]
 fn speed_estimator<R: Word>(
@@ -260,7 +281,7 @@ fn trace<R: Word>(path: &str) -> bool {
         for bytes in &buffer.as_chunks::<FRAME>().0[..n] {
             let frame = Frame::<R>::from_bytes(bytes);
             let input = Input { measured: control.scale().measurement(&frame.counts), reference: frame.reference };
-            let before = *control.drive.estimate();
+            let before = control.drive.estimate();
             let was_running = control.drive.status() == Status::Running;
             costs.empty.call(|| empty(&mut 0));
             if was_running {
@@ -274,7 +295,7 @@ fn trace<R: Word>(path: &str) -> bool {
             let i_s = AlphaBeta::from_phases([i[0] - i_off[0], i[1] - i_off[1], i[2] - i_off[2]]);
             match (&mut blocks, was_running, drive.status() == Status::Running) {
                 (Some(b), true, true) => b.period(&mut costs, drive, &before, &i_s, &input),
-                (b @ None, false, true) => *b = Some(Blocks::start(drive.config(), drive.estimate(), drive, i_s)),
+                (b @ None, false, true) => *b = Some(Blocks::start(drive.config(), &drive.estimate(), drive, i_s)),
                 _ => {}
             }
         }

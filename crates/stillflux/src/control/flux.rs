@@ -52,6 +52,8 @@ pub struct FluxControlConfig<R: Real> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxController<R: Real> {
     x: Integrator<R>,
+    /// Reciprocal root of the radicand of the last call.
+    inv_root: R,
 }
 
 impl<R: Real> FluxControlConfig<R> {
@@ -75,7 +77,17 @@ impl<R: Real> FluxControlConfig<R> {
     /// `i_d*` of (12) for a flux and a torque current below pull-out.
     #[inline(always)]
     pub fn feedforward(&self, psi_ref: R, i_q: R) -> R {
-        let root = (psi_ref * psi_ref * self.root_psi - i_q * i_q * self.root_i_q).sqrt();
+        self.solve(psi_ref, self.radicand(psi_ref, i_q).sqrt())
+    }
+
+    /// What stands under the root of (12).
+    #[inline(always)]
+    fn radicand(&self, psi_ref: R, i_q: R) -> R {
+        psi_ref * psi_ref * self.root_psi - i_q * i_q * self.root_i_q
+    }
+
+    #[inline(always)]
+    fn solve(&self, psi_ref: R, root: R) -> R {
         (self.l_sum * psi_ref - root) * self.inv_two_l_product
     }
 }
@@ -95,7 +107,9 @@ impl<R: Real> FluxController<R> {
         // With the weight gone the integrator forgets at the rate at which it learned.
         let leak = x * (R::ONE - weight);
         let x = self.x.add_limited(c.k_i, error * weight - leak, c.limit);
-        c.feedforward(psi_ref, i_q) + (error * c.k_p * weight + x).limit(c.limit)
+        let radicand = c.radicand(psi_ref, i_q).max(R::ZERO);
+        self.inv_root = radicand.rsqrt_near(self.inv_root);
+        c.solve(psi_ref, radicand * self.inv_root) + (error * c.k_p * weight + x).limit(c.limit)
     }
 }
 

@@ -27,11 +27,11 @@ pub fn modulate<R: Real>(u: [R; 3], inv_u_dc: R, timer: Option<&Timer>) -> Duty<
     let larger = (sum + distance).half();
     let smaller = sum - larger;
     let (p, q) = (larger.abs(), smaller.abs());
-    let common = (sum + p - q).half().half();
+    let common = (sum + p - q).quarter();
     let span = distance + p + q;
 
     let leg = |x: R| R::HALF + (x - common) * inv_u_dc;
-    let mut duty = [leg(a), leg(b), leg(R::ZERO)];
+    let mut duty = [leg(a), leg(b), R::HALF - common * inv_u_dc];
     // The duties lie at half ± span/4: one comparison for all six limits.
     if !likely(span * inv_u_dc <= R::from_f64(1.9999)) {
         duty = duty.map(|d| d.clamp(R::ZERO, R::ONE));

@@ -75,6 +75,12 @@ impl<R: Real> Confidence<R> {
         self.value
     }
 
+    /// Latest confidence.
+    #[inline]
+    pub fn value(&self) -> R {
+        self.value
+    }
+
     /// Expected magnitude of the angle error, rad.
     pub fn sigma(&self) -> R {
         self.sigma.value()

@@ -63,6 +63,10 @@ pub struct FluxEstimator<R: Real> {
     magnitude: R,
     /// `1/|ψ̂_s|`.
     inv_psi: R,
+    u_i: AlphaBeta<R>,
+    /// Gain of the noise compensator, and its output along the field axis.
+    gain: R,
+    effort: R,
     /// The parallel path of Fig. 4.
     pub offset: OffsetEstimator<R>,
 }
@@ -78,36 +82,66 @@ impl<R: Real> FluxEstimator<R> {
 
     /// One period: `u_s` was applied since the last call, `i_s` is the sample at its end.
     #[inline(always)]
-    pub fn step(
-        &mut self,
-        config: &FluxConfig<R>,
-        u_s: &AlphaBeta<R>,
-        i_s: &AlphaBeta<R>,
-        r_s: R,
-        psi_ref: R,
-        omega_s: R,
-    ) -> FluxEstimate<R> {
+    pub fn step(&mut self, config: &FluxConfig<R>, u_s: &AlphaBeta<R>, i_s: &AlphaBeta<R>, r_s: R, psi_ref: R) {
         let u_i = *u_s - (self.i_s + *i_s) * r_s.half();
         self.i_s = *i_s;
+        self.u_i = u_i;
 
-        let omega = omega_s.abs();
-        let k = (omega + omega).max(config.noise_min).min(config.noise_max);
-        let u_hf = self.field.axis() * (k * (psi_ref - self.magnitude));
+        self.effort = self.gain * (psi_ref - self.magnitude);
+        let u_hf = self.field.axis() * self.effort;
 
         let u_off = match &config.offset {
-            Some(c) => self.offset.step(c, &u_i, psi_ref, omega_s),
+            Some(c) => self.offset.step(c, &u_i, psi_ref),
             None => self.offset.u_off(),
         };
         let u = u_i - u_off + u_hf;
-        let mut psi_s = AlphaBeta::new(self.psi_s[0].add(config.t_s, u.re()), self.psi_s[1].add(config.t_s, u.im()));
-        // A flux beyond three times the base is a lost estimate, not a value to go on from.
-        if !likely(psi_s.norm_sq() <= R::from_f64(9.0)) {
-            psi_s = psi_s.limit_components(R::TWO);
+        let psi_s = AlphaBeta::new(self.psi_s[0].add(config.t_s, u.re()), self.psi_s[1].add(config.t_s, u.im()));
+        (self.field, self.magnitude, self.inv_psi) = Rotator::near(&psi_s, self.inv_psi);
+    }
+
+    /// Tells the stator frequency, once in [`OffsetConfig::interval`]: what depends on it need not be computed
+    /// in every period.
+    #[inline(always)]
+    pub fn follow(&mut self, config: &FluxConfig<R>, omega_s: R) {
+        let omega = omega_s.abs();
+        self.gain = (omega + omega).max(config.noise_min).min(config.noise_max);
+        if let Some(c) = &config.offset {
+            self.offset.follow(c, omega_s);
+        }
+        // A flux of three times the base is a lost estimate, not a value to go on from.
+        if !likely(self.magnitude <= R::from_f64(3.0)) {
+            let psi_s = self.value().limit_components(R::TWO);
             self.psi_s = [Integrator::new(psi_s.re()), Integrator::new(psi_s.im())];
         }
-        let (field, magnitude, inv_psi) = Rotator::near(&psi_s, self.inv_psi);
-        (self.field, self.magnitude, self.inv_psi) = (field, magnitude, inv_psi);
-        FluxEstimate { psi_s, field, magnitude, u_i, u_hf }
+    }
+
+    /// Field angle as `e^{jδ̂}`.
+    #[inline]
+    pub fn field(&self) -> Rotator<R> {
+        self.field
+    }
+
+    /// `|ψ̂_s|`.
+    #[inline]
+    pub fn magnitude(&self) -> R {
+        self.magnitude
+    }
+
+    /// Output of the noise compensator along the field axis.
+    #[inline]
+    pub fn effort(&self) -> R {
+        self.effort
+    }
+
+    /// Everything of the latest period.
+    pub fn estimate(&self) -> FluxEstimate<R> {
+        FluxEstimate {
+            psi_s: self.value(),
+            field: self.field,
+            magnitude: self.magnitude,
+            u_i: self.u_i,
+            u_hf: self.field.axis() * self.effort,
+        }
     }
 
     /// Present `ψ̂_s`.
@@ -134,7 +168,9 @@ mod tests {
         for k in 0..n * periods {
             let (a, b) = (omega * T_S * f64::from(k), omega * T_S * f64::from(k + 1));
             let u = AlphaBeta::new((b.cos() - a.cos()) / T_S + offset, (b.sin() - a.sin()) / T_S);
-            let out = est.step(&config, &u, &AlphaBeta::default(), 0.1, 1.0, omega);
+            est.step(&config, &u, &AlphaBeta::default(), 0.1, 1.0);
+            est.follow(&config, omega);
+            let out = est.estimate();
             let d = Rotator { cos: b.cos(), sin: b.sin() }.to_field(&out.psi_s);
             if k >= n * (periods - 1) {
                 angle = angle.max(d.im().atan2(d.re()).abs());

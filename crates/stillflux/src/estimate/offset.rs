@@ -23,7 +23,7 @@
 //!
 //! Otherwise the estimate holds. That is also the state at zero stator frequency: hold.
 
-use crate::scalar::{Integrator, Real, likely};
+use crate::scalar::{QuickIntegrator, Real, likely};
 use crate::space::AlphaBeta;
 
 /// Settings of the offset estimator.
@@ -37,19 +37,23 @@ pub struct OffsetConfig<R: Real> {
     pub gain: R,
     /// Limit of each component of `û_off`.
     pub limit: R,
-    /// Control period in revolutions at a stator frequency of one, `t_s / 2π`.
+    /// Half width of the band around zero within which the sign of ψ̂_1 counts as unchanged.
+    pub hysteresis: R,
+    /// Time between two calls of [`OffsetEstimator::follow`], normalised.
+    pub interval: R,
+    /// That time in revolutions at a stator frequency of one, `interval / 2π`.
     pub turn: R,
-    /// Longest window in control periods; see [`longest_window`].
+    /// Longest window in such intervals; see [`longest_window`].
     pub longest: u32,
     /// Stator frequency above which the estimate holds.
     pub omega_max: R,
 }
 
-/// Longest window for a smallest stator frequency, in control periods of normalised length `t_s`.
+/// Longest window for a smallest stator frequency, in intervals of normalised length.
 #[must_use]
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-pub fn longest_window(omega_min: f64, t_s: f64) -> u32 {
-    (core::f64::consts::TAU / (omega_min * t_s)) as u32
+pub fn longest_window(omega_min: f64, interval: f64) -> u32 {
+    (core::f64::consts::TAU / (omega_min * interval)) as u32
 }
 
 /// Time and field angle, common to both components: windows are differences of it.
@@ -57,8 +61,8 @@ pub fn longest_window(omega_min: f64, t_s: f64) -> u32 {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 struct Now<R: Real> {
-    /// Control periods, wrapping.
-    period: u32,
+    /// Calls of [`OffsetEstimator::follow`], wrapping.
+    interval: u32,
     /// Angle that the field turned by, in revolutions.
     turned: R,
 }
@@ -68,16 +72,16 @@ struct Now<R: Real> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 struct Axis<R: Real> {
-    psi_1: Integrator<R>,
+    psi_1: QuickIntegrator<R>,
     u_off: R,
     max: R,
     min: R,
-    /// Period and angle at which the window began.
+    /// Interval and angle at which the window began.
     began: u32,
     began_at: R,
-    /// Periods of the window before; zero: there was none.
+    /// Intervals of the window before; zero: there was none.
     last: u32,
-    /// ψ̂_1 has been below the hysteresis band since the last crossing.
+    /// ψ̂_1 has been below the hysteresis band since the last crossing: the negative half wave.
     armed: bool,
     /// A window is open: there was a crossing since the start or the last hold.
     open: bool,
@@ -87,20 +91,23 @@ struct Axis<R: Real> {
 
 impl<R: Real> Axis<R> {
     fn start(&mut self, psi: R) {
-        *self = Self { psi_1: Integrator::new(psi), u_off: self.u_off, max: psi, min: psi, ..Self::default() };
+        *self = Self { psi_1: QuickIntegrator::new(psi), u_off: self.u_off, max: psi, min: psi, ..Self::default() };
     }
 
-    /// One period; `true` if `û_off` was corrected.
+    /// One period; `true` at a rising zero crossing.
     #[inline(always)]
-    fn step(&mut self, t_s: R, u_i: R, psi_ref: R, hysteresis: R) -> bool {
-        let psi = self.psi_1.add_limited(t_s, u_i - self.u_off, psi_ref);
-        // Within the band there are neither extremes nor crossings.
-        if psi > hysteresis {
-            self.max = self.max.max(psi);
-            return !likely(!self.armed);
+    fn step(&mut self, c: &OffsetConfig<R>, u_i: R, psi_ref: R) -> bool {
+        let psi = self.psi_1.add_limited(c.t_s, u_i - self.u_off, psi_ref);
+        if self.armed {
+            if psi < self.min {
+                self.min = psi;
+            }
+            return !likely(psi <= c.hysteresis);
         }
-        if psi < -hysteresis {
-            self.min = self.min.min(psi);
+        if psi > self.max {
+            self.max = psi;
+        } else if !likely(psi >= -c.hysteresis) {
+            self.min = psi;
             self.armed = true;
         }
         false
@@ -118,13 +125,13 @@ impl<R: Real> Axis<R> {
     fn crossing(&mut self, c: &OffsetConfig<R>, now: &Now<R>) -> bool {
         let psi = self.psi_1.value();
         self.armed = false;
-        let elapsed = now.period.wrapping_sub(self.began);
+        let elapsed = now.interval.wrapping_sub(self.began);
         let turned = now.turned - self.began_at;
         let steady = self.last == 0 || elapsed.abs_diff(self.last) < elapsed / 3;
         let valid = self.open && !self.discard && steady && (turned.abs() - R::ONE).abs() < R::from_f64(0.25);
         if valid {
             // g (max + min) / (T/2), T = 64 · duration.
-            let duration = c.t_s.periods(elapsed);
+            let duration = c.interval.periods(elapsed);
             let correction = (self.max + self.min) * duration.recip() * (c.gain * R::from_f64(2.0 / 64.0));
             self.u_off = (self.u_off + correction).limit(c.limit);
         }
@@ -138,7 +145,7 @@ impl<R: Real> Axis<R> {
     }
 
     fn open_window(&mut self, psi: R, now: &Now<R>) {
-        self.began = now.period;
+        self.began = now.interval;
         self.began_at = now.turned;
         self.max = psi;
         self.min = psi;
@@ -152,8 +159,10 @@ impl<R: Real> Axis<R> {
 pub struct OffsetEstimator<R: Real> {
     axes: [Axis<R>; 2],
     now: Now<R>,
-    /// Period in which some window may be overdue.
+    /// Interval in which some window may be overdue.
     due: u32,
+    /// The field turns faster than the estimate can follow.
+    fast: bool,
     updates: u32,
     last_correction: R,
 }
@@ -174,43 +183,71 @@ impl<R: Real> OffsetEstimator<R> {
         self.axes[1].u_off = u_off.im();
     }
 
-    /// One period; returns `û_off`.
+    /// One period; returns the `û_off` that it used.
     #[inline(always)]
-    pub fn step(&mut self, c: &OffsetConfig<R>, u_i: &AlphaBeta<R>, psi_ref: R, omega_s: R) -> AlphaBeta<R> {
+    pub fn step(&mut self, c: &OffsetConfig<R>, u_i: &AlphaBeta<R>, psi_ref: R) -> AlphaBeta<R> {
         let before = self.u_off();
-        self.now.period = self.now.period.wrapping_add(1);
-        self.now.turned += c.turn * omega_s;
-        let hysteresis = psi_ref * R::from_f64(0.2);
-        let a = self.axes[0].step(c.t_s, u_i.re(), psi_ref, hysteresis);
-        let b = self.axes[1].step(c.t_s, u_i.im(), psi_ref, hysteresis);
-        let fast = omega_s.abs() > c.omega_max;
-        if !likely(!(a || b || fast || self.now.period == self.due)) {
-            self.judge(c, [a, b], fast);
+        let a = self.axes[0].step(c, u_i.re(), psi_ref);
+        let b = self.axes[1].step(c, u_i.im(), psi_ref);
+        if !likely(!(a | b)) {
+            self.crossing(c, [a, b]);
         }
         before
     }
 
-    /// What happens a few times in a fundamental period: crossings, and windows that do not count.
+    /// Once in [`OffsetConfig::interval`]: time and field angle move on at the stator frequency `omega_s`.
+    #[inline(always)]
+    pub fn follow(&mut self, c: &OffsetConfig<R>, omega_s: R) {
+        self.now.interval = self.now.interval.wrapping_add(1);
+        self.now.turned += omega_s * c.turn;
+        let fast = !omega_s.within(c.omega_max);
+        if !likely(fast == self.fast && self.now.interval != self.due) {
+            self.hold(c, fast);
+        }
+    }
+
+    /// Rising zero crossings, one or two in a fundamental period.
     #[cold]
     #[inline(never)]
-    fn judge(&mut self, c: &OffsetConfig<R>, crossed: [bool; 2], fast: bool) {
+    fn crossing(&mut self, c: &OffsetConfig<R>, crossed: [bool; 2]) {
         let before = self.u_off();
         let mut corrected = false;
         for (axis, crossed) in self.axes.iter_mut().zip(crossed) {
-            if fast || self.now.period.wrapping_sub(axis.began) > c.longest {
+            if crossed && self.fast {
+                axis.armed = false;
                 axis.hold(&self.now);
+            } else if crossed {
+                corrected |= axis.crossing(c, &self.now);
             }
-            corrected |= crossed && axis.crossing(c, &self.now);
         }
         if corrected {
             self.updates = self.updates.saturating_add(1);
             let d = self.u_off() - before;
             self.last_correction = d.re().abs().max(d.im().abs());
         }
-        let age = |axis: &Axis<R>| self.now.period.wrapping_sub(axis.began);
+        self.renew(c);
+    }
+
+    /// Windows that do not count: those that are overdue, and any that touches a time of fast rotation.
+    #[cold]
+    #[inline(never)]
+    fn hold(&mut self, c: &OffsetConfig<R>, fast: bool) {
+        let changed = fast != self.fast;
+        self.fast = fast;
+        for axis in &mut self.axes {
+            if changed || self.now.interval.wrapping_sub(axis.began) > c.longest {
+                axis.hold(&self.now);
+            }
+        }
+        self.renew(c);
+    }
+
+    /// When the oldest window will be overdue. The angle begins anew, so that it stays within the range where it
+    /// is resolved well.
+    fn renew(&mut self, c: &OffsetConfig<R>) {
+        let age = |axis: &Axis<R>| self.now.interval.wrapping_sub(axis.began);
         let oldest = age(&self.axes[0]).max(age(&self.axes[1]));
-        self.due = self.now.period.wrapping_add(c.longest.saturating_sub(oldest)).wrapping_add(1);
-        // The angle begins anew, so that it stays within the range where it is resolved well.
+        self.due = self.now.interval.wrapping_add(c.longest.saturating_sub(oldest)).wrapping_add(1);
         for axis in &mut self.axes {
             axis.began_at -= self.now.turned;
         }
@@ -247,6 +284,8 @@ mod tests {
         t_s: 0.03,
         gain: 0.5,
         limit: 0.05,
+        hysteresis: 0.2,
+        interval: 0.03,
         turn: 0.03 / core::f64::consts::TAU,
         longest: 52_266,
         omega_max: 0.2,
@@ -258,7 +297,8 @@ mod tests {
         for k in 0..n {
             let (s, c) = (omega * CONFIG.t_s * (f64::from(k) + 0.5)).sin_cos();
             let u = AlphaBeta::new(-a * omega * s + offset.0, a * omega * c + offset.1);
-            est.step(&CONFIG, &u, 1.0, omega);
+            est.step(&CONFIG, &u, 1.0);
+            est.follow(&CONFIG, omega);
         }
     }
 
@@ -280,7 +320,8 @@ mod tests {
         run(&mut est, 0.01, (5e-4, 0.0), 1.0, 12.0);
         let before = est.u_off();
         for _ in 0..2_000_000 {
-            est.step(&CONFIG, &AlphaBeta::new(1e-3, -1e-3), 1.0, 0.0);
+            est.step(&CONFIG, &AlphaBeta::new(1e-3, -1e-3), 1.0);
+            est.follow(&CONFIG, 0.0);
         }
         assert_eq!(est.u_off(), before);
         run(&mut est, 0.01, (5e-4, 0.0), 1.0, 1.7);

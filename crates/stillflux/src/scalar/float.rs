@@ -46,6 +46,10 @@ macro_rules! impl_real {
                 0.5 * self
             }
             #[inline]
+            fn quarter(self) -> Self {
+                0.25 * self
+            }
+            #[inline]
             #[allow(clippy::cast_precision_loss)]
             fn periods(self, n: u32) -> Self {
                 self * n as $t * (1.0 / 64.0)

@@ -93,6 +93,8 @@ pub trait Real:
 
     /// `x/2`.
     fn half(self) -> Self;
+    /// `x/4`.
+    fn quarter(self) -> Self;
     /// `64⁻¹ n x`, saturated: durations of many periods.
     fn periods(self, n: u32) -> Self;
 
@@ -116,8 +118,8 @@ pub trait Real:
     /// `e` becomes `3/2 e²`: quantities that move by a thousandth in a period lose nothing here.
     #[inline]
     fn rsqrt_next(self, guess: Self) -> Option<Self> {
-        let k = Self::from_f64(1.5) - self.half() * guess * guess;
-        likely((k - Self::ONE).within(Self::from_f64(0.01))).then_some(guess * k)
+        let e = Self::ONE - self * guess * guess;
+        likely(e.within(Self::from_f64(0.02))).then_some(guess + guess * e.half())
     }
     /// [`Real::rsqrt_next`], and [`Real::rsqrt`] where the guess is not good enough.
     #[inline]

@@ -199,6 +199,10 @@ impl Real for Q {
         Self(self.0 >> 1)
     }
     #[inline]
+    fn quarter(self) -> Self {
+        Self(self.0 >> 2)
+    }
+    #[inline]
     fn periods(self, n: u32) -> Self {
         let x = (i64::from(self.0) >> 6) * i64::from(n);
         Self(x.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32)
