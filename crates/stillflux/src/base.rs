@@ -7,6 +7,7 @@
 
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::Real;
+use crate::words::words;
 
 /// Base quantities, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,6 +77,7 @@ pub struct PerUnit<R: Real> {
     /// Rated dc-link voltage.
     pub u_dc: R,
 }
+words!(PerUnit: r_s, l_s, sigma_l_s, r_r, inv_tau_r, t_s, u_th, dead_time, torque_rated, u_dc);
 
 impl<R: Real> PerUnit<R> {
     /// Converts validated parameters.

@@ -13,6 +13,7 @@ use crate::estimate::speed::SpeedConfig;
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Real, Timer};
+use crate::words::words;
 
 /// Magnetising current during the build-up of the flux, as multiple of its final value.
 pub(crate) const BOOST: f64 = 1.5;
@@ -184,6 +185,13 @@ pub struct DriveConfig<R: Real> {
     pub(crate) boost_periods: u32,
     pub(crate) r_s_periods: u32,
     pub(crate) inv_r_s_periods: R,
+}
+words! {
+    DriveConfig:
+    pu, inverter, timer, flux, speed, resistance, confidence, current, flux_control, speed_control, inv_r_s, t_ahead,
+    u_utilisation, u_flux, u_off_limit, i_range, i_plain_sq, i_trip, i_off_max, i_q_max, pull_out_use, u_dc_min,
+    u_dc_max, u_dc_range, omega_max, omega_trip, psi_deviation, implausible_max, calibrate_offset, offset_periods,
+    inv_offset_periods, magnetise_periods, boost_periods, r_s_periods, inv_r_s_periods,
 }
 
 impl<R: Real> DriveConfig<R> {

@@ -9,6 +9,7 @@ use crate::control::modulator::Duty;
 use crate::drive::Measurement;
 use crate::params::Machine;
 use crate::scalar::{Real, Timer};
+use crate::words::words;
 
 /// One set of readings, left-aligned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,6 +30,7 @@ pub struct Scale<R: Real> {
     i: R,
     u_dc: R,
 }
+words!(Scale: i, u_dc);
 
 impl<R: Real> Scale<R> {
     /// Channels that read `±i_full` A and up to `u_full` V.

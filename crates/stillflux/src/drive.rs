@@ -27,6 +27,7 @@ use crate::estimate::resistance::ResistanceEstimator;
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
+use crate::words::words;
 
 /// What the drive measures at the start of a period, per unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -131,6 +132,7 @@ pub struct Memory<R: Real> {
     /// Offsets of the current channels.
     pub i_off: [R; 3],
 }
+words!(Memory: u_off, r_s, i_off);
 
 /// Everything the drive estimates, per unit, of the latest period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

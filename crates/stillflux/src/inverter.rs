@@ -23,6 +23,7 @@ use crate::base::{Base, PerUnit};
 use crate::params::{Inverter, Machine};
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
+use crate::words::words;
 
 /// Width of the model's band as part of the physical one.
 const BAND: f64 = 0.1;
@@ -43,6 +44,7 @@ pub struct InverterModel<R: Real> {
     /// `1 / (SCALE · band)`.
     inv_band: R,
 }
+words!(InverterModel: u_th, dead_time, band, inv_band);
 
 impl<R: Real> InverterModel<R> {
     /// Model of an inverter that feeds a machine.

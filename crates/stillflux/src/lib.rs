@@ -41,3 +41,4 @@ pub mod inverter;
 pub mod params;
 pub mod scalar;
 pub mod space;
+pub mod words;

@@ -6,6 +6,7 @@
 //! taken from a flux vector or turned by small angles.
 
 use crate::scalar::Real;
+use crate::words::Words;
 use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Mul, Neg, Sub};
 use nalgebra::Vector2;
@@ -42,6 +43,15 @@ impl<R: Real, F> From<[R; 2]> for Space<R, F> {
 impl<R: Real, F> From<Space<R, F>> for [R; 2] {
     fn from(v: Space<R, F>) -> Self {
         [v.re(), v.im()]
+    }
+}
+
+impl<R: Real + Words, F> Words for Space<R, F> {
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        [self.re(), self.im()].put(out);
+    }
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        <[R; 2]>::take(from).into()
     }
 }
 

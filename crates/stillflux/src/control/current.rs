@@ -14,6 +14,7 @@
 
 use crate::scalar::{QuickIntegrator, Real, likely};
 use crate::space::Dq;
+use crate::words::words;
 
 /// Settings of the current controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +28,7 @@ pub struct CurrentConfig<R: Real> {
     /// `1/k_p`.
     pub inv_k_p: R,
 }
+words!(CurrentConfig: k_p, k_i, inv_k_p);
 
 /// State of the current controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -12,6 +12,7 @@
 //! says nothing. There the feedforward alone keeps the true flux.
 
 use crate::scalar::{Integrator, Real, likely};
+use crate::words::words;
 
 /// Settings of the flux controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +45,11 @@ pub struct FluxControlConfig<R: Real> {
     pub inv_fade: R,
     /// Largest correction of i_d.
     pub limit: R,
+}
+words! {
+    FluxControlConfig:
+    psi_rated, inv_psi_rated, psi_min, l_sum, root_psi, root_i_q, inv_two_l_product, pull_out, k_p, k_i, omega_begin,
+    inv_fade, limit,
 }
 
 /// State of the flux controller.

@@ -5,6 +5,7 @@
 //! that the limit would cut.
 
 use crate::scalar::{Integrator, Real};
+use crate::words::words;
 
 /// Settings of the speed controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,6 +19,7 @@ pub struct SpeedControlConfig<R: Real> {
     /// Largest torque.
     pub torque_max: R,
 }
+words!(SpeedControlConfig: k_p, k_i, torque_max);
 
 /// State of the speed controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -16,6 +16,7 @@
 //! It is a model, not a measurement: it knows of nothing that leaves no trace in the residuals.
 
 use crate::scalar::{Integrator, Real};
+use crate::words::words;
 
 /// Angle uncertainty at which the confidence is one half, rad (15°).
 pub const SIGMA_HALF: f64 = 0.261_8;
@@ -34,6 +35,7 @@ pub struct ConfidenceConfig<R: Real> {
     /// Corner frequency of the low-pass of `|u_hf|`, times the control period.
     pub corner: R,
 }
+words!(ConfidenceConfig: t_s, u_floor, u_initial, corner);
 
 /// State of the confidence model.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -19,6 +19,7 @@
 use super::offset::{OffsetConfig, OffsetEstimator};
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Rotator};
+use crate::words::words;
 
 /// Settings of the flux estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,6 +35,7 @@ pub struct FluxConfig<R: Real> {
     /// The parallel path with the offset estimator; `None`: its output stays what it was set to.
     pub offset: Option<OffsetConfig<R>>,
 }
+words!(FluxConfig: t_s, noise_min, noise_max, offset);
 
 /// What the estimator delivers for one period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -25,6 +25,7 @@
 
 use crate::scalar::{QuickIntegrator, Real, likely};
 use crate::space::AlphaBeta;
+use crate::words::words;
 
 /// Settings of the offset estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +49,7 @@ pub struct OffsetConfig<R: Real> {
     /// Stator frequency above which the estimate holds.
     pub omega_max: R,
 }
+words!(OffsetConfig: t_s, gain, limit, hysteresis, interval, turn, longest, omega_max);
 
 /// Longest window for a smallest stator frequency, in intervals of normalised length.
 #[must_use]

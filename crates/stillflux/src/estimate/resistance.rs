@@ -18,6 +18,7 @@
 
 use crate::scalar::{Integrator, Real};
 use crate::space::Dq;
+use crate::words::words;
 
 /// Settings of the adaptation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,6 +46,7 @@ pub struct ResistanceConfig<R: Real> {
     /// Periods for which a transient freezes the adaptation.
     pub hold: u32,
 }
+words!(ResistanceConfig: l_sum, l_product, gain, i_q_min, i_q_high, omega_min, omega_max, transient, corner, hold);
 
 /// State of the adaptation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -17,6 +17,7 @@
 
 use crate::scalar::{QuickIntegrator, Real};
 use crate::space::{AlphaBeta, Rotator};
+use crate::words::words;
 
 /// Settings of the speed estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +37,7 @@ pub struct SpeedConfig<R: Real> {
     /// Largest speed.
     pub omega_max: R,
 }
+words!(SpeedConfig: t_s, sigma_l_s, r_r, k_p, k_i, omega_max);
 
 /// Speed, slip and rotor flux.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

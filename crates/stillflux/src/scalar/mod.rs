@@ -9,6 +9,7 @@ mod q;
 
 pub use q::Q;
 
+use crate::words::Words;
 use core::fmt::Debug;
 use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
@@ -217,6 +218,16 @@ impl Timer {
     #[must_use]
     pub fn full(&self) -> u32 {
         self.full
+    }
+}
+
+impl Words for Timer {
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        out(self.full);
+        out(self.recip);
+    }
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        Self { full: from(), recip: from() }
     }
 }
 

@@ -7,6 +7,7 @@
 //! no 64-bit division anywhere.
 
 use super::{Real, Sum, Timer};
+use crate::words::Words;
 use core::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// Fixed-point number with 24 fractional bits.
@@ -233,6 +234,15 @@ impl Real for Q {
     fn within(self, bound: Self) -> bool {
         // One unsigned comparison: -bound ..= bound moved to 0 ..= 2 bound.
         self.0.wrapping_add(bound.0) as u32 <= (bound.0 as u32) << 1
+    }
+}
+
+impl Words for Q {
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        out(self.0 as u32);
+    }
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        Self(from() as i32)
     }
 }
 
