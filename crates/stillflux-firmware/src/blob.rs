@@ -2,6 +2,7 @@
 //!
 //! A firmware writes such a page after commissioning and after every stop (`Drive::memory`). It is read
 //! once at power-up; an image whose page is erased, torn or of another layout does not start the bridge.
+//! The image reads one only with the feature `si-page`; else it has [`crate::page`], which needs less flash.
 //! Values are SI in double precision: the page does not depend on the arithmetic of the image.
 
 #![allow(non_snake_case)]
@@ -135,10 +136,10 @@ impl Blob {
 }
 
 /// CRC-32 (IEEE 802.3) of all words but the last.
-const fn crc(words: &[u32; WORDS]) -> u32 {
+pub const fn crc(words: &[u32]) -> u32 {
     let mut crc = u32::MAX;
     let mut k = 0;
-    while k < WORDS - 1 {
+    while k + 1 < words.len() {
         crc ^= words[k];
         let mut bit = 0;
         while bit < 32 {

@@ -1,7 +1,7 @@
 //! What runs in the control interrupt: counts in, drive, counts out. Host and target run this same source.
 
 use crate::blob::Parameters;
-use stillflux::config::{DriveConfig, DriveParams};
+use crate::page::Ready;
 use stillflux::counts::{Counts, Scale, compare};
 use stillflux::drive::{Drive, Reference};
 use stillflux::params::ParamError;
@@ -27,18 +27,20 @@ pub struct Control<R: Real> {
 
 impl<R: Real> Control<R> {
     /// A stopped drive that remembers what its page holds.
+    pub fn ready(page: &Ready<R>) -> Self {
+        // A page without timer clock: the finest timer there is.
+        let timer = page.config.timer().copied().unwrap_or(Timer::new(u32::MAX));
+        let mut drive = Drive::new(page.config);
+        drive.restore(&page.memory);
+        Self { drive, scale: page.scale, timer }
+    }
+
+    /// The same from SI values.
     ///
     /// # Errors
     /// The first parameter outside its admissible range.
-    // Not inlined: the code of the configuration has a size of its own in the report.
-    #[inline(never)]
     pub fn new(p: &Parameters) -> Result<Self, ParamError> {
-        let config = DriveConfig::new(&p.machine, &p.inverter, &DriveParams::new(&p.machine, &p.inverter))?;
-        // A page without timer clock: the finest timer there is.
-        let timer = config.timer().copied().unwrap_or(Timer::new(u32::MAX));
-        let mut drive = Drive::new(config);
-        drive.restore(&p.memory());
-        Ok(Self { drive, scale: Scale::new(&p.machine, p.i_full, p.u_full), timer })
+        Ready::new(p).map(|ready| Self::ready(&ready))
     }
 
     /// Readings in per unit.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ BLOCKS = (
     "drive_step",
 )
 ARITHMETICS = ("f32", "q")
+ISR = "control_isr"
 #: What the design asks for, mean instructions: f32, q.
 TARGETS = {"flux_estimator": (150, 250), "drive_step": (600, 1000)}
 REPORT = toolchain.ROOT / "target" / "firmware-bench.json"
@@ -42,26 +42,31 @@ def measure(chain: toolchain.Toolchain) -> dict[str, Any]:
             block[f"{row['arithmetic']}_worst"] = row["worst"]
     for name in BLOCKS:
         report[name]["operations"] = operations[name]
-    for key in ("flash_step", "flash_library", "flash_image", "ram_drive", "ram_config", "stack_step"):
+    for key in ("flash_step", "flash_library", "flash_library_si", "flash_image", "ram_drive", "ram_config", "stack_step"):
         report[key] = {}
     for arithmetic in ARITHMETICS:
-        elf = toolchain.build(chain, "drive", *([] if arithmetic == "f32" else ["q"]))
-        _sizes(report, arithmetic, elf)
+        features = [] if arithmetic == "f32" else ["q"]
+        si = toolchain.build(chain, "drive", *features, "si-page")
+        _sizes(report, arithmetic, toolchain.build(chain, "drive", *features), si)
     report["accuracy"] = json.loads(toolchain.host_example("accuracy"))
     return report
 
 
-def _sizes(report: dict[str, Any], arithmetic: str, elf: Path) -> None:
+def _sizes(report: dict[str, Any], arithmetic: str, elf: Path, si: Path) -> None:
     image = Image(elf)
     idle = json.loads(toolchain.emulate(elf))
-    report["flash_step"][arithmetic] = sum(f.size for f in image.reachable("control_isr"))
-    [configuration] = [f.name for f in image.functions.values() if re.search(r"Control<.*>>::new$", f.name)]
-    library = {f.address: f.size for root in ("control_isr", configuration) for f in image.reachable(root)}
-    report["flash_library"][arithmetic] = sum(library.values())
+    report["flash_step"][arithmetic] = sum(f.size for f in image.reachable(ISR))
+    report["flash_library"][arithmetic] = _library(image)
+    report["flash_library_si"][arithmetic] = _library(Image(si))
     report["flash_image"][arithmetic] = sum(f.size for f in image.functions.values())
     report["ram_drive"][arithmetic] = idle["drive_bytes"]
     report["ram_config"][arithmetic] = idle["config_bytes"]
-    report["stack_step"][arithmetic] = image.stack("control_isr")
+    report["stack_step"][arithmetic] = image.stack(ISR)
+
+
+def _library(image: Image) -> int:
+    """Code of the interrupt and of the start from the parameter page, in bytes."""
+    return sum({f.address: f.size for root in (ISR, "drive::load") for f in image.reachable(root)}.values())
 
 
 def table(report: dict[str, Any]) -> str:
@@ -80,7 +85,8 @@ def table(report: dict[str, Any]) -> str:
     out += ["", f"{'bytes':25}{'':>10}{'f32':>10}{'':>7}{'q':>10}{'':>7}{'target':>15}"]
     for name, label, target in (
         ("flash_step", "flash, control step", ""),
-        ("flash_library", "flash, with configuration", "16384"),
+        ("flash_library", "  with start from page", "16384"),
+        ("flash_library_si", "  with start from SI values", ""),
         ("flash_image", "flash, whole image", ""),
         ("ram_drive", "RAM, Drive", "1024"),
         ("ram_config", "  of it configuration", ""),

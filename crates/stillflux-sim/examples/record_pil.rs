@@ -12,6 +12,9 @@ mod control;
 #[path = "../../stillflux-firmware/src/exchange.rs"]
 #[allow(dead_code)]
 mod exchange;
+#[path = "../../stillflux-firmware/src/page.rs"]
+#[allow(dead_code)]
+mod page;
 
 use std::error::Error;
 

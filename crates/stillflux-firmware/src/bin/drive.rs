@@ -10,10 +10,13 @@
 use cortex_m_rt::{entry, exception};
 use stillflux::drive::Reference;
 use stillflux::scalar::Real;
+#[cfg(feature = "si-page")]
 use stillflux_firmware::blob::{Blob, Parameters};
 use stillflux_firmware::board::{self, File, Handover, Mailbox, print};
 use stillflux_firmware::control::Control;
 use stillflux_firmware::exchange::{ANSWER, FRAME, Frame, answer};
+#[cfg(not(feature = "si-page"))]
+use stillflux_firmware::page::{Page, WORDS};
 use stillflux_firmware::violation;
 
 #[cfg(feature = "q")]
@@ -22,9 +25,20 @@ type Arithmetic = stillflux::scalar::Q;
 type Arithmetic = f32;
 
 /// The page of flash that commissioning writes.
+#[cfg(not(feature = "si-page"))]
+#[unsafe(link_section = ".rodata.parameters")]
+#[used]
+static PAGE: Page = Page::new(PRESET);
+#[cfg(not(any(feature = "si-page", feature = "q")))]
+const PRESET: [u32; WORDS] = include!(concat!(env!("OUT_DIR"), "/page-f32.rs"));
+#[cfg(all(not(feature = "si-page"), feature = "q"))]
+const PRESET: [u32; WORDS] = include!(concat!(env!("OUT_DIR"), "/page-q.rs"));
+/// The same in SI units, for the target to convert.
+#[cfg(feature = "si-page")]
 #[unsafe(link_section = ".rodata.parameters")]
 #[used]
 static PAGE: Blob = Blob::seal(&Parameters::preset());
+
 /// The one drive; none until the page is read.
 static CONTROL: Handover<Option<Control<Arithmetic>>> = Handover::new(None);
 static MAILBOX: Handover<Mailbox<Arithmetic>> = Handover::new(Mailbox::new());
@@ -55,17 +69,11 @@ fn control_isr() {
 
 #[entry]
 fn main() -> ! {
-    // Opaque: flash is written after the image is linked, its content must not be folded into the code.
-    let Some(parameters) = core::hint::black_box(&PAGE).open() else {
-        print(format_args!("parameter page is not valid: the bridge stays blocked"));
-        board::exit(false)
-    };
-    match Control::new(&parameters) {
+    match load() {
         // SAFETY: the interrupt is not pended yet.
         Ok(control) => unsafe { CONTROL.with(|c| *c = Some(control)) },
-        Err(e) => {
-            // The field alone: printing its value would bring in the formatting of floating-point numbers.
-            print(format_args!("{} is outside its admissible range", e.field));
+        Err(why) => {
+            print(format_args!("{why}: the bridge stays blocked"));
             board::exit(false)
         }
     }
@@ -75,6 +83,23 @@ fn main() -> ! {
         (Some(from), Some(to)) => board::exit(replay(from, to)),
         _ => board::exit(idle()),
     }
+}
+
+/// A drive from the page.
+// Not inlined: its code has a size of its own in the report.
+#[cfg(not(feature = "si-page"))]
+#[inline(never)]
+fn load() -> Result<Control<Arithmetic>, &'static str> {
+    // Opaque: flash is written after the image is linked, its content must not be folded into the code.
+    let page = core::hint::black_box(&PAGE).open().ok_or("parameter page is not valid")?;
+    Ok(Control::ready(&page))
+}
+#[cfg(feature = "si-page")]
+#[inline(never)]
+fn load() -> Result<Control<Arithmetic>, &'static str> {
+    let parameters = core::hint::black_box(&PAGE).open().ok_or("parameter page is not valid")?;
+    // The field alone: printing its value would bring in the formatting of floating-point numbers.
+    Control::new(&parameters).map_err(|e| e.field)
 }
 
 /// Feeds the frames of one file to the drive and writes its answers to another.

@@ -124,6 +124,7 @@ impl<R: Real> Axis<R> {
     }
 
     /// A rising zero crossing: judges the window that it ends and opens the next one.
+    #[inline(never)]
     fn crossing(&mut self, c: &OffsetConfig<R>, now: &Now<R>) -> bool {
         let psi = self.psi_1.value();
         self.armed = false;
