@@ -90,15 +90,15 @@ def angle(result: Result) -> NDArray[np.float64]:
     return error
 
 
-def confidence(result: Result) -> Confidence:
-    """Judges the confidence of a run against the true angle error."""
+def confidence(result: Result, until: float = float("inf")) -> Confidence:
+    """Judges the confidence of a run against the true angle error; excursions up to the loss at `until`, s."""
     running = np.flatnonzero(result["status"] == 3)[1:]
     if not len(running):
         return Confidence(0.0, 0, 0, 0.0, 0, 0.0, 0.0)
     error, trust = np.abs(angle(result))[running], result["estimate.confidence"][running]
     dt = float(result.t[1] - result.t[0])
     beyond = error > EXCURSION
-    ups = _excursions(error)
+    ups = _excursions(error[result.t[running] <= until])
     low = (trust < CONFIDENT) & (error < CALM)
     edges = np.diff(np.concatenate(([0], low.astype(int), [0])))
     lengths = dt * (np.flatnonzero(edges < 0) - np.flatnonzero(edges > 0))
@@ -115,9 +115,7 @@ def confidence(result: Result) -> Confidence:
 
 
 def _excursions(error: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Where an error comes to exceed the level, having been below two thirds of it; to the end of control."""
-    gone = np.flatnonzero(error > LOST_ANGLE)
-    error = error[: gone[0] + 1] if len(gone) else error
+    """Where an error comes to exceed the level, having been below two thirds of it."""
     found: list[int] = []
     armed = True
     # Only where it enters or leaves the band does anything change.
@@ -179,14 +177,14 @@ def measure(result: Result, held: Window, settled: Window, since: float = 0.0) -
             (field[-1] - field[0]) / (part.t[-1] - part.t[0]) / result.scenario.motor.base["omega"]
         ),
         r_s=float(result["estimate.R_s"][-1] / (result["R_s"][-1] + inverter.r_d) - 1.0),
-        confidence=confidence(result),
+        confidence=confidence(result, when),
     )
 
 
 def commanded(result: Result) -> NDArray[np.float64]:
-    """The torque the drive asks for, N·m: flux reference times reference of the torque current."""
-    n_p = result.scenario.motor.n_p
-    torque: NDArray[np.float64] = 1.5 * n_p * result["estimate.psi_ref"] * result["estimate.i_dq_ref"].imag
+    """The torque the drive asks for, N·m: its flux times its reference of the torque current."""
+    flux, i_q = np.abs(result["estimate.psi_s"]), result["estimate.i_dq_ref"].imag
+    torque: NDArray[np.float64] = 1.5 * result.scenario.motor.n_p * flux * i_q
     return torque
 
 

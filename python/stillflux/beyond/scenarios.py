@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from stillflux import _core
+from stillflux.options import PlantOptions
 from stillflux.parameters import Motor
 from stillflux.scenario import Profile, Scenario
 from stillflux.scenarios import ADC_NOISE, IDENTIFIED, identify_then, inverter_of, motor_of, scaled, step
@@ -61,7 +62,7 @@ SIGNALS = tuple(
         "angle_error",
         "reference",
         "R_s",
-        "estimate.psi_ref",
+        "estimate.psi_s",
         "estimate.i_dq_ref",
         "estimate.omega_m",
         "estimate.torque",
@@ -98,7 +99,7 @@ def drive(
     offset: complex = OFFSET,
     offset_at: float | None = None,
     changes: Sequence[tuple[float, dict[str, Any]]] = (),
-    plant: dict[str, Any] | None = None,
+    plant: PlantOptions | None = None,
     **fields: Any,
 ) -> Scenario:
     """A drive with its default settings on the switching-level plant.
@@ -109,8 +110,12 @@ def drive(
     """
     motor = motor_of(machine)
     ampere = offset * motor.base["i"]
+    options: PlantOptions = {"current_offset": ampere, "adc_noise": ADC_NOISE * motor.I_N}
+    if plant is not None:
+        options.update(plant)
     changed = list(changes)
     if offset_at is not None:
+        options["current_offset"] = 0j
         changed.append((offset_at, {"current_offset": ampere}))
     return Scenario(
         name=f"{name}, {machine}, {scheme}, {arithmetic}",
@@ -118,11 +123,7 @@ def drive(
         inverter=inverter_of(machine),
         scheme=scheme,
         arithmetic=arithmetic,
-        plant={
-            "current_offset": ampere if offset_at is None else 0j,
-            "adc_noise": ADC_NOISE * motor.I_N,
-            **(plant or {}),
-        },
+        plant=options,
         omega_ref=scaled(omega, motor.base["omega_m"]),
         load_torque=scaled(load, motor.T_N),
         duration=duration,
@@ -310,8 +311,13 @@ def _dead_time(scenario: Scenario, x: float) -> Scenario:
     return scenario.replace(plant_inverter=inverter.replace(dead_time=inverter.dead_time + 1e-6 * x))
 
 
-MISMATCHES = {
-    "nothing": (lambda scenario, x: scenario, 0.0),
+def _nothing(scenario: Scenario, x: float) -> Scenario:
+    del x
+    return scenario
+
+
+MISMATCHES: Mapping[str, tuple[Callable[[Scenario, float], Scenario], float]] = {
+    "nothing": (_nothing, 0.0),
     "r_s +30 %": (ERRORS["r_s"].apply, 0.3),
     "r_s −30 %": (ERRORS["r_s"].apply, -0.3),
     "r_s step +25 %": (_r_s_step, 0.25),
