@@ -91,7 +91,7 @@ def angle(result: Result) -> NDArray[np.float64]:
 
 
 def confidence(result: Result, until: float = float("inf")) -> Confidence:
-    """Judges the confidence of a run against the true angle error; excursions up to the loss at `until`, s."""
+    """Judges the confidence against the true angle error; excursions up to `until` s, the loss of control."""
     running = np.flatnonzero(result["status"] == 3)[1:]
     if not len(running):
         return Confidence(0.0, 0, 0, 0.0, 0, 0.0, 0.0)

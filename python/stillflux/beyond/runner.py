@@ -102,7 +102,7 @@ def run_all(
     arithmetic: str = "f32",
     show: Callable[[int, int, Row], None] | None = None,
 ) -> list[Row]:
-    """Runs targets on all processors. On Ctrl-C raises `parallel.Stopped` with the rows of what was done by then."""
+    """Runs targets on all processors. On Ctrl-C raises `parallel.Stopped` with the rows there are by then."""
     jobs = [(case,) for case in cases(targets, machines, schemes, arithmetic)]
     return run_jobs(run_case, jobs, first=lambda job: job[0].scenario.duration > 60.0, show=show)
 
