@@ -36,17 +36,19 @@ def run_jobs(
     results: dict[int, T] = {}
     workers = max(1, min(os.cpu_count() or 1, len(jobs)))
     order = sorted(range(len(jobs)), key=lambda k: not first(jobs[k]))
-    with ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn")) as pool:
+    # Not as a context, whose exit would take back the cancelling; and waited for, since a pool that is
+    # forgotten forgets to cancel. What runs hears of Ctrl-C itself.
+    pool = ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn"))
+    try:
         waiting = {pool.submit(function, *jobs[k], *common): k for k in order}
-        try:
-            for done in as_completed(waiting):
-                results[waiting[done]] = done.result()
-                if show is not None:
-                    show(len(results), len(jobs), done.result())
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
+        for done in as_completed(waiting):
+            results[waiting[done]] = done.result()
+            if show is not None:
+                show(len(results), len(jobs), done.result())
+    except BaseException as error:
+        pool.shutdown(cancel_futures=True)
+        if isinstance(error, KeyboardInterrupt):
             raise Stopped([results[k] for k in sorted(results)], len(jobs)) from None
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        raise
+    pool.shutdown()
     return [results[k] for k in range(len(jobs))]
