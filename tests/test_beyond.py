@@ -78,6 +78,16 @@ def test_load_applied_at_rest_before_the_first_turn_is_held(machine: str, scheme
     assert failing(point(machine, scheme, 0.0, torque, "rest")) == []
 
 
+@pytest.mark.slow
+@MACHINE
+@BOTH
+@pytest.mark.parametrize("arithmetic", ["f64", "q"])
+def test_points_are_held_in_every_arithmetic(machine: str, scheme: str, arithmetic: str) -> None:
+    at = ((0.05, 0.6), (0.0, 1.0), (-0.1, -1.2), *(((0.03, -1.0),) if scheme == "enhanced" else ()))
+    cases = [c for c in TARGETS["plane-ramps"].cases(machine, scheme, arithmetic) if c.point in at]
+    assert [failing(runner.run_case(case)) for case in cases] == [[]] * len(at)
+
+
 @MACHINE
 @pytest.mark.parametrize("scheme", ["enhanced"])
 @pytest.mark.parametrize(("omega", "torque"), [(0.03, -1.0), (-0.03, 1.0), (0.04, -1.2)])
@@ -320,7 +330,7 @@ def test_lost_by_fault_angle_or_speed(result: sf.Result) -> None:
 def rows_of(machine: str = "2.2kW") -> list[runner.Row]:
     """A map of which every other point is known, one of them lost."""
     calm = judge.Confidence(1.0, 0, 0, 0.0, 0, 0.0, 20.0)
-    good = judge.Measured(math.inf, "", 0.1, 0.1, math.inf, 0.001, 0.0, 0.01, 0.01, 0.05, 0.0, calm)
+    good = judge.Measured(math.inf, "", 0.1, 0.1, math.inf, 0.001, 0.0, 0.01, 0.01, 0.01, 0.05, 0.0, calm)
     missed = replace(good, lost=7.0, why="angle", confidence=replace(calm, excursions=1, misses=1))
     rows = []
     for k, case in enumerate(TARGETS["plane-ramps"].cases(machine, "paper", "f32")[::2]):

@@ -77,6 +77,8 @@ class Measured:
     """Largest deviation of the true torque from the drive's estimate in the settled part, 20 ms means."""
     torque_command: float
     """Largest deviation of the true torque from the commanded one in the settled part, 20 ms means."""
+    torque_ripple: float
+    """Half the peak-to-peak value of the true torque in the settled part, 20 ms means."""
     omega_s: float
     """Mean true stator frequency of the settled part."""
     r_s: float
@@ -173,6 +175,7 @@ def measure(result: Result, held: Window, settled: Window, since: float = 0.0) -
         speed_mean=float(speed.mean()),
         torque_estimate=_deviation(part, part["estimate.torque"]),
         torque_command=_deviation(part, commanded(part)),
+        torque_ripple=float(np.ptp(_means(part, part["torque"]))) / (2 * result.scenario.motor.T_N),
         omega_s=float(
             (field[-1] - field[0]) / (part.t[-1] - part.t[0]) / result.scenario.motor.base["omega"]
         ),
@@ -189,7 +192,11 @@ def commanded(result: Result) -> NDArray[np.float64]:
 
 
 def _deviation(result: Result, torque: NDArray[Any]) -> float:
+    return float(np.abs(_means(result, result["torque"] - torque)).max() / result.scenario.motor.T_N)
+
+
+def _means(result: Result, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Moving means over `MEAN_OVER`, where the whole window lies within the record."""
     samples = max(1, round(MEAN_OVER / (result.t[1] - result.t[0])))
-    samples = min(samples, len(result.t))
-    error = smoothed(result["torque"] - torque, samples)[samples // 2 : len(result.t) - samples // 2]
-    return float(np.abs(error).max() / result.scenario.motor.T_N)
+    samples = min(samples, len(x))
+    return smoothed(x, samples)[samples // 2 : len(x) - samples // 2]

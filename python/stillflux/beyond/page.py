@@ -26,10 +26,11 @@ _HEADS = {
     "angle_passed": "15° passed at, s",
     "torque_command": "true − commanded torque, % of T_N",
     "torque_estimate": "true − estimated torque, % of T_N",
+    "torque_ripple": "true torque ± % of T_N",
     "omega_s": "true ω_s",
     "r_s": "r̂_s off by, %",
 }
-_PERCENT = ("torque_command", "torque_estimate", "r_s")
+_PERCENT = ("torque_command", "torque_estimate", "torque_ripple", "r_s")
 
 
 def table(found: Sequence[Summary]) -> str:
@@ -121,7 +122,29 @@ def section(rows: Sequence[Row], folder: Path | None = None) -> str:
             parts.append(
                 f"<p><code>stillflux beyond {html.escape(target)} --machine {html.escape(machine)}</code></p>"
             )
+    parts.append(_doubts(rows))
     return "\n".join(parts)
+
+
+def _doubts(rows: Sequence[Row]) -> str:
+    """Every run in which the confidence missed an excursion or gave a false alarm."""
+    body = "".join(
+        f"<tr><td>{html.escape(row.target)}</td><td>{html.escape(row.machine)}</td><td>{row.scheme}</td>"
+        f"<td>{html.escape(row.name)}</td><td>{c.misses} of {c.excursions}</td><td>{c.blind:.3g}</td>"
+        f"<td>{c.false_alarms}</td><td>{c.false_time:.3g}</td></tr>"
+        for row in rows
+        for c in (row.measured.confidence,)
+        if TARGETS[row.target].confident and (c.misses or c.false_alarms)
+    )
+    if not body:
+        return ""
+    return (
+        "<h3 id='beyond-confidence'>Confidence</h3><p>A miss: the angle error came to exceed 15° at a "
+        "confidence of 0.5 or more. A false alarm: a confidence below 0.5 for more than 0.5 s while the "
+        "error stayed below 5°.</p><details><summary>Every run with either</summary><table><tr><th>target</th>"
+        "<th>machine</th><th>scheme</th><th>run</th><th>misses of excursions</th><th>time unwarned, s</th>"
+        f"<th>false alarms</th><th>for, s</th></tr>{body}</table></details>"
+    )
 
 
 def _shown(x: Summary) -> Sequence[Claim]:

@@ -42,6 +42,13 @@ class Row:
         """Whether every claim holds."""
         return all(claim.ok for claim in self.claims)
 
+    @property
+    def name(self) -> str:
+        """Its label, with the point where the label does not say it."""
+        if self.target != "mismatch" or self.point is None:
+            return self.label
+        return f"{self.label} at ω = {self.point[0]:g}, T = {self.point[1]:g} T_N"
+
 
 @dataclass(frozen=True)
 class Summary:
@@ -112,9 +119,7 @@ def progress(done: int, total: int, row: Row) -> None:
     if row.ok and done % 50 and done < total:
         return
     bad = "; ".join(f"{c.text}: {c.measured}" for c in row.claims if not c.ok)
-    what = f"{row.target}, {row.machine}, {row.scheme}, {row.label}"
-    if row.point is not None and row.target == "mismatch":
-        what += f" at ω = {row.point[0]:g}, T = {row.point[1]:g}"
+    what = f"{row.target}, {row.machine}, {row.scheme}, {row.name}"
     print(f"[{done:4d}/{total}] {what}: {bad or 'ok'}", file=sys.stderr, flush=True)
 
 

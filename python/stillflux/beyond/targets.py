@@ -233,7 +233,7 @@ def _torque_cases(machine: str, scheme: str, arithmetic: str) -> list[Case]:
             (at + 0.1, at + 1.0),
             (omega, torque),
         )
-        for omega in (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1)
+        for omega in s.SPEEDS
         for torque in (1.0, -1.0)
     ]
 
@@ -397,7 +397,7 @@ TARGETS: Mapping[str, Target] = {
         _crossing_cases,
         _crossing,
         True,
-        ("angle_held", "torque_command", "torque_estimate"),
+        ("angle_held", "torque_command", "torque_estimate", "torque_ripple"),
     ),
     "persistence-no-load": Target(
         "Ten minutes at zero stator frequency, offset and resistance drifting",
@@ -411,7 +411,7 @@ TARGETS: Mapping[str, Target] = {
         _line_cases,
         _line,
         True,
-        ("angle_held", "angle_passed", "omega_s"),
+        ("angle_held", "angle_passed", "omega_s", "torque_ripple"),
     ),
     "mismatch": Target(
         "The machine is not what the drive was told",
