@@ -398,6 +398,24 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["beyond", "plain"]) == 2
 
 
+def test_report_of_the_figures_takes_the_section(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(runner, "run_all", lambda *_: rows_of())
+    table = tmp_path / "metrics.csv"
+    arguments = ["reproduce", "6", "--machine", "2.2kW", "--beyond", "--metrics", str(table)]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    assert "reproduced" in capsys.readouterr().out
+    text = (tmp_path / "reproduce.html").read_text(encoding="utf-8")
+    assert text.index("href='#beyond'") < text.index("id='beyond'") < text.index("id='fig-6-2-2kW'")
+    found = [row["figure"] for row in reproduce.read_metrics(table)]
+    assert found[0] == "6"
+    assert set(found[2:]) == {"plane-ramps, paper", "plane-ramps, enhanced", *CONFIDENCE}
+
+
+CONFIDENCE = ("confidence, paper", "confidence, enhanced")
+
+
 def test_every_case_is_named_once() -> None:
     for target in TARGETS.values():
         found: list[Case] = target.cases("2.2kW", "paper", "f32")

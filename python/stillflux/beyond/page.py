@@ -141,9 +141,9 @@ def _doubts(rows: Sequence[Row]) -> str:
     return (
         "<h3 id='beyond-confidence'>Confidence</h3><p>A miss: the angle error came to exceed 15° at a "
         "confidence of 0.5 or more. A false alarm: a confidence below 0.5 for more than 0.5 s while the "
-        "error stayed below 5°.</p><details><summary>Every run with either</summary><table><tr><th>target</th>"
-        "<th>machine</th><th>scheme</th><th>run</th><th>misses of excursions</th><th>time unwarned, s</th>"
-        f"<th>false alarms</th><th>for, s</th></tr>{body}</table></details>"
+        "error stayed below 5°.</p><details><summary>Every run with either</summary><table><tr>"
+        "<th>target</th><th>machine</th><th>scheme</th><th>run</th><th>misses of excursions</th>"
+        f"<th>time unwarned, s</th><th>false alarms</th><th>for, s</th></tr>{body}</table></details>"
     )
 
 
