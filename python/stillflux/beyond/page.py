@@ -52,10 +52,9 @@ def map_text(rows: Sequence[Row]) -> str:
         return "X" if row.measured.why else "·" if row.ok else "o"
 
     speeds = sorted({row.point[0] for row in rows if row.point is not None})
+    torques = sorted({row.point[1] for row in rows if row.point is not None}, reverse=True)
     head = f"{'':6}speed {speeds[0]:g} … {speeds[-1]:g}"
-    lines = [
-        f"{T:+5.1f} {''.join(letter(by.get((omega, T))) for omega in speeds)}" for T in reversed(s.TORQUES)
-    ]
+    lines = [f"{T:+5.1f} {''.join(letter(by.get((omega, T))) for omega in speeds)}" for T in torques]
     return "\n".join([head, *lines])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,9 @@ from stillflux.plots import thin
 from stillflux.result import Result
 from stillflux.simulation import simulate
 
-__all__ = ["Row", "Summary", "Trace", "progress", "run_all", "run_case", "summaries"]
+__all__ = ["Row", "Summary", "Trace", "progress", "run_all", "run_case", "run_cases", "summaries"]
 
-Trace = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+Trace: TypeAlias = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 """Times in s and values of "angle" (°), "speed" and "reference" (per unit), "torque" (of rated) and so on."""
 
 
@@ -102,16 +103,25 @@ def trace(result: Result) -> Trace:
     return {name: thin(result.t, values, 600) for name, values in signals.items()}
 
 
+Show: TypeAlias = Callable[[int, int, Row], None] | None
+"""Called with the number of runs done, the number of all, and the latest."""
+
+
+def run_cases(chosen: Sequence[Case], show: Show = None) -> list[Row]:
+    """Runs cases on all processors. On Ctrl-C raises `parallel.Stopped` with the rows there are by then."""
+    jobs = [(case,) for case in chosen]
+    return run_jobs(run_case, jobs, first=lambda job: job[0].scenario.duration > 60.0, show=show)
+
+
 def run_all(
     targets: Sequence[str],
     machines: Sequence[str],
     schemes: Sequence[str],
     arithmetic: str = "f32",
-    show: Callable[[int, int, Row], None] | None = None,
+    show: Show = None,
 ) -> list[Row]:
-    """Runs targets on all processors. On Ctrl-C raises `parallel.Stopped` with the rows there are by then."""
-    jobs = [(case,) for case in cases(targets, machines, schemes, arithmetic)]
-    return run_jobs(run_case, jobs, first=lambda job: job[0].scenario.duration > 60.0, show=show)
+    """Runs every case of targets at machines under schemes, as `run_cases` does."""
+    return run_cases(cases(targets, machines, schemes, arithmetic), show)
 
 
 def progress(done: int, total: int, row: Row) -> None:
