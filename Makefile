@@ -9,7 +9,7 @@ export PYO3_BUILD_EXTENSION_MODULE := 1
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export VIRTUAL_ENV := $(abspath .venv)
 
-.PHONY: demo reproduce sensitivity metrics test test-slow test-rust lint bench build clean
+.PHONY: demo reproduce beyond sensitivity metrics test test-slow test-rust lint bench build clean
 
 demo: build
 	$(BIN)/stillflux demo
@@ -47,13 +47,17 @@ reproduce: build
 	$(BIN)/stillflux reproduce
 	$(BIN)/python -m pytest -q tests/test_figures.py
 
+# The torque-speed plane, crossings, mismatches and starts for each scheme: some minutes.
+beyond: build
+	$(BIN)/stillflux beyond
+
 # How far each parameter may be off: some minutes.
 sensitivity: build
 	$(BIN)/stillflux reproduce 13b 15 18 19 20 --sensitivity
 
 # Brings the committed table of key metrics up to date; what still agrees stays as it is.
 metrics: build
-	$(BIN)/stillflux reproduce --metrics tests/metrics.csv
+	$(BIN)/stillflux reproduce --beyond --metrics tests/metrics.csv
 
 bench:
 	cargo bench

@@ -67,7 +67,8 @@ def stale(figure: str, machine: str, claims: list[Claim]) -> list[str]:
 
 def test_metrics_table_has_no_line_too_many() -> None:
     rows = reproduce.read_metrics(METRICS)
-    assert {(row["figure"], row["machine"]) for row in rows} == {(f, m) for f in FIGURES for m in MACHINES}
+    found = {(row["figure"], row["machine"]) for row in rows}
+    assert {(f, m) for f in FIGURES for m in MACHINES} <= found <= set(reproduce.METRICS_OF)
 
 
 def test_metrics_table_keeps_what_agrees() -> None:

@@ -1,9 +1,10 @@
-"""Command line: `stillflux demo`, `reproduce`, `simulate`, `replay`."""
+"""Command line: `stillflux demo`, `reproduce`, `beyond`, `simulate`, `replay`."""
 
 from __future__ import annotations
 
 import argparse
 import csv
+import json
 import shlex
 import sys
 from collections.abc import Sequence
@@ -13,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from stillflux._core import FluxEstimator
+from stillflux.beyond.scenarios import SCHEMES
 from stillflux.parameters import Inverter, Motor
 from stillflux.scenario import Scenario
-from stillflux.scenarios import MACHINES
+from stillflux.scenarios import ALL_MACHINES, MACHINES
 from stillflux.simulation import Interrupted, simulate
 
 if sys.version_info >= (3, 11):
@@ -66,7 +68,26 @@ def _parser() -> argparse.ArgumentParser:
     figures.add_argument(
         "--sensitivity", action="store_true", help="also how far parameters may be off (minutes)"
     )
+    figures.add_argument(
+        "--beyond", action="store_true", help="also what `stillflux beyond` measures (minutes)"
+    )
     figures.set_defaults(run=_reproduce)
+
+    beyond = commands.add_parser(
+        "beyond", help="the torque-speed plane, crossings, mismatches, starts, for each scheme"
+    )
+    beyond.add_argument(
+        "targets", nargs="*", metavar="TARGET", help="such as plane, plane-drift, mismatch; none: all of them"
+    )
+    beyond.add_argument("--machine", choices=[*ALL_MACHINES, "all"], default="all")
+    beyond.add_argument("--scheme", choices=[*SCHEMES, "all"], default="all")
+    beyond.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
+    beyond.add_argument("--out", type=Path, default=Path("reports"), help="folder for report and plots")
+    beyond.add_argument("--json", type=Path, metavar="FILE", help="write every run there as JSON")
+    beyond.add_argument(
+        "--metrics", type=Path, metavar="FILE", help="bring this table of key metrics up to date"
+    )
+    beyond.set_defaults(run=_beyond)
 
     run = commands.add_parser("simulate", help="run a scenario from a TOML file")
     run.add_argument(
@@ -98,6 +119,7 @@ def _demo(options: argparse.Namespace) -> int:
 
 def _reproduce(options: argparse.Namespace) -> int:
     from stillflux import reproduce, sensitivity
+    from stillflux.beyond import page, runner, targets
 
     machines = MACHINES if options.machine == "all" else (options.machine,)
     figures = reproduce.choose(options.figures)
@@ -107,6 +129,13 @@ def _reproduce(options: argparse.Namespace) -> int:
     if options.sensitivity:
         rows = sensitivity.run_all(figures, machines, options.arithmetic, sensitivity.progress)
         extra = sensitivity.to_html(rows)
+    judged: list[reproduce.Judged] = list(outcomes)
+    section = ""
+    if options.beyond:
+        wanted = ALL_MACHINES if options.machine == "all" else machines
+        runs = runner.run_all(targets.choose(()), wanted, SCHEMES, options.arithmetic, runner.progress)
+        section = page.section(runs, options.out)
+        judged += runner.summaries(runs)
     as_json = reproduce.to_json(outcomes)
     if options.json == "-":
         print(as_json)
@@ -118,11 +147,41 @@ def _reproduce(options: argparse.Namespace) -> int:
         Path(options.json).write_text(as_json + "\n", encoding="utf-8")
     if options.metrics:
         before = reproduce.read_metrics(options.metrics)
-        options.metrics.write_text(reproduce.metrics_table(outcomes, before), encoding="utf-8")
+        options.metrics.write_text(reproduce.metrics_table(judged, before), encoding="utf-8")
     path = options.out / "reproduce.html"
-    reproduce.write_report(path, options.command_line, outcomes, extra)
+    reproduce.write_report(path, options.command_line, outcomes, extra, section)
     print(f"report: {path}", file=sys.stderr)
     return 1 if any(outcome.verdict == "FAILED" for outcome in outcomes) else 0
+
+
+def _beyond(options: argparse.Namespace) -> int:
+    from stillflux import reproduce
+    from stillflux.beyond import page, runner, targets
+    from stillflux.parallel import Stopped
+
+    machines = ALL_MACHINES if options.machine == "all" else (options.machine,)
+    schemes = SCHEMES if options.scheme == "all" else (options.scheme,)
+    chosen = targets.choose(options.targets)
+    stopped = ""
+    try:
+        rows = runner.run_all(chosen, machines, schemes, options.arithmetic, runner.progress)
+    except Stopped as stop:
+        rows, stopped = stop.results, str(stop)
+    found = runner.summaries(rows)
+    print(page.table(found))
+    options.out.mkdir(parents=True, exist_ok=True)
+    if options.json:
+        data = reproduce.finite(page.to_rows(rows))
+        options.json.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if options.metrics and not stopped:
+        before = reproduce.read_metrics(options.metrics)
+        options.metrics.write_text(reproduce.metrics_table(found, before), encoding="utf-8")
+    path = options.out / "beyond.html"
+    page.write(path, options.command_line, rows, stopped)
+    print(f"report: {path}", file=sys.stderr)
+    if stopped:
+        print(f"stillflux: {stopped}", file=sys.stderr)
+    return 130 if stopped else 0
 
 
 def _simulate(options: argparse.Namespace) -> int:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 TRUE, ESTIMATE, THIRD = "#1b4f8f", "#c8501e", "#5f6b73"
-_STYLE: Any = {
+STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.edgecolor": "#888",
@@ -39,7 +39,7 @@ _STYLE: Any = {
 }
 
 
-def _figure(width: float, height: float) -> Figure:
+def figure_of(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -59,13 +59,13 @@ class Strip:
     limits: tuple[float, float] | None = None
 
 
-def _strips(
+def recorder(
     figure: Figure | SubFigure, t: NDArray[Any], strips: Sequence[Strip], unit: str = "s", title: str = ""
 ) -> None:
     """Panels with a common time axis."""
     import matplotlib as mpl
 
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         panels = figure.subplots(len(strips), 1, sharex=True, squeeze=False)[:, 0]
         for panel, strip in zip(panels, strips, strict=True):
             colours = (TRUE,) if len(strip.traces) == 1 else (ESTIMATE, TRUE, THIRD)
@@ -173,8 +173,8 @@ def fig2(*runs: Waveforms) -> Figure:
     """Circle of u* and discontinuous trajectory of u_av, at both frequencies."""
     import matplotlib as mpl
 
-    figure = _figure(8.5, 4.2)
-    with mpl.rc_context(_STYLE):
+    figure = figure_of(8.5, 4.2)
+    with mpl.rc_context(STYLE):
         panels: Sequence[Axes] = figure.subplots(1, 2)
         for panel, run, part in zip(panels, runs[:2], "ab", strict=True):
             base = run.run.motor.base["u"]
@@ -200,8 +200,8 @@ def fig5(result: Result) -> Figure:
     """Trajectory of ψ̂_1 within its limits."""
     import matplotlib as mpl
 
-    figure = _figure(4.6, 4.6)
-    with mpl.rc_context(_STYLE):
+    figure = figure_of(4.6, 4.6)
+    with mpl.rc_context(STYLE):
         panel = figure.subplots()
         begin = min(4.0, float(result.t[-1]) - 0.5)
         pu = _from(result, begin)
@@ -235,7 +235,7 @@ def fig6(run: Waveforms) -> Figure:
     """Three phase currents over a period, and i_a about its zero crossing."""
     import matplotlib as mpl
 
-    figure = _figure(8.5, 4.6)
+    figure = figure_of(8.5, 4.6)
     axes = np.exp(-2j * np.pi / 3 * np.arange(3))
     i_abc = (run.i_s[:, None] * axes).real / run.run.motor.base["i"]
     period = len(run.t) // run.run.periods
@@ -243,11 +243,11 @@ def fig6(run: Waveforms) -> Figure:
     t = 1e3 * run.t[:period]
     labels = [r"$i_a$", r"$i_b$", r"$i_c$"]
     traces = [(name, i_abc[:period, k]) for k, name in enumerate(labels)]
-    _strips(top, t, [Strip("$i_{abc}$", traces)], "ms")
+    recorder(top, t, [Strip("$i_{abc}$", traces)], "ms")
     crossing = int(np.flatnonzero(np.diff(np.sign(i_abc[period // 8 :, 0])))[0]) + period // 8
     half = period // 10
     near = slice(max(0, crossing - half), crossing + half)
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         left, right = bottom.subplots(1, 2)
         left.plot(1e3 * run.t[near], i_abc[near, 0], ".", markersize=2, color=TRUE)
         left.set(xlabel="t, ms", ylabel="$i_a$ at the carrier peak")
@@ -261,17 +261,17 @@ def fig8(result: Result) -> Figure:
     """Components of u_hf, and the lines of its radial component."""
     import matplotlib as mpl
 
-    figure = _figure(8.5, 5.0)
+    figure = figure_of(8.5, 5.0)
     steady = result.window(min(s.FIG8_STEADY, float(result.t[-1]) - 0.5))
     upper, lower = _parts(figure, 2, 1, height_ratios=(3, 2))
     pu = _from(steady, float(steady.t[0]), float(steady.t[0]) + 0.4)
     u = 1e3 * pu.u("estimate.u_hf")
-    _strips(
+    recorder(
         upper,
         pu.t,
         [Strip(r"$10^3\,u_{hf\alpha}$", [("", u.real)]), Strip(r"$10^3\,u_{hf\beta}$", [("", u.imag)])],
     )
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         panel = lower.subplots()
         lines = 1e3 * claims.u_hf_lines(steady)
         panel.bar(
@@ -284,7 +284,7 @@ def fig8(result: Result) -> Figure:
 
 def fig9(result: Result) -> Figure:
     """Start: flux, field angle, offset voltage; the last periods enlarged."""
-    figure = _figure(9.5, 6.2)
+    figure = figure_of(9.5, 6.2)
     left, right = _parts(figure, 1, 2, width_ratios=(3, 2))
     for part, begin, end in ((left, 0.0, float("inf")), (right, s.RUN - 0.2, s.RUN + 2.3)):
         pu = _from(result, begin, end)
@@ -298,7 +298,7 @@ def fig9(result: Result) -> Figure:
             pu.delta(),
             pu.angle(20.0),
         ]
-        _strips(part, pu.t + begin, strips)
+        recorder(part, pu.t + begin, strips)
         if part is left:
             for panel in part.axes:
                 panel.axvspan(s.RUN - 0.2, s.RUN + 2.3, color="#eee", zorder=0)
@@ -314,12 +314,12 @@ def fig15(result: Result, *others: Result) -> Figure:
 
     del others
     result = _until_fault(result)
-    figure = _figure(9.5, 6.2)
+    figure = figure_of(9.5, 6.2)
     left, right = _parts(figure, 1, 2, width_ratios=(2, 3))
     begin = min(s.FIG15_SETTLED, max(0.0, float(result.t[-1]) - 3.0))
     pu = _from(result, begin, begin + 3.0)
     psi, true = pu.psi("estimate.psi_s"), pu.psi("psi_s")
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         panel = left.subplots()
         panel.plot(*_spaced(psi), color=ESTIMATE, linewidth=0.9, label="estimated")
         panel.plot(*_spaced(true), color=TRUE, linewidth=0.9, label="true")
@@ -338,7 +338,7 @@ def fig15(result: Result, *others: Result) -> Figure:
             _wide(pu.omega_m("estimate.omega_m"), 0.005),
         ),
     ]
-    _strips(right, pu.t, strips, title="(b) above, (c) below")
+    recorder(right, pu.t, strips, title="(b) above, (c) below")
     return figure
 
 
@@ -356,9 +356,9 @@ def fig11(*results: Result) -> Figure:
     """Loci i_d(i_q): lines of the closed form, points of the plant."""
     import matplotlib as mpl
 
-    figure = _figure(6.4, 4.6)
+    figure = figure_of(6.4, 4.6)
     colours = ("#7b3294", "#b07cc0", TRUE, "#5aae61", "#1b7837")
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         panel = figure.subplots()
         for result, ratio, colour in zip(results, s.FIG11_RATIOS, colours, strict=True):
             if result.status != "running":
@@ -378,8 +378,8 @@ def fig13(result: Result) -> Figure:
     result = _until_fault(result)
     begin = event - 1.0
     pu = _from(result, begin, event + (8.0 if "13a" in result.scenario.name else 2.0))
-    figure = _figure(7.5, 5.4)
-    _strips(figure, pu.t, [pu.r_s(), pu.i_q(), pu.i_alpha(), pu.speed(), pu.angle(5.0)])
+    figure = figure_of(7.5, 5.4)
+    recorder(figure, pu.t, [pu.r_s(), pu.i_q(), pu.i_alpha(), pu.speed(), pu.angle(5.0)])
     return figure
 
 
@@ -387,8 +387,8 @@ def fig14(result: Result) -> Figure:
     """Speed, current, resistance over the excursion."""
     result = _until_fault(result)
     pu = _from(result, min(6.0, float(result.t[-1]) - 1.0))
-    figure = _figure(7.5, 5.4)
-    _strips(figure, pu.t, [pu.speed(), pu.i_q(), pu.i_alpha(), pu.r_s(), pu.angle(5.0)])
+    figure = figure_of(7.5, 5.4)
+    recorder(figure, pu.t, [pu.speed(), pu.i_q(), pu.i_alpha(), pu.r_s(), pu.angle(5.0)])
     return figure
 
 
@@ -397,7 +397,7 @@ def fig16(earlier: Result, result: Result) -> Figure:
     del earlier
     pu = _from(result, 0.0)
     psi = pu.psi("estimate.psi_s")
-    figure = _figure(7.5, 5.8)
+    figure = figure_of(7.5, 5.8)
     strips = [
         pu.speed(),
         Strip(r"$\psi_\alpha$", [("estimated", psi.real), ("true", pu.psi("psi_s").real)], (-1.3, 1.3)),
@@ -405,7 +405,7 @@ def fig16(earlier: Result, result: Result) -> Figure:
         pu.i_alpha(),
         pu.angle(5.0),
     ]
-    _strips(figure, pu.t, strips)
+    recorder(figure, pu.t, strips)
     return figure
 
 
@@ -413,7 +413,7 @@ def fig17(result: Result) -> Figure:
     """Stator frequency on top, speed, load, current."""
     result = _until_fault(result)
     pu = _from(result, s.FIG17_BEGIN - 2.0)
-    figure = _figure(7.5, 6.0)
+    figure = figure_of(7.5, 6.0)
     strips = [
         Strip(r"$\omega_s$", [("", pu.omega_s())]),
         pu.speed(),
@@ -421,7 +421,7 @@ def fig17(result: Result) -> Figure:
         pu.i_alpha(),
         pu.angle(5.0),
     ]
-    _strips(figure, pu.t, strips)
+    recorder(figure, pu.t, strips)
     return figure
 
 
@@ -429,7 +429,7 @@ def fig18(result: Result) -> Figure:
     """The whole minute: speed, current, field angle."""
     result = _until_fault(result)
     pu = _from(result, s.IDENTIFIED - 2.0)
-    figure = _figure(9.0, 6.0)
+    figure = figure_of(9.0, 6.0)
     strips = [
         pu.speed(),
         Strip(r"$\omega_s$", [("", pu.omega_s())]),
@@ -438,7 +438,7 @@ def fig18(result: Result) -> Figure:
         pu.delta(),
         pu.angle(15.0),
     ]
-    _strips(figure, pu.t, strips)
+    recorder(figure, pu.t, strips)
     return figure
 
 
@@ -446,7 +446,7 @@ def fig19(result: Result) -> Figure:
     """The step, expanded."""
     result = _until_fault(result)
     pu = _from(result, s.LOAD_STEP - 0.5, s.LOAD_STEP + 2.0)
-    figure = _figure(7.5, 5.8)
+    figure = figure_of(7.5, 5.8)
     strips = [
         pu.speed(),
         Strip("$T/T_N$", [("load", pu.torque("load_torque")), ("motor", pu.torque())]),
@@ -454,7 +454,7 @@ def fig19(result: Result) -> Figure:
         pu.i_alpha(),
         pu.angle(5.0),
     ]
-    _strips(figure, pu.t, strips)
+    recorder(figure, pu.t, strips)
     return figure
 
 
@@ -462,7 +462,7 @@ def fig20(result: Result) -> Figure:
     """Regeneration after the step."""
     result = _until_fault(result)
     pu = _from(result, s.LOAD_STEP - 1.0)
-    figure = _figure(7.5, 5.8)
+    figure = figure_of(7.5, 5.8)
     strips = [pu.speed(), Strip(r"$\omega_s$", [("", pu.omega_s())]), pu.i_q(), pu.i_alpha(), pu.angle(5.0)]
-    _strips(figure, pu.t, strips)
+    recorder(figure, pu.t, strips)
     return figure

@@ -10,16 +10,18 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
+from stillflux.beyond.scenarios import SCHEMES
+from stillflux.beyond.targets import TARGETS
 from stillflux.claims import Claim
 from stillflux.experiments import EXPERIMENTS, FIGURES, Experiment
 from stillflux.openloop import VoltageFed, Waveforms
 from stillflux.parallel import run_jobs
 from stillflux.report import STYLE, conditions, svg
-from stillflux.scenarios import MACHINES
+from stillflux.scenarios import ALL_MACHINES, MACHINES
 
-__all__ = ["Outcome", "choose", "metrics_table", "run", "run_all"]
+__all__ = ["METRICS_OF", "Judged", "Outcome", "choose", "metrics_table", "run", "run_all"]
 
 Verdict = str
 """`reproduced`; `limit`: falls short as explained; `FAILED`."""
@@ -163,15 +165,15 @@ def to_json(outcomes: Sequence[Outcome]) -> str:
         }
         for o in outcomes
     ]
-    return json.dumps(_finite(rows), indent=1, ensure_ascii=False)
+    return json.dumps(finite(rows), indent=1, ensure_ascii=False)
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """Infinite numbers become null: JSON has none."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     if isinstance(value, float) and not abs(value) < float("inf"):
         return None
     return value
@@ -181,8 +183,35 @@ def _finite(value: Any) -> Any:
 
 _COLUMNS = ("figure", "machine", "quantity", "value", "unit", "ok")
 
+METRICS_OF = (
+    *((figure, machine) for figure in FIGURES for machine in MACHINES),
+    *(
+        (f"{target}, {scheme}", machine)
+        for target in (*TARGETS, "confidence")
+        for machine in ALL_MACHINES
+        for scheme in SCHEMES
+    ),
+)
+"""Figure, or target and scheme, and machine: what the table may hold, in its order."""
 
-def metrics_table(outcomes: Sequence[Outcome], before: Sequence[dict[str, str]] = ()) -> str:
+
+class Judged(Protocol):
+    """Whatever has lines in the table: a figure or a target at a machine."""
+
+    @property
+    def figure(self) -> str:
+        """Figure, or target and scheme."""
+
+    @property
+    def machine(self) -> str:
+        """Name of the machine."""
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """What was claimed and measured."""
+
+
+def metrics_table(outcomes: Sequence[Judged], before: Sequence[dict[str, str]] = ()) -> str:
     """CSV of what every claim measured, to two digits.
 
     The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A value that
@@ -203,12 +232,12 @@ def metrics_table(outcomes: Sequence[Outcome], before: Sequence[dict[str, str]] 
     for row in before:
         if (row["figure"], row["machine"]) not in {(o.figure, o.machine) for o in outcomes}:
             fresh.setdefault((row["figure"], row["machine"]), []).append(row)
-    for figure, machine in ((f, m) for f in FIGURES for m in MACHINES):
-        writer.writerows(fresh.get((figure, machine), []))
+    for key in METRICS_OF:
+        writer.writerows(fresh.get(key, []))
     return text.getvalue()
 
 
-def metrics_row(outcome: Outcome, claim: Claim) -> dict[str, str]:
+def metrics_row(outcome: Judged, claim: Claim) -> dict[str, str]:
     """One line of the table."""
     return {
         "figure": outcome.figure,
@@ -243,8 +272,10 @@ def read_metrics(path: Path) -> list[dict[str, str]]:
 # The report.
 
 
-def write_report(path: Path, command: str, outcomes: Sequence[Outcome], extra: str = "") -> None:
-    """One self-contained HTML page: index table, then every figure."""
+def write_report(
+    path: Path, command: str, outcomes: Sequence[Outcome], sensitivity: str = "", beyond: str = ""
+) -> None:
+    """One self-contained HTML page: index table, further sections, then every figure."""
     escape = html.escape
     machines = list(dict.fromkeys(o.machine for o in outcomes))
     figures = list(dict.fromkeys(o.figure for o in outcomes))
@@ -268,13 +299,16 @@ def write_report(path: Path, command: str, outcomes: Sequence[Outcome], extra: s
         "figure here, measured and explained; every claim that the explanation does not cover holds. Each "
         "negative control has to fail."
     )
-    if extra:
+    if beyond:
+        intro += " <a href='#beyond'>Beyond the paper.</a>"
+    if sensitivity:
         intro += " <a href='#sensitivity'>How far parameters may be off.</a>"
     path.write_text(
         f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
         f"<style>{STYLE}</style></head>\n<body><h1>{title}</h1>\n"
         f"<p>{intro}</p>\n<table><tr><th>fig.</th><th>machine</th><th>claim</th><th>measured</th><th>verdict</th>"
-        f"<th>negative control</th></tr>{index}</table>\n{extra}\n{''.join(sections)}\n</body></html>\n",
+        f"<th>negative control</th></tr>{index}</table>\n{beyond}\n"
+        f"{sensitivity}\n{''.join(sections)}\n</body></html>\n",
         encoding="utf-8",
     )
 

@@ -18,6 +18,7 @@ from stillflux.parameters import Inverter, Motor
 from stillflux.scenario import Profile, Scenario
 
 __all__ = [
+    "ALL_MACHINES",
     "MACHINES",
     "fig2",
     "fig5",
@@ -37,10 +38,16 @@ __all__ = [
     "fig20",
     "fig20_band",
     "headline",
+    "inverter_of",
+    "motor_of",
     "paper_drive",
 ]
 
 MACHINES = ("2.2kW", "11kW")
+"""The machines of the presets; the paper's figures are run on these."""
+LEAKY = "11kW-leaky"
+"""The 11-kW machine with the leakage inductance σl_s = 0.15; l_s, r_s and τ_r stay."""
+ALL_MACHINES = (*MACHINES, LEAKY)
 
 OFFSET_25_MV = 0.00625
 """25 mV at ±10 V = 2.5 I_N, per unit of rated peak current; added to i_α and i_β (Fig. 9)."""
@@ -58,6 +65,21 @@ HOLD = IDENTIFIED + 1.0
 """From then at the speed of the experiment, s."""
 
 
+def motor_of(machine: str) -> Motor:
+    """Motor of one of `ALL_MACHINES`."""
+    if machine != LEAKY:
+        return Motor.preset(machine)
+    motor = Motor.preset("11kW")
+    L_sigma = 0.15 * motor.base["l"]
+    L_M = motor.L_s - L_sigma
+    return motor.replace(L_sigma=L_sigma, L_M=L_M, R_R=L_M / motor.tau_r)
+
+
+def inverter_of(machine: str) -> Inverter:
+    """Inverter of one of `ALL_MACHINES`."""
+    return Inverter.preset("11kW" if machine == LEAKY else machine)
+
+
 def paper_drive(
     machine: str,
     arithmetic: str = "f32",
@@ -73,12 +95,13 @@ def paper_drive(
 
     `omega` in per unit, `load` in units of rated torque, `offset` of the current space vector in per unit.
     """
-    motor = Motor.preset(machine)
+    motor = motor_of(machine)
     return Scenario(
         name=f"{name}, {machine}, {arithmetic}",
         motor=motor,
-        inverter=Inverter.preset(machine),
+        inverter=inverter_of(machine),
         arithmetic=arithmetic,
+        scheme="paper",
         settings={"calibrate_offset": False},
         plant={"current_offset": offset * motor.base["i"], "adc_noise": ADC_NOISE * motor.I_N},
         omega_ref=scaled(omega, motor.base["omega_m"]),

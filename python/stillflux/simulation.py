@@ -26,6 +26,9 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(f"interrupted at t = {result.t[-1] if len(result.t) else 0.0:.3f} s")
         self.result = result
 
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[Result]]:
+        return Interrupted, (self.result,)
+
 
 def simulate(scenario: Scenario, progress: Progress = None) -> Result:
     """Runs a scenario and returns what it recorded.

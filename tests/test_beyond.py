@@ -1,0 +1,423 @@
+"""The torque-speed plane and what lies beyond the paper's figures, for each scheme.
+
+Quick: a few points, mismatches and a crossing, with the published scheme as negative control where it
+fails. Slow: every target but the full planes, against the committed metrics.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import stillflux as sf
+from stillflux import parallel, reproduce
+from stillflux.beyond import draw, judge, page, runner, scenarios, targets
+from stillflux.beyond.scenarios import SCHEMES
+from stillflux.beyond.targets import TARGETS, Case
+from stillflux.claims import Claim
+from stillflux.cli import main
+from stillflux.scenarios import ALL_MACHINES, LEAKY, inverter_of, motor_of
+
+METRICS = Path(__file__).parent / "metrics.csv"
+BOTH = pytest.mark.parametrize("scheme", SCHEMES)
+MACHINE = pytest.mark.parametrize("machine", ALL_MACHINES)
+
+
+@pytest.fixture(autouse=True)
+def _known(request: pytest.FixtureRequest) -> None:
+    """Skips what is about a scheme that this build does not have."""
+    if not hasattr(request.node, "callspec"):
+        return
+    scheme = request.node.callspec.params.get("scheme")
+    if scheme is None:
+        return
+    try:
+        sf.Drive(motor_of("2.2kW"), inverter_of("2.2kW"), scheme=scheme)
+    except ValueError:
+        pytest.skip(f'scheme="{scheme}" is not built in')
+
+
+def row_of(target: str, machine: str, scheme: str, label: str, point: tuple[float, float]) -> runner.Row:
+    """Runs the one case of a target with this label and point."""
+    found = [c for c in TARGETS[target].cases(machine, scheme, "f32") if (c.label, c.point) == (label, point)]
+    assert len(found) == 1
+    return runner.run_case(found[0])
+
+
+def point(machine: str, scheme: str, omega: float, torque: float, kind: str = "ramps") -> runner.Row:
+    """Runs one point of the plane."""
+    return row_of(f"plane-{kind}", machine, scheme, f"ω = {omega:g}, T = {torque:g} T_N", (omega, torque))
+
+
+def failing(row: runner.Row) -> list[str]:
+    return [f"{c.text}: {c.measured}" for c in row.claims if not c.ok]
+
+
+# Points, mismatches, crossings.
+
+
+@MACHINE
+@BOTH
+@pytest.mark.parametrize(("omega", "torque"), [(0.05, 0.6), (-0.1, -1.2), (0.0, 1.0), (0.1, -0.4)])
+def test_point_away_from_zero_stator_frequency_is_held_within_3_degrees(
+    machine: str, scheme: str, omega: float, torque: float
+) -> None:
+    assert failing(point(machine, scheme, omega, torque)) == []
+
+
+@MACHINE
+@BOTH
+@pytest.mark.parametrize("torque", [-1.2, 0.6, 1.2])
+def test_load_applied_at_rest_before_the_first_turn_is_held(machine: str, scheme: str, torque: float) -> None:
+    assert failing(point(machine, scheme, 0.0, torque, "rest")) == []
+
+
+@pytest.mark.slow
+@MACHINE
+@BOTH
+@pytest.mark.parametrize("arithmetic", ["f64", "q"])
+def test_points_are_held_in_every_arithmetic(machine: str, scheme: str, arithmetic: str) -> None:
+    at = ((0.05, 0.6), (0.0, 1.0), (-0.1, -1.2), *(((0.03, -1.0),) if scheme == "enhanced" else ()))
+    cases = [c for c in TARGETS["plane-ramps"].cases(machine, scheme, arithmetic) if c.point in at]
+    assert [failing(runner.run_case(case)) for case in cases] == [[]] * len(at)
+
+
+@MACHINE
+@pytest.mark.parametrize("scheme", ["enhanced"])
+@pytest.mark.parametrize(("omega", "torque"), [(0.03, -1.0), (-0.03, 1.0), (0.04, -1.2)])
+def test_slow_regeneration_is_held(machine: str, scheme: str, omega: float, torque: float) -> None:
+    assert failing(point(machine, scheme, omega, torque)) == []
+
+
+@pytest.mark.parametrize("machine", ["11kW", LEAKY])
+@pytest.mark.parametrize(("omega", "torque"), [(0.03, -1.0), (-0.03, 1.0)])
+def test_published_scheme_loses_slow_regeneration(machine: str, omega: float, torque: float) -> None:
+    assert point(machine, "paper", omega, torque).measured.why
+
+
+@MACHINE
+@pytest.mark.parametrize("scheme", ["enhanced"])
+def test_an_offset_that_appears_once_running_is_found(machine: str, scheme: str) -> None:
+    assert failing(point(machine, scheme, 0.02, 1.0, "drift")) == []
+    assert failing(point(machine, scheme, -0.02, 1.0, "drift")) == []
+
+
+@MACHINE
+@pytest.mark.parametrize("scheme", ["enhanced"])
+@pytest.mark.parametrize("error", ["r_s step +25 %", "L_M −10 %", "offset 5 % once running"])
+def test_mismatch_is_survived_in_motoring_and_regeneration(machine: str, scheme: str, error: str) -> None:
+    for at in ((0.02, 1.0), (0.02, -1.0)):
+        assert failing(row_of("mismatch", machine, scheme, error, at)) == []
+
+
+@pytest.mark.parametrize(("machine", "at"), [("2.2kW", (0.02, 1.0)), ("11kW", (0.02, -1.0))])
+def test_published_scheme_loses_a_step_of_the_resistance(machine: str, at: tuple[float, float]) -> None:
+    assert row_of("mismatch", machine, "paper", "r_s step +25 %", at).measured.why
+
+
+@MACHINE
+@pytest.mark.parametrize("scheme", ["enhanced"])
+def test_slow_reversal_under_rated_load_keeps_the_torque(machine: str, scheme: str) -> None:
+    for case in TARGETS["crossing"].cases(machine, scheme, "f32"):
+        if case.label in ("0.1 to -0.1 in 60 s, T = 1 T_N", "0.1 to -0.1 in 20 s, T = -1 T_N"):
+            assert failing(runner.run_case(case)) == []
+
+
+def test_published_scheme_loses_a_slow_reversal_under_rated_load() -> None:
+    slow = TARGETS["crossing"].cases("11kW", "paper", "f32")[4]
+    assert slow.label == "0.1 to -0.1 in 60 s, T = 1 T_N"
+    assert runner.run_case(slow).measured.why
+
+
+@MACHINE
+@BOTH
+def test_torque_step_is_there_in_5_ms(machine: str, scheme: str) -> None:
+    row = row_of("transient-torque", machine, scheme, "ω = 0.05, to 1 T_N", (0.05, 1.0))
+    assert failing(row) == []
+
+
+@pytest.mark.parametrize("scheme", ["enhanced"])
+@pytest.mark.parametrize("omega", [-1.0, 0.1])
+def test_coasting_motor_is_caught_without_being_braked(scheme: str, omega: float) -> None:
+    cases = TARGETS["flying"].cases("2.2kW", scheme, "f32")
+    (case,) = [c for c in cases if c.label == f"ω = {omega:g}"]
+    assert failing(runner.run_case(case)) == []
+
+
+def test_published_scheme_brakes_a_coasting_motor() -> None:
+    case = TARGETS["flying"].cases("2.2kW", "paper", "f32")[2]
+    assert [text for text in failing(runner.run_case(case)) if text.startswith("speed disturbed")]
+
+
+@BOTH
+def test_memory_of_one_run_serves_the_next(scheme: str) -> None:
+    without, restored = (runner.run_case(c) for c in TARGETS["memory"].cases("2.2kW", scheme, "f32"))
+    assert failing(restored) == []
+    assert restored.measured.angle_held < 0.5 * without.measured.angle_held
+
+
+@pytest.mark.slow
+@MACHINE
+@BOTH
+@pytest.mark.parametrize("target", [t for t in TARGETS if t not in ("plane-ramps", "plane-drift")])
+def test_metrics_of_target_are_up_to_date(target: str, machine: str, scheme: str) -> None:
+    rows = runner.run_all((target,), (machine,), (scheme,))
+    known = {(r["figure"], r["machine"], r["quantity"]): r for r in reproduce.read_metrics(METRICS)}
+    (found, *_) = runner.summaries(rows)
+    for claim in found.claims:
+        fresh = reproduce.metrics_row(found, claim)
+        old = known[found.figure, machine, claim.text]
+        assert reproduce.agree(old, fresh, claim), "run `stillflux beyond --metrics` and look at the diff"
+
+
+# What the runs are.
+
+
+@MACHINE
+def test_slip_is_that_of_the_plant(machine: str) -> None:
+    motor = motor_of(machine)
+    scenario = scenarios.plane(machine, "paper", omega=0.05, torque=1.0, hold=3.0)
+    end = scenario.duration
+    found = judge.measure(sf.simulate(scenario), (end - 3.0, end), (end - 2.0, end))
+    assert found.omega_s == pytest.approx(0.05 + scenarios.slip(motor, 1.0), rel=0.01)
+    assert scenarios.line_speed(motor, -1.0) == pytest.approx(scenarios.slip(motor, 1.0))
+    assert scenarios.slip(motor, 0.0) == 0.0
+
+
+def test_leaky_machine_differs_in_its_leakage_only() -> None:
+    leaky, motor = motor_of(LEAKY), motor_of("11kW")
+    assert leaky.L_sigma / leaky.base["l"] == pytest.approx(0.15)
+    assert (leaky.L_s, leaky.tau_r) == pytest.approx((motor.L_s, motor.tau_r))
+    assert leaky.replace(L_sigma=motor.L_sigma, L_M=motor.L_M, R_R=motor.R_R) == motor
+
+
+@pytest.mark.parametrize("error", scenarios.MISMATCHES)
+def test_mismatches_are_of_the_real_machine_only(error: str) -> None:
+    plain = scenarios.plane("2.2kW", "paper", omega=0.0, torque=1.0)
+    wrong = scenarios.mismatch("2.2kW", "paper", error=error, omega=0.0, torque=1.0)
+    assert (wrong.motor, wrong.inverter, wrong.settings) == (plain.motor, plain.inverter, plain.settings)
+    assert (wrong.replace(name=plain.name) == plain) == (error == "nothing")
+
+
+def test_magnetising_inductance_is_off_alone() -> None:
+    scenario = scenarios.mismatch("2.2kW", "paper", error="L_M −10 %", omega=0.0, torque=0.0)
+    real, known = scenario.plant_motor, scenario.motor
+    assert real is not None
+    assert real.saturation is not None
+    assert known.saturation is not None
+    assert real.replace(L_M=known.L_M, saturation=known.saturation) == known
+    assert math.isclose(real.L_M, 0.9 * known.L_M)
+    assert real.saturation[0] / known.saturation[0] == pytest.approx(real.L_s / known.L_s)
+
+
+def test_offset_is_there_from_power_up_or_once_running() -> None:
+    early = scenarios.plane("11kW", "paper", omega=0.0, torque=0.0)
+    late = scenarios.plane("11kW", "paper", omega=0.0, torque=0.0, kind="drift")
+    offset = early.plant["current_offset"]
+    assert isinstance(offset, complex)
+    assert abs(offset) == pytest.approx(0.01 * math.sqrt(2) * 21.5)
+    assert late.plant["current_offset"] == 0
+    assert late.changes == [(scenarios.OFFSET_AT, {"current_offset": offset})]
+
+
+def test_points_within_reach_of_zero_stator_frequency() -> None:
+    near = {c.point for c in TARGETS["plane-ramps"].cases("11kW", "paper", "f32") if c.near_line}
+    assert {(0.0, 0.0), (0.01, 0.0), (-0.01, 0.0), (-0.02, 1.0), (0.02, -1.0)} <= near
+    assert near.isdisjoint({(0.02, 0.0), (0.02, 1.0), (0.0, 1.0), (0.03, -1.0)})
+
+
+def test_kinds_and_choice() -> None:
+    assert targets.choose(["plane", "mismatch"])[-2:] == ("plane-rest-drift", "mismatch")
+    assert targets.choose(["plane-rest"]) == ("plane-rest",)
+    assert targets.choose([]) == tuple(TARGETS)
+    with pytest.raises(ValueError, match="no target plain"):
+        targets.choose(["plain"])
+    with pytest.raises(ValueError, match="kind = 'steps'"):
+        scenarios.plane("2.2kW", "paper", omega=0.0, torque=0.0, kind="steps")
+    with pytest.raises(ValueError, match="at speed zero"):
+        scenarios.plane("2.2kW", "paper", omega=0.1, torque=0.0, kind="rest")
+
+
+# The judge.
+
+DT = 0.005
+
+
+@pytest.fixture(scope="module")
+def result() -> sf.Result:
+    """Ten seconds of a drive that runs from 1 s on at its reference, to be spoilt."""
+    t = np.arange(0.0, 10.0, DT)
+    scenario = scenarios.plane("2.2kW", "paper", omega=0.0, torque=0.0, hold=1.0)
+    zero = np.zeros_like(t)
+    data = {
+        "angle_error": zero,
+        "omega_m": zero,
+        "reference": zero,
+        "estimate.confidence": np.where(t >= 1.0, 1.0, 0.0),
+        "status": np.where(t >= 1.0, 3.0, 2.0),
+    }
+    return sf.Result(scenario=scenario, t=t, data=data, status=sf.Status("running"), memory={})
+
+
+def spoilt(result: sf.Result, **signals: NDArray[np.float64]) -> sf.Result:
+    data = {name.replace("estimate_", "estimate."): values for name, values in signals.items()}
+    return replace(result, data={**result.data, **data})
+
+
+def pulse(result: sf.Result, *stretches: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Zero but for (begin, end, value)."""
+    x = np.zeros_like(result.t)
+    for begin, end, value in stretches:
+        x[(result.t >= begin) & (result.t < end)] = value
+    return x
+
+
+def test_excursion_is_a_miss_unless_the_confidence_dropped_first(result: sf.Result) -> None:
+    twice = np.radians(pulse(result, (3.0, 4.0, 20.0), (6.0, 7.0, -20.0)))
+    warned = result["estimate.confidence"] - pulse(result, (5.9, 7.0, 0.6))
+    found = judge.confidence(spoilt(result, angle_error=twice, estimate_confidence=warned))
+    assert (found.excursions, found.misses, found.false_alarms) == (2, 1, 0)
+    assert found.blind == pytest.approx(1.0, abs=2 * DT)
+    late = result["estimate.confidence"] - pulse(result, (3.1, 4.0, 0.6), (6.1, 7.0, 0.6))
+    assert judge.confidence(spoilt(result, angle_error=twice, estimate_confidence=late)).misses == 2
+
+
+def test_ripple_about_the_level_is_one_excursion_and_none_counts_after_the_loss(result: sf.Result) -> None:
+    ripple = np.radians(pulse(result, (3.0, 9.0, 1.0)) * (15.0 + 3.0 * np.sin(20 * result.t)))
+    assert judge.confidence(spoilt(result, angle_error=ripple)).excursions == 1
+    many = np.radians(pulse(result, *((k, k + 0.5, 20.0) for k in range(2, 9))))
+    assert judge.confidence(spoilt(result, angle_error=many)).excursions == 7
+    assert judge.confidence(spoilt(result, angle_error=many), until=4.7).excursions == 3
+
+
+def test_false_alarm_lasts_half_a_second_without_an_error(result: sf.Result) -> None:
+    trust = result["estimate.confidence"] - pulse(result, (2.0, 2.4, 0.6), (4.0, 5.0, 0.6), (7.0, 8.0, 0.6))
+    error = np.radians(pulse(result, (7.0, 8.0, 8.0)))
+    found = judge.confidence(spoilt(result, angle_error=error, estimate_confidence=trust))
+    assert (found.false_alarms, found.misses) == (1, 0)
+    assert found.false_time == pytest.approx(1.0, abs=2 * DT)
+
+
+def loss(result: sf.Result) -> tuple[float, str]:
+    when, why = judge.lost(result)
+    return round(when, 6), why
+
+
+def test_lost_by_fault_angle_or_speed(result: sf.Result) -> None:
+    assert judge.lost(result) == (math.inf, "")
+    turned = spoilt(result, angle_error=np.radians(pulse(result, (4.0, 4.1, 120.0))))
+    assert loss(turned) == (4.0, "angle")
+    assert judge.lost(turned, since=5.0) == (math.inf, "")
+    base = result.scenario.motor.base["omega_m"]
+    runaway = spoilt(result, omega_m=base * pulse(result, (2.0, 3.0, 0.2), (8.0, 11.0, 0.06)))
+    assert loss(runaway) == (8.0, "speed")
+    brief = spoilt(result, omega_m=base * pulse(result, (9.9, 11.0, 0.06)))
+    assert judge.lost(brief) == (math.inf, "")
+    fault = spoilt(result, status=np.where(result.t >= 5.0, 4.0, 3.0))
+    fault = replace(fault, status=sf.Status("faulted", "over-current", 5.0))
+    assert loss(fault) == (5.0, "over-current")
+
+
+# Sums, pictures, command.
+
+
+def rows_of(machine: str = "2.2kW") -> list[runner.Row]:
+    """A map of which every other point is known, one of them lost."""
+    calm = judge.Confidence(1.0, 0, 0, 0.0, 0, 0.0, 20.0)
+    good = judge.Measured(math.inf, "", 0.1, 0.1, math.inf, 0.001, 0.0, 0.01, 0.01, 0.01, 0.05, 0.0, calm)
+    missed = replace(good, lost=7.0, why="angle", confidence=replace(calm, excursions=1, misses=1))
+    rows = []
+    for k, case in enumerate(TARGETS["plane-ramps"].cases(machine, "paper", "f32")[::2]):
+        measured = missed if k == 0 else good
+        claims = (Claim("never lost", "", k != 0), Claim("angle ≤ 3°", "0.1°", True, value=0.1, limit=3.0))
+        row = runner.Row("plane-ramps", machine, "paper", case.label, case.point, measured, claims)
+        rows += [row, replace(row, scheme="enhanced", measured=good, claims=claims[1:])]
+    return rows
+
+
+def test_summary_counts_runs_and_shows_the_worst() -> None:
+    rows = rows_of()
+    paper, enhanced, doubt, _ = runner.summaries(rows)
+    assert (paper.held, paper.runs) == (len(rows) // 2 - 1, len(rows) // 2)
+    assert enhanced.held == enhanced.runs
+    assert [claim.ok for claim in paper.claims] == [False, False, True]
+    assert doubt.claims[0].measured == "1 of 1"
+    assert (doubt.figure, doubt.machine) in reproduce.METRICS_OF
+    assert (paper.figure, paper.machine) in reproduce.METRICS_OF
+    text = reproduce.metrics_table([paper, doubt])
+    assert '"plane-ramps, paper",2.2kW,never lost' in text
+    assert "NOT MET" in page.table([paper])
+
+
+def test_pictures_of_partial_maps_and_the_section() -> None:
+    rows = rows_of()
+    assert len(draw.plane(rows).axes) == 3
+    text = page.section(rows)
+    assert text.count("<svg") == 1
+    assert "stillflux beyond plane-ramps --machine 2.2kW" in text
+    letters = page.map_text([row for row in rows if row.scheme == "paper"])
+    assert letters.count("X") == 1
+    assert json.dumps(reproduce.finite(page.to_rows(rows)))
+
+
+def upper(name: str) -> str:
+    return name.upper()
+
+
+def test_interruption_keeps_what_was_done() -> None:
+    def done(finished: int, total: int, result: str) -> None:
+        assert total == 3
+        if finished == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(parallel.Stopped, match="2 of 3") as stop:
+        parallel.run_jobs(upper, [("a",), ("b",), ("c",)], first=lambda job: job[0] != "c", show=done)
+    assert len(stop.value.results) == 2
+    assert set(stop.value.results) < {"A", "B", "C"}
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, data, table = tmp_path / "out", tmp_path / "runs.json", tmp_path / "metrics.csv"
+    arguments = ["beyond", "plane-rest", "transient-load", "--machine", "2.2kW", "--scheme", "paper"]
+    arguments += ["--out", str(out), "--json", str(data), "--metrics", str(table)]
+    assert main(arguments) == 0
+    assert "plane-rest" in capsys.readouterr().out
+    runs = json.loads(data.read_text(encoding="utf-8"))
+    assert len(runs) == len(scenarios.TORQUES) + 2
+    found = {row["figure"] for row in reproduce.read_metrics(table)}
+    assert found == {"plane-rest, paper", "transient-load, paper", "confidence, paper"}
+    html = (out / "beyond.html").read_text(encoding="utf-8")
+    assert html.count("<svg") == 1
+    assert (out / "beyond-plane-rest-2.2kW.png").stat().st_size > 5_000
+    assert main(["beyond", "plain"]) == 2
+
+
+def test_report_of_the_figures_takes_the_section(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(runner, "run_all", lambda *_: rows_of())
+    table = tmp_path / "metrics.csv"
+    arguments = ["reproduce", "6", "--machine", "2.2kW", "--beyond", "--metrics", str(table)]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    assert "reproduced" in capsys.readouterr().out
+    text = (tmp_path / "reproduce.html").read_text(encoding="utf-8")
+    assert text.index("href='#beyond'") < text.index("id='beyond'") < text.index("id='fig-6-2-2kW'")
+    found = [row["figure"] for row in reproduce.read_metrics(table)]
+    assert found[0] == "6"
+    assert set(found[2:]) == {"plane-ramps, paper", "plane-ramps, enhanced", *CONFIDENCE}
+
+
+CONFIDENCE = ("confidence, paper", "confidence, enhanced")
+
+
+def test_every_case_is_named_once() -> None:
+    for target in TARGETS.values():
+        found: list[Case] = target.cases("2.2kW", "paper", "f32")
+        names = [(c.label, c.point, c.before is None) for c in found]
+        assert len(set(names)) == len(names)
