@@ -103,7 +103,7 @@ class Drive:
         motor: Motor,
         inverter: Inverter,
         arithmetic: str = "f32",
-        scheme: str = "paper",
+        scheme: str = "enhanced",
         **settings: Unpack[DriveSettings],
     ) -> Drive: ...
     def step(

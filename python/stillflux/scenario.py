@@ -37,8 +37,8 @@ class Scenario:
     """Duration, s."""
     arithmetic: str = "f32"
     """Arithmetic of the drive: "f32", "f64" or "q"."""
-    scheme: str = "paper"
-    """Control scheme: "paper"."""
+    scheme: str = "enhanced"
+    """Control scheme: "enhanced" (one filter) or "paper" (the published scheme)."""
     settings: DriveSettings = field(default_factory=DriveSettings)
     """Settings of the drive."""
     plant: PlantOptions = field(default_factory=PlantOptions)

@@ -60,6 +60,8 @@ impl Parameters {
             u_off: AlphaBeta::new(R::from_f64(self.u_off[0] / b.u), R::from_f64(self.u_off[1] / b.u)),
             r_s: R::from_f64(self.r_s / b.z),
             i_off: self.i_off.map(|i| R::from_f64(i / b.i)),
+            loss_error: R::ZERO,
+            inv_l_m: R::ONE,
         }
     }
 }

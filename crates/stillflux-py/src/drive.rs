@@ -9,7 +9,7 @@ use stillflux_sim::Sample;
 use stillflux_sim::si::{Command, MemorySi, SiDrive};
 
 use crate::convert::{complex, extract, finite, pair, three, value_error};
-use crate::parameters::{Inverter, Motor, arithmetic, check_scheme, drive_params, settings_dict};
+use crate::parameters::{Inverter, Motor, arithmetic, drive_params, settings_dict};
 
 /// State of a drive's sequence, and the cause and time of a fault.
 ///
@@ -163,6 +163,8 @@ pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, Py
     dict.set_item("u_off", complex(m.u_off))?;
     dict.set_item("R_s", m.R_s)?;
     dict.set_item("i_off", (m.i_off[0], m.i_off[1], m.i_off[2]))?;
+    dict.set_item("loss_error", m.loss_error)?;
+    dict.set_item("L_M", m.L_M)?;
     Ok(dict)
 }
 
@@ -174,12 +176,18 @@ pub fn memory_from(dict: &Bound<'_, PyDict>) -> PyResult<MemorySi> {
         u_off: pair(extract("memory u_off", &item("u_off")?)?),
         R_s: extract("memory R_s", &item("R_s")?)?,
         i_off: three("memory i_off", &item("i_off")?)?,
+        loss_error: extract("memory loss_error", &item("loss_error")?)?,
+        L_M: extract("memory L_M", &item("L_M")?)?,
     };
-    let all = [memory.u_off[0], memory.u_off[1], memory.R_s, memory.i_off[0], memory.i_off[1], memory.i_off[2]];
-    if all.iter().all(|x| x.is_finite()) {
+    let MemorySi { u_off, R_s, i_off, loss_error, L_M } = memory;
+    if [u_off[0], u_off[1], i_off[0], i_off[1], i_off[2], loss_error].iter().all(|x| x.is_finite())
+        && [R_s, L_M].iter().all(|x| x.is_finite() && *x > 0.0)
+    {
         Ok(memory)
     } else {
-        Err(PyValueError::new_err(format!("memory = {memory:?} is outside the admissible range: all values finite")))
+        Err(PyValueError::new_err(format!(
+            "memory = {memory:?} is outside the admissible range: all values finite, R_s and L_M positive"
+        )))
     }
 }
 
@@ -194,7 +202,7 @@ pub fn memory_from(dict: &Bound<'_, PyDict>) -> PyResult<MemorySi> {
 /// arithmetic
 ///     "f32", "f64" or "q" (fixed point).
 /// scheme
-///     "paper".
+///     "enhanced" (one filter for flux, offset, resistance and inverter error) or "paper" (the published scheme).
 /// **settings
 ///     Limits, bandwidths and switches, see `stillflux.options.DriveSettings`.
 ///
@@ -210,7 +218,7 @@ pub struct Drive {
 #[pymethods]
 impl Drive {
     #[new]
-    #[pyo3(signature = (motor, inverter, arithmetic="f32", scheme="paper", **settings))]
+    #[pyo3(signature = (motor, inverter, arithmetic="f32", scheme="enhanced", **settings))]
     fn new(
         py: Python<'_>,
         motor: Motor,
@@ -219,9 +227,8 @@ impl Drive {
         scheme: &str,
         settings: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        check_scheme(scheme)?;
         let (machine, inverter) = (motor.machine()?, inverter.params()?);
-        let params = drive_params(&machine, &inverter, settings)?;
+        let params = drive_params(&machine, &inverter, scheme, settings)?;
         let arithmetic = self::arithmetic(arithmetic)?;
         let drive = SiDrive::new(&machine, &inverter, &params, arithmetic).map_err(value_error)?;
         Ok(Self { drive, settings: settings_dict(py, &params)?.unbind(), f_s: inverter.f_s, gates_on: false })

@@ -99,7 +99,7 @@ impl FluxEstimator {
     #[pyo3(signature = (motor, inverter, **settings))]
     fn new(motor: Motor, inverter: Inverter, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let (machine, inverter) = (motor.machine()?, inverter.params()?);
-        let params = drive_params(&machine, &inverter, settings)?;
+        let params = drive_params(&machine, &inverter, "paper", settings)?;
         let base = Base::new(&machine);
         Ok(Self {
             config: DriveConfig::new(&machine, &inverter, &params).map_err(value_error)?,

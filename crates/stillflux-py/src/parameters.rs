@@ -4,7 +4,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::base::Base;
-use stillflux::config::DriveParams;
+use stillflux::config::{DriveParams, Scheme};
 use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
 use stillflux_sim::si::Arithmetic;
 
@@ -168,11 +168,12 @@ pub fn arithmetic(name: &str) -> PyResult<Arithmetic> {
     }
 }
 
-/// Admits the one scheme there is.
-pub fn check_scheme(name: &str) -> PyResult<()> {
+/// Scheme of that name.
+fn scheme_of(name: &str) -> PyResult<Scheme> {
     match name {
-        "paper" => Ok(()),
-        _ => Err(PyValueError::new_err(format!("scheme = {name:?} is not one of 'paper'"))),
+        "enhanced" => Ok(Scheme::Enhanced),
+        "paper" => Ok(Scheme::Paper),
+        _ => Err(PyValueError::new_err(format!("scheme = {name:?} is not one of 'enhanced', 'paper'"))),
     }
 }
 
@@ -189,7 +190,7 @@ macro_rules! drive_settings {
         /// The settings of a drive as dict.
         pub fn settings_dict<'py>(py: Python<'py>, p: &DriveParams) -> PyResult<Bound<'py, PyDict>> {
             // Without `..`: a setting added to the drive has to be added here.
-            let DriveParams { $($field),* } = *p;
+            let DriveParams { scheme: _, $($field),* } = *p;
             let dict = PyDict::new(py);
             $(dict.set_item(stringify!($field), $field)?;)*
             Ok(dict)
@@ -208,9 +209,10 @@ drive_settings! {
 pub fn drive_params(
     machine: &Machine,
     inverter: &params::Inverter,
+    scheme: &str,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<DriveParams> {
-    let mut p = DriveParams::new(machine, inverter);
+    let mut p = DriveParams { scheme: scheme_of(scheme)?, ..DriveParams::new(machine, inverter) };
     each_keyword(settings, "the drive", |name, value| set(&mut p, name, value))?;
     p.validate(machine, inverter).map_err(value_error)?;
     Ok(p)

@@ -10,7 +10,7 @@ use stillflux_sim::simulate::{self as sim, Change, Profile, ReferenceProfile, SI
 
 use crate::convert::{each_keyword, extract, offsets, value_error};
 use crate::drive::{Status, memory_dict, memory_from};
-use crate::parameters::{Inverter, Motor, arithmetic, check_scheme, drive_params};
+use crate::parameters::{Inverter, Motor, arithmetic, drive_params};
 use crate::plant::{dc_link, plant_params, resistance, shaft_speed};
 
 /// A constant, or points `(t, value)`.
@@ -53,13 +53,12 @@ struct Scenario<'py> {
 
 impl Scenario<'_> {
     fn build(self) -> PyResult<sim::Scenario> {
-        check_scheme(&self.scheme)?;
         let (machine, inverter) = (self.motor.machine()?, self.inverter.params()?);
         let plant_machine = self.plant_motor.map_or(Ok(machine), |m| m.machine())?;
         let plant_inverter = self.plant_inverter.map_or(Ok(inverter), |i| i.params())?;
         check_signals(self.signals.as_deref())?;
         Ok(sim::Scenario {
-            drive: drive_params(&machine, &inverter, Some(&self.settings))?,
+            drive: drive_params(&machine, &inverter, &self.scheme, Some(&self.settings))?,
             plant: plant_params(plant_machine, plant_inverter, Some(&self.plant))?,
             machine,
             inverter,

@@ -87,6 +87,10 @@ pub struct MemorySi {
     pub R_s: f64,
     /// Offsets of the current channels, A.
     pub i_off: [f64; 3],
+    /// Error of the inverter model's voltage, relative; 0 in the published scheme.
+    pub loss_error: f64,
+    /// Main inductance, H; the parameter in the published scheme.
+    pub L_M: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -112,6 +116,8 @@ macro_rules! with {
 #[derive(Clone, Debug)]
 pub struct SiDrive {
     base: Base,
+    /// The parameter `L_M`, H.
+    l_m: f64,
     inner: Inner,
 }
 
@@ -131,7 +137,7 @@ impl SiDrive {
             Arithmetic::F64 => Inner::F64(Drive::new(DriveConfig::new(machine, inverter, params)?)),
             Arithmetic::Q => Inner::Q(Drive::new(DriveConfig::new(machine, inverter, params)?)),
         };
-        Ok(Self { base: Base::new(machine), inner })
+        Ok(Self { base: Base::new(machine), l_m: machine.L_M, inner })
     }
 
     /// Base quantities.
@@ -180,14 +186,21 @@ impl SiDrive {
         let b = &self.base;
         with!(&self.inner, d => {
             let m = d.memory();
-            MemorySi { u_off: si(&m.u_off, b.u), R_s: m.r_s.to_f64() * b.z, i_off: m.i_off.map(|i| i.to_f64() * b.i) }
+            MemorySi {
+                u_off: si(&m.u_off, b.u),
+                R_s: m.r_s.to_f64() * b.z,
+                i_off: m.i_off.map(|i| i.to_f64() * b.i),
+                loss_error: m.loss_error.to_f64(),
+                L_M: self.l_m / m.inv_l_m.to_f64(),
+            }
         })
     }
 
     /// Takes back what an earlier run stored.
     pub fn restore(&mut self, m: &MemorySi) {
         let b = &self.base;
-        with!(&mut self.inner, d => d.restore(&memory(m, b)));
+        let l_m = self.l_m;
+        with!(&mut self.inner, d => d.restore(&memory(m, b, l_m)));
     }
 }
 
@@ -208,11 +221,13 @@ fn si<R: Real, F>(v: &Space<R, F>, base: f64) -> Vector {
     [v.re().to_f64() * base, v.im().to_f64() * base]
 }
 
-fn memory<R: Real>(m: &MemorySi, b: &Base) -> Memory<R> {
+fn memory<R: Real>(m: &MemorySi, b: &Base, l_m: f64) -> Memory<R> {
     Memory {
         u_off: AlphaBeta::new(R::from_f64(m.u_off[0] / b.u), R::from_f64(m.u_off[1] / b.u)),
         r_s: R::from_f64(m.R_s / b.z),
         i_off: m.i_off.map(|i| R::from_f64(i / b.i)),
+        loss_error: R::from_f64(m.loss_error),
+        inv_l_m: R::from_f64(l_m / m.L_M),
     }
 }
 

@@ -5,7 +5,9 @@ use crate::base::{Base, PerUnit, rounded};
 use crate::control::current::CurrentConfig;
 use crate::control::flux::FluxControlConfig;
 use crate::control::speed::SpeedControlConfig;
+use crate::estimate::balance::BalanceConfig;
 use crate::estimate::confidence::ConfidenceConfig;
+use crate::estimate::filter::{FilterConfig, Identified};
 use crate::estimate::flux::FluxConfig;
 use crate::estimate::offset::{OffsetConfig, longest_window};
 use crate::estimate::resistance::ResistanceConfig;
@@ -26,12 +28,33 @@ pub const SPEED_PERIODS: u32 = 2;
 /// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
 pub const SLOW_PERIODS: u32 = 4;
 
+/// Duration for which a start only looks, s: how fast the machine turns.
+const PROBE_TIME: f64 = 0.01;
+/// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
+const BALANCE_RATE: f64 = 17.0;
+const BALANCE_OFFSET_RATE: f64 = 0.34;
+
+/// Which estimators a drive runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Scheme {
+    /// The published scheme: offset estimator, noise compensator, resistance adaptation.
+    Paper,
+    /// One filter for flux, offset, resistance and inverter error, with a covariance that says how far it can
+    /// be trusted.
+    #[default]
+    Enhanced,
+}
+
 /// Settings of a drive. [`DriveParams::new`] derives every value from machine and inverter; change single
 /// fields from there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct DriveParams {
+    /// Which estimators to run.
+    pub scheme: Scheme,
     /// Flux reference, per unit of rated flux `U_N √(2/3) / omega_sR`; 0.3 to 1.2.
     pub psi_ref: f64,
     /// Largest current reference, A peak.
@@ -58,15 +81,15 @@ pub struct DriveParams {
     pub pll_bandwidth: f64,
     /// Inverter model: compensation of threshold and dead time.
     pub inverter_model: bool,
-    /// Offset voltage estimator.
+    /// Offset estimator; in the enhanced scheme, offsets as states of the filter.
     pub offset_estimator: bool,
     /// Part of the measured offset voltage taken over per fundamental period.
     pub offset_gain: f64,
-    /// Noise compensator.
+    /// Noise compensator; in the enhanced scheme, correction by the filter's residual at all.
     pub noise_compensator: bool,
     /// Smallest and largest gain of the noise compensator, per unit.
     pub noise_gain: (f64, f64),
-    /// Stator resistance adaptation.
+    /// Stator resistance adaptation; in the enhanced scheme, resistance and inverter error as states.
     pub resistance_adaptation: bool,
     /// Gain of the adaptation: change of `r̂_s` in per unit, per second and unit of ε. In per unit the answer to a
     /// wrong resistance, `2 k i_q/ω_s`, is the same for all machines.
@@ -86,6 +109,7 @@ impl DriveParams {
         let i_n = machine.I_N * core::f64::consts::SQRT_2;
         let tau_r = machine.L_M / machine.R_R;
         Self {
+            scheme: Scheme::default(),
             psi_ref: 1.0,
             i_max: 1.8 * i_n,
             torque_max: 1.5 * machine.T_N,
@@ -150,6 +174,10 @@ pub struct DriveConfig<R: Real> {
     pub(crate) pu: PerUnit<R>,
     pub(crate) inverter: InverterModel<R>,
     pub(crate) timer: Option<Timer>,
+    /// The enhanced scheme's filter; `None`: the published scheme.
+    pub(crate) filter: Option<FilterConfig<R>>,
+    pub(crate) balance: BalanceConfig<R>,
+    pub(crate) probe_periods: u32,
     pub(crate) flux: FluxConfig<R>,
     pub(crate) speed: SpeedConfig<R>,
     pub(crate) resistance: Option<ResistanceConfig<R>>,
@@ -188,7 +216,7 @@ pub struct DriveConfig<R: Real> {
 }
 words! {
     DriveConfig:
-    pu, inverter, timer, flux, speed, resistance, confidence, current, flux_control, speed_control, inv_r_s, t_ahead,
+    pu, inverter, timer, filter, balance, probe_periods, flux, speed, resistance, confidence, current, flux_control, speed_control, inv_r_s, t_ahead,
     u_utilisation, u_flux, u_off_limit, i_range, i_plain_sq, i_trip, i_off_max, i_q_max, pull_out_use, u_dc_min,
     u_dc_max, u_dc_range, omega_max, omega_trip, psi_deviation, implausible_max, calibrate_offset, offset_periods,
     inv_offset_periods, magnetise_periods, boost_periods, r_s_periods, inv_r_s_periods,
@@ -198,6 +226,11 @@ impl<R: Real> DriveConfig<R> {
     /// Settings of the flux estimator, for its use alone.
     pub fn flux_config(&self) -> &FluxConfig<R> {
         &self.flux
+    }
+
+    /// Settings of the filter, if the scheme has one.
+    pub fn filter_config(&self) -> Option<&FilterConfig<R>> {
+        self.filter.as_ref()
     }
 
     /// Settings of the speed estimator, for its use alone.
@@ -298,6 +331,19 @@ impl<R: Real> DriveConfig<R> {
                 InverterModel::ideal()
             },
             timer: (inverter.f_clk > 0.0).then(|| Timer::new((inverter.f_clk / (2.0 * inverter.f_s)) as u32)),
+            filter: (p.scheme == Scheme::Enhanced).then(|| {
+                let identified = Identified {
+                    offset: p.offset_estimator,
+                    resistance: p.resistance_adaptation,
+                    flux: p.noise_compensator,
+                };
+                FilterConfig::new(machine, inverter, &pu, p.psi_ref, p.calibrate_offset, identified)
+            }),
+            balance: BalanceConfig {
+                step: r(BALANCE_RATE / inverter.f_s),
+                step_offset: r(BALANCE_OFFSET_RATE / inverter.f_s),
+            },
+            probe_periods: periods(PROBE_TIME),
             flux: FluxConfig {
                 t_s: pu.t_s,
                 noise_min: r(noise.0),

@@ -1,7 +1,7 @@
 //! The drive: one control period from the current samples to the duties, Figs. 3, 7 and 12 in one pass.
 //!
 //! ```text
-//! i_abc ─ Clarke ─ flux estimator (Fig. 7, 4) ─ speed ─ resistance (Fig. 12) ─┐
+//! i_abc ─ Clarke ─ observer ─ speed ─┐
 //! reference ─ speed control ─ flux control ─ current control ─ modulator ─ duties
 //! ```
 //!
@@ -10,24 +10,33 @@
 //! calls earlier; a pipeline of two entries keeps the estimator on the voltage that was really applied:
 //! limited, quantised, at the measured dc link, less what the inverter model says was lost.
 //!
-//! **Sequence.** `Stopped` → offset reading with gates off → magnetisation by direct current along the
-//! a-axis (with `r̂_s` from its dc values) → `Running` with estimators that begin at a known flux,
-//! `ψ̂_s = ψ̂_1 = ψ_s*∠0`. Any fault blocks the gates and latches with its cause until [`Drive::reset`].
+//! **Observer.** Figs. 4, 7 and 12 in the published scheme, one filter in the enhanced one
+//! ([`crate::estimate::filter`]).
+//!
+//! **Sequence.** `Stopped` → offset reading with gates off → magnetisation → `Running`. Any fault blocks the
+//! gates and latches with its cause until [`Drive::reset`].
+//! The published scheme magnetises by direct current along the a-axis (with `r̂_s` from its dc values) and
+//! then begins at a known flux, `ψ̂_s = ψ̂_1 = ψ_s*∠0`. The enhanced one begins at a flux of zero, which is
+//! known better: its filter runs while the flux builds up, along the a-axis for the first 10 ms, which tell
+//! the speed of a rotating machine, and along the rotor flux from there on, wherever it turns.
 //!
 //! No call panics, allocates, or lets a number that is not finite through, whatever the ADC delivers.
 
-use crate::config::{BOOST, DriveConfig};
+use crate::config::{BOOST, DriveConfig, SPEED_PERIODS};
 use crate::control::current::CurrentController;
 use crate::control::flux::FluxController;
 use crate::control::modulator::{Duty, applied, modulate, zero_duty};
 use crate::control::speed::SpeedController;
-use crate::estimate::confidence::Confidence;
-use crate::estimate::flux::{FluxEstimate, FluxEstimator};
-use crate::estimate::resistance::ResistanceEstimator;
+use crate::estimate::filter::Learned;
+use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
+use crate::observer::{Applied, Observer, Seen};
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 use crate::words::words;
+
+/// Speed above which a machine counts as rotating at the start.
+const TURNING: f64 = 0.03;
 
 /// What the drive measures at the start of a period, per unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -131,8 +140,12 @@ pub struct Memory<R: Real> {
     pub r_s: R,
     /// Offsets of the current channels.
     pub i_off: [R; 3],
+    /// Error of the inverter model's voltage, relative; the published scheme knows none.
+    pub loss_error: R,
+    /// Main inductance, reciprocal and relative to the parameter; the published scheme knows none.
+    pub inv_l_m: R,
 }
-words!(Memory: u_off, r_s, i_off);
+words!(Memory: u_off, r_s, i_off, loss_error, inv_l_m);
 
 /// Everything the drive estimates, per unit, of the latest period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -161,7 +174,7 @@ pub struct Estimate<R: Real> {
     pub torque: R,
     /// Stator resistance (with `r_d`).
     pub r_s: R,
-    /// Residual ε of (15).
+    /// Residual: ε of (15), or `m - |ψ̂_R|` of the filter.
     pub epsilon: R,
     /// Confidence in the field angle, 0 to 1; below 0.5 an error of 15° must be expected.
     pub confidence: R,
@@ -196,10 +209,12 @@ pub struct Drive<R: Real> {
     in_flight: [InFlight<R>; 2],
     /// `1/u_dc` of the latest period.
     inv_u_dc: R,
-    flux: FluxEstimator<R>,
+    observer: Observer<R>,
     speed: SpeedEstimator<R>,
-    resistance: ResistanceEstimator<R>,
-    confidence: Confidence<R>,
+    /// Sums of `ψ_R × dψ_R` without its slip part and of `|ψ_R|²`: their ratio is the speed.
+    probe: [R; 2],
+    /// What they said: the machine turns.
+    turning: bool,
     current_control: CurrentController<R>,
     flux_control: FluxController<R>,
     speed_control: SpeedController<R>,
@@ -210,7 +225,7 @@ impl<R: Real> Drive<R> {
     /// A stopped drive.
     #[must_use]
     pub fn new(config: DriveConfig<R>) -> Self {
-        let mut drive = Self {
+        Self {
             config,
             status: Status::Stopped,
             period: 0,
@@ -221,17 +236,15 @@ impl<R: Real> Drive<R> {
             r_s_sum: Integrator::default(),
             in_flight: [InFlight::default(); 2],
             inv_u_dc: R::ZERO,
-            flux: FluxEstimator::default(),
+            observer: Observer::new(&config),
             speed: SpeedEstimator::default(),
-            resistance: ResistanceEstimator::default(),
-            confidence: Confidence::default(),
+            probe: [R::ZERO; 2],
+            turning: false,
             current_control: CurrentController::default(),
             flux_control: FluxController::default(),
             speed_control: SpeedController::default(),
             estimate: Estimate::default(),
-        };
-        drive.resistance.start(config.pu.r_s);
-        drive
+        }
     }
 
     /// Configuration.
@@ -246,15 +259,16 @@ impl<R: Real> Drive<R> {
 
     /// Estimates of the latest period; what the step does not need in this form is computed here.
     pub fn estimate(&self) -> Estimate<R> {
-        let flux = self.flux.estimate();
-        let confidence = if self.status == Status::Running { self.confidence.value() } else { R::ZERO };
+        let o = &self.observer;
+        let flux = o.flux();
+        let confidence = if self.status == Status::Running { o.confidence() } else { R::ZERO };
         Estimate {
             flux,
-            psi_1: self.flux.offset.psi_1(),
-            u_off: self.flux.offset.u_off(),
+            psi_1: o.psi_1(),
+            u_off: o.u_off(),
             torque: flux.magnitude * self.estimate.i_dq.im(),
-            r_s: self.resistance.r_s(),
-            epsilon: self.resistance.epsilon(),
+            r_s: o.r_s(),
+            epsilon: o.residual(),
             confidence,
             ..self.estimate
         }
@@ -267,16 +281,32 @@ impl<R: Real> Drive<R> {
 
     /// Data worth keeping over a stop or a loss of supply.
     pub fn memory(&self) -> Memory<R> {
-        Memory { u_off: self.flux.offset.u_off(), r_s: self.resistance.r_s(), i_off: self.i_off }
+        let o = &self.observer;
+        let (loss_error, inv_l_m) = match o {
+            Observer::Published(_) => (R::ZERO, R::ONE),
+            Observer::Enhanced(o) => (o.filter.v(), o.filter.learned().gamma),
+        };
+        Memory { u_off: o.u_off(), r_s: o.r_s(), i_off: self.i_off, loss_error, inv_l_m }
     }
 
     /// Takes back what an earlier run stored. Values beyond their limits are limited.
     pub fn restore(&mut self, memory: &Memory<R>) {
-        let limit = self.config.u_off_limit;
-        self.flux.offset.restore(memory.u_off.limit_components(limit));
-        let r_s = self.config.pu.r_s;
-        self.resistance.start(memory.r_s.clamp(r_s * R::HALF, r_s * R::from_f64(1.5)));
-        self.i_off = memory.i_off.map(|i| i.limit(self.config.i_off_max));
+        let c = &self.config;
+        self.i_off = memory.i_off.map(|i| i.limit(c.i_off_max));
+        let u_off = memory.u_off.limit_components(c.u_off_limit);
+        match (&mut self.observer, &c.filter) {
+            (Observer::Published(o), _) => {
+                o.flux.offset.restore(u_off);
+                o.resistance.start(memory.r_s.clamp(c.pu.r_s * R::HALF, c.pu.r_s * R::from_f64(1.5)));
+            }
+            (Observer::Enhanced(o), Some(f)) => {
+                // Readings at rest replace what was learned beyond the readings of that run.
+                let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -memory.r_s.recip() };
+                let Memory { r_s, loss_error: v, inv_l_m: gamma, .. } = *memory;
+                o.filter.restore(f, &Learned { b, r_s, v, gamma });
+            }
+            (Observer::Enhanced(_), None) => {}
+        }
     }
 
     /// Leaves a fault; the drive is stopped then.
@@ -289,7 +319,7 @@ impl<R: Real> Drive<R> {
     /// One control period.
     pub fn step(&mut self, measured: &Measurement<R>, reference: &Reference<R>) -> Output<R> {
         self.period = self.period.wrapping_add(1);
-        let Some(i_s) = self.acquire(measured) else {
+        let Some((i_s, sum)) = self.acquire(measured) else {
             return self.blocked();
         };
         let running = likely(self.status == Status::Running && reference.is_admissible());
@@ -304,15 +334,21 @@ impl<R: Real> Drive<R> {
         let last = self.in_flight[slot];
         let u_s = last.ideal * u_dc - last.loss;
         self.estimate.u_s = u_s;
+        let x = Applied { i_s, sum, u_s, u_l: last.loss };
 
-        let (field, i_ref, u_dq) =
-            if likely(running) { self.control(&i_s, &u_s, u_max) } else { self.magnetise(&i_s, &u_s, u_max) };
+        let (field, i_ref, u_dq) = if likely(running) {
+            self.control(&x, u_max)
+        } else if matches!(self.observer, Observer::Published(_)) {
+            self.magnetise(&x, u_max)
+        } else {
+            self.build_up(&x, u_max)
+        };
 
         // The duties act from one to two periods after the sample: turn the voltage to their middle.
         let ahead = field.ahead(self.estimate.speed.omega_s * self.config.t_ahead);
         let u_ref = ahead.to_stator(&u_dq);
         // The inverter model sees the current that will flow then: the reference, free from noise.
-        let loss = self.config.inverter.distortion(&ahead.to_stator(&i_ref), u_dc);
+        let loss = self.config.inverter.distortion(&ahead.to_stator(&i_ref), u_dc, self.observer.loss_gain());
         let u = u_ref.to_phases();
         let duty =
             modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], self.inv_u_dc, self.config.timer.as_ref());
@@ -324,9 +360,10 @@ impl<R: Real> Drive<R> {
         Output { duty, gates_on: true }
     }
 
-    /// Checks the measurement; the current vector, if measurement and drive can be worked with.
+    /// Checks the measurement; the current vector and the sum of the currents, if measurement and drive can be
+    /// worked with.
     #[inline]
-    fn acquire(&mut self, m: &Measurement<R>) -> Option<AlphaBeta<R>> {
+    fn acquire(&mut self, m: &Measurement<R>) -> Option<(AlphaBeta<R>, R)> {
         let c = &self.config;
         let i = [m.i_abc[0] - self.i_off[0], m.i_abc[1] - self.i_off[1], m.i_abc[2] - self.i_off[2]];
         // One comparison for four: no channel near its range, the vector below the trip level. Written so that
@@ -335,7 +372,7 @@ impl<R: Real> Drive<R> {
         if !likely(sum <= c.i_plain_sq && m.u_dc >= c.u_dc_min && m.u_dc <= c.u_dc_max) {
             self.examine(m)?;
         }
-        Some(AlphaBeta::from_phases(i))
+        Some((AlphaBeta::from_phases(i), i[0] + i[1] + i[2]))
     }
 
     /// What is wrong with a measurement, if anything.
@@ -410,58 +447,128 @@ impl<R: Real> Drive<R> {
     /// Direct current along the a-axis; its last quarter gives `r̂_s`.
     #[cold]
     #[inline(never)]
-    fn magnetise(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
+    fn magnetise(&mut self, x: &Applied<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
         let c = &self.config;
-        let i_d = c.flux_control.feedforward(c.flux_control.psi_rated, R::ZERO);
-        // Boosted until the flux is there, then held.
-        let i_ref = Dq::new(if self.stage < c.boost_periods { i_d * R::from_f64(BOOST) } else { i_d }, R::ZERO);
+        let i_ref = self.magnetising_current();
         let field = Rotator::default();
-        let i_dq = field.to_field(i_s);
+        let i_dq = field.to_field(&x.i_s);
         let u = self.current_control.step(&c.current, &i_ref, &i_dq, &(i_ref * c.pu.r_s), u_max);
 
         let left = c.magnetise_periods.saturating_sub(self.stage);
         if left < c.r_s_periods {
             // u_d / i_d*, averaged: no current offset is left in it, no threshold, and no dψ/dt.
-            self.r_s_sum.add(c.inv_r_s_periods * i_d.recip(), u_s.re());
+            self.r_s_sum.add(c.inv_r_s_periods * i_ref.re().recip(), x.u_s.re());
         }
         self.estimate.i_dq = i_dq;
         self.estimate.i_dq_ref = i_ref;
         if left == 0 {
-            if c.calibrate_offset {
-                let r = self.config.pu.r_s;
-                self.resistance.start(self.r_s_sum.value().clamp(r * R::HALF, r * R::from_f64(1.5)));
-            }
             let psi = AlphaBeta::new(c.flux_control.psi_rated, R::ZERO);
-            self.flux.start(psi, *i_s);
-            self.flux.follow(&c.flux, R::ZERO);
+            if let Observer::Published(o) = &mut self.observer {
+                if c.calibrate_offset {
+                    let r = c.pu.r_s;
+                    o.resistance.start(self.r_s_sum.value().clamp(r * R::HALF, r * R::from_f64(1.5)));
+                }
+                o.flux.start(psi, x.i_s);
+                o.flux.follow(&c.flux, R::ZERO);
+                o.confidence.start();
+            }
             self.speed.start(&psi, R::ZERO);
-            self.estimate.psi_ref = c.flux_control.psi_rated;
-            self.confidence.start();
-            self.flux_control.start();
-            self.speed_control.start(R::ZERO);
-            self.enter(Status::Running);
+            self.run();
         }
         (field, i_ref, u)
     }
 
-    /// What every period needs: flux estimator and current control.
-    #[inline(always)]
-    fn control(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
+    /// The enhanced scheme's way to its flux, at any speed. A current that stands still in space drives
+    /// `ψ_R` away from zero, and the rotor turns it: `ω = Σ ψ_R × (dψ_R - r_R i dτ) / Σ |ψ_R|² dτ` needs no more
+    /// than some milliseconds of it, at 1 pu half a turn. In a machine that turns the current follows `ψ̂_R` from
+    /// there on, and the flux builds up as it does at rest. In one at rest the current stays where it is (following
+    /// a flux that is a degree off would set a free shaft in motion) until the flux has settled, and then long
+    /// enough for the filter to find what resistance and inverter take together.
+    #[cold]
+    #[inline(never)]
+    fn build_up(&mut self, x: &Applied<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
+        let i_ref = self.magnetising_current();
         let c = &self.config;
         let e = &mut self.estimate;
-        let r_s = self.resistance.r_s();
+        let probing = self.stage <= c.probe_periods;
+        // At rest, the flux is waited for: then it is known by the current.
+        let settled = c.magnetise_periods / 2;
+        let blind = probing || !self.turning && self.stage < settled;
+        let before = e.speed.psi_r;
+        let mut seen = Seen::default();
+        if let (Observer::Enhanced(o), Some(f)) = (&mut self.observer, &c.filter) {
+            if self.stage <= 1 {
+                o.filter.start(f, &x.i_s);
+            } else if self.stage == settled && !self.turning {
+                o.filter.settle(f, c.flux_control.psi_rated);
+                self.speed.start(&o.filter.value(), R::ZERO);
+            }
+            seen = o.step(f, c, x, &i_ref, e.speed.omega_s, blind);
+        }
+        let psi_s = self.observer.psi_s();
+        e.i_s = seen.i_s;
+        let mut field = Rotator::default();
+        if probing {
+            let psi_r = psi_s - seen.i_s * c.speed.sigma_l_s;
+            // The rise of the current is over after a fifth of it.
+            if self.stage > c.probe_periods / 5 {
+                let turned = before.cross(&(psi_r - before)) - c.pu.t_s * c.pu.r_r * psi_r.cross(&seen.i_s);
+                self.probe[0] += turned;
+                self.probe[1] += c.pu.t_s * psi_r.norm_sq();
+            }
+            e.speed.psi_r = psi_r;
+            if self.stage == c.probe_periods {
+                let omega = (self.probe[0] * self.probe[1].recip()).limit(R::from_f64(1.5));
+                self.turning = omega.abs() > R::from_f64(TURNING);
+                self.speed.start(&psi_r, omega);
+                (e.speed.omega_m, e.speed.omega_s) = (omega, omega);
+            }
+        } else {
+            if self.period.is_multiple_of(SPEED_PERIODS) {
+                e.speed = self.speed.step(&c.speed, &psi_s, &seen.i_s);
+            }
+            if self.turning {
+                field = Rotator::of(&(psi_s - seen.i_s * c.speed.sigma_l_s)).0;
+            }
+        }
+        e.i_dq = field.to_field(&seen.i_s);
+        e.i_dq_ref = i_ref;
+        let u_ff = Dq::new(i_ref.re() * seen.r_s, e.speed.omega_s * seen.magnitude);
+        let u = self.current_control.step(&c.current, &i_ref, &e.i_dq, &u_ff, u_max);
+        if self.stage >= if self.turning { c.boost_periods } else { c.magnetise_periods } {
+            self.run();
+        }
+        (field, i_ref, u)
+    }
 
-        self.flux.step(&c.flux, u_s, i_s, r_s, e.psi_ref);
-        let field = self.flux.field();
-        // What û_off stands for is first of all an offset of the current sensors, û_off = -r_s i_off. The
-        // flux estimator has it removed already; control and inverter model get the current without it.
-        e.i_s = *i_s + self.flux.offset.u_off() * c.inv_r_s;
-        e.i_dq = field.to_field(&e.i_s);
+    /// Boosted until the flux is there, then held.
+    fn magnetising_current(&self) -> Dq<R> {
+        let c = &self.config;
+        let i_d = c.flux_control.feedforward(c.flux_control.psi_rated, R::ZERO);
+        Dq::new(if self.stage < c.boost_periods { i_d * R::from_f64(BOOST) } else { i_d }, R::ZERO)
+    }
+
+    /// From magnetisation to control.
+    fn run(&mut self) {
+        self.estimate.psi_ref = self.config.flux_control.psi_rated;
+        self.flux_control.start();
+        self.speed_control.start(R::ZERO);
+        self.enter(Status::Running);
+    }
+
+    /// What every period needs: observer and current control.
+    #[inline(always)]
+    fn control(&mut self, x: &Applied<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
+        let c = &self.config;
+        let e = &mut self.estimate;
+        let seen = self.observer.step(c, x, e.psi_ref, &e.i_dq_ref, e.speed.omega_s);
+        (e.i_s, e.i_dq) = (seen.i_s, seen.i_dq);
 
         let i_ref = e.i_dq_ref;
-        let u_ff = Dq::new(i_ref.re() * r_s, i_ref.im() * r_s + e.speed.omega_s * self.flux.magnitude());
+        let u_ff =
+            Dq::new(i_ref.re() * seen.r_s, i_ref.im() * seen.r_s + e.speed.omega_s * seen.magnitude);
         let u = self.current_control.step(&c.current, &i_ref, &e.i_dq, &u_ff, u_max);
-        (field, i_ref, u)
+        (seen.field, i_ref, u)
     }
 
     /// What is slow against the control period takes turns, after the duties are known: the speed estimator in
@@ -480,8 +587,10 @@ impl<R: Real> Drive<R> {
     fn track(&mut self) {
         let c = &self.config;
         let e = &mut self.estimate;
-        e.speed = self.speed.step(&c.speed, &self.flux.value(), &e.i_s);
-        self.flux.follow(&c.flux, e.speed.omega_s);
+        e.speed = self.speed.step(&c.speed, &self.observer.psi_s(), &e.i_s);
+        if let Observer::Published(o) = &mut self.observer {
+            o.flux.follow(&c.flux, e.speed.omega_s);
+        }
     }
 
     /// Current references: torque, i_q* within current limit and pull-out, i_d* of (12).
@@ -506,22 +615,27 @@ impl<R: Real> Drive<R> {
             Reference::Stop => R::ZERO,
         };
         let i_q = torque_ref * c.flux_control.reciprocal(psi_ref);
-        let i_d = self.flux_control.step(&c.flux_control, psi_ref, self.flux.magnitude(), i_q, omega_s);
+        let i_d = self.flux_control.step(&c.flux_control, psi_ref, self.observer.magnitude(), i_q, omega_s);
         e.i_dq_ref = Dq::new(i_d, i_q);
     }
 
-    /// Resistance (Fig. 12), confidence, plausibility.
+    /// Resistance (Fig. 12) and confidence of the published scheme, plausibility.
     #[inline(never)]
     fn adapt(&mut self) {
         let c = &self.config;
         let e = &self.estimate;
         let (omega_s, omega_m) = (e.speed.omega_s, e.speed.omega_m);
-        let psi_s = self.flux.magnitude();
-        if let Some(resistance) = &c.resistance {
-            self.resistance.step(resistance, psi_s, &e.i_dq, omega_s, omega_m);
+        let psi_s = self.observer.magnitude();
+        match &mut self.observer {
+            Observer::Published(o) => {
+                if let Some(resistance) = &c.resistance {
+                    o.resistance.step(resistance, psi_s, &e.i_dq, omega_s, omega_m);
+                }
+                let corrected = (o.flux.offset.updates() > 0).then(|| o.flux.offset.last_correction());
+                o.confidence.step(&c.confidence, omega_s, o.flux.effort(), corrected);
+            }
+            Observer::Enhanced(o) => o.filter.confine(),
         }
-        let corrected = (self.flux.offset.updates() > 0).then(|| self.flux.offset.last_correction());
-        self.confidence.step(&c.confidence, omega_s, self.flux.effort(), corrected);
 
         // Plausibility: the flux on its circle, the speed within reach.
         let plausible = (psi_s - e.psi_ref).within(c.psi_deviation) && omega_m.within(c.omega_trip);
@@ -547,6 +661,7 @@ impl<R: Real> Drive<R> {
                 self.current_control.start();
                 self.in_flight = [InFlight::default(); 2];
                 self.estimate.speed = SpeedEstimate::default();
+                (self.probe, self.turning) = ([R::ZERO; 2], false);
             }
             _ => {}
         }

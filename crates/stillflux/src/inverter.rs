@@ -67,10 +67,11 @@ impl<R: Real> InverterModel<R> {
         Self { u_th: R::ZERO, dead_time: R::ZERO, band: R::ZERO, inv_band: R::ONE }
     }
 
-    /// Voltage lost in each phase at the phase currents of `i_s`: add it to the reference to compensate.
+    /// Voltage lost in each phase at the phase currents of `i_s`: add it to the reference to compensate. `gain`
+    /// is what has been found of threshold and dead time, relative to their values here.
     #[inline]
-    pub fn distortion(&self, i_s: &AlphaBeta<R>, u_dc: R) -> [R; 3] {
-        let u = self.u_th + self.dead_time * u_dc;
+    pub fn distortion(&self, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> [R; 3] {
+        let u = (self.u_th + self.dead_time * u_dc) * gain;
         let leg = |i: R| {
             if likely(!i.within(self.band)) {
                 if i < R::ZERO { -u } else { u }
@@ -98,7 +99,7 @@ mod tests {
         let (model, pu) = model();
         for k in 0..360 {
             let (s, c) = (f64::from(k) + 0.5).to_radians().sin_cos();
-            let u = AlphaBeta::from_phases(model.distortion(&AlphaBeta::new(c, s), pu.u_dc));
+            let u = AlphaBeta::from_phases(model.distortion(&AlphaBeta::new(c, s), pu.u_dc, 1.0));
             assert!((u.norm_sq().sqrt() - 4.0 / 3.0 * pu.u_th).abs() < 1e-12);
             let angle = u.im().atan2(u.re()).to_degrees().rem_euclid(60.0);
             assert!(!(1e-6..=59.999_999).contains(&angle), "sector indicator points to multiples of 60°");
@@ -108,7 +109,7 @@ mod tests {
     #[test]
     fn around_current_zero_the_model_is_linear() {
         let (model, pu) = model();
-        let at = |i: f64| model.distortion(&AlphaBeta::new(i, 0.0), pu.u_dc)[0];
+        let at = |i: f64| model.distortion(&AlphaBeta::new(i, 0.0), pu.u_dc, 1.0)[0];
         assert_eq!(at(0.0), 0.0);
         assert!((at(1e-4) - 0.5 * pu.u_th).abs() < 1e-12);
         assert!((at(1.0) - pu.u_th).abs() < 1e-12);

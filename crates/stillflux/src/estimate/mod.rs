@@ -1,6 +1,10 @@
-//! Estimators: flux (Fig. 7), offset (Fig. 4), resistance (Fig. 12), speed, and the confidence in them.
+//! Estimators. The published scheme: flux (Fig. 7), offset (Fig. 4), resistance (Fig. 12), and the confidence
+//! in them. The enhanced scheme: one filter for all of it, and the balance of the current sensors. Speed is
+//! common to both.
 
+pub mod balance;
 pub mod confidence;
+pub mod filter;
 pub mod flux;
 pub mod offset;
 pub mod resistance;

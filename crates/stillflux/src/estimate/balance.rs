@@ -1,0 +1,94 @@
+//! Gains of the current sensors against each other, from the sum of the three phase currents.
+//!
+//! The currents of a machine with isolated star point add up to nothing. What three sensors with gains
+//! `1 + g_k` make of them adds up to
+//!
+//! ```text
+//! s = Σ g_k i_k + s_0 = x·i_s + s_0,     x = (g_a - (g_b + g_c)/2, √3/2 (g_b - g_c))
+//! ```
+//!
+//! so a least-mean-squares fit of `s` to `i_s` finds the differences of the gains, with no model of the machine
+//! in it. With gains that are right on average, unequal ones add to the space vector the image
+//!
+//! ```text
+//! Δi_s = (x_α - j x_β)/3 · i_s*
+//! ```
+//!
+//! which is taken off. At low stator frequency that image is what an offset is elsewhere: it moves with the
+//! field, too slowly to be told from it. With two sensors and a computed third the sum is zero and so is `x`.
+
+use crate::scalar::{Integrator, Real};
+use crate::space::AlphaBeta;
+use crate::words::words;
+
+/// Settings of the fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct BalanceConfig<R: Real> {
+    /// Step size; 0: off.
+    pub step: R,
+    /// Step size of the constant `s_0`, an offset, which moves slowly.
+    pub step_offset: R,
+}
+words!(BalanceConfig: step, step_offset);
+
+/// Largest difference of gains that is believed.
+const X_MAX: f64 = 0.2;
+/// Largest part of a sum that a single sample may show.
+const ERROR_MAX: f64 = 0.1;
+
+/// State of the fit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Balance<R: Real> {
+    x: [Integrator<R>; 2],
+    offset: Integrator<R>,
+}
+
+impl<R: Real> Balance<R> {
+    /// One sample: space vector `i` and `sum` of the phase currents as measured; returns the balanced vector.
+    #[inline(always)]
+    pub fn step(&mut self, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) -> AlphaBeta<R> {
+        let (a, b) = (self.x[0].value(), self.x[1].value());
+        let error = (sum - a * i.re() - b * i.im() - self.offset.value()).limit(R::from_f64(ERROR_MAX));
+        let (bound, third) = (R::from_f64(X_MAX), R::from_f64(1.0 / 3.0));
+        let step = c.step * error;
+        let p = self.x[0].add_limited(step, i.re(), bound) * third;
+        let q = self.x[1].add_limited(step, i.im(), bound) * third;
+        self.offset.add_limited(c.step_offset, error, bound);
+        *i - AlphaBeta::new(p * i.re() - q * i.im(), -p * i.im() - q * i.re())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unequal_gains_are_found_and_their_image_is_removed() {
+        let c = BalanceConfig { step: 1.7e-3, step_offset: 3.4e-5 };
+        let mut balance = Balance::<f64>::default();
+        let gains = [1.02, 0.99, 0.99];
+        let mut worst = 0.0_f64;
+        for k in 0..60_000 {
+            let (s, cos) = (f64::from(k) * 1e-3).sin_cos();
+            let i = AlphaBeta::new(0.7 * cos, 0.7 * s);
+            let phases = i.to_phases();
+            let measured = [0, 1, 2].map(|k| phases[k] * gains[k] + 0.001);
+            let out = balance.step(&c, &AlphaBeta::from_phases(measured), measured.iter().sum());
+            if k > 30_000 {
+                worst = worst.max((out - i).norm_sq().sqrt());
+            }
+        }
+        assert!(worst < 3e-4, "{worst} of an image of 0.007");
+    }
+
+    #[test]
+    fn two_sensors_and_a_computed_third_change_nothing() {
+        let mut balance = Balance::<f64>::default();
+        let i = AlphaBeta::new(0.4, -0.3);
+        assert_eq!(balance.step(&BalanceConfig { step: 1e-3, step_offset: 1e-5 }, &i, 0.0), i);
+    }
+}

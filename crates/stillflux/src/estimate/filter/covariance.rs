@@ -1,0 +1,183 @@
+//! Covariance of the filter's states: symmetric, so the lower triangle is all there is.
+
+use crate::scalar::Real;
+
+/// Number of states.
+pub(super) const N: usize = 9;
+/// Elements of the lower triangle.
+const PACKED: usize = N * (N + 1) / 2;
+
+/// A vector over the states.
+pub(super) type Column<R> = [R; N];
+
+/// Symmetric matrix over the states.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub(super) struct Covariance<R: Real> {
+    /// Row after row of the lower triangle, cut into pieces of `N`.
+    p: [[R; N]; PACKED / N],
+}
+
+/// Place of an element, whichever of its two names is used.
+#[inline(always)]
+const fn at(i: usize, j: usize) -> usize {
+    let (i, j) = if i >= j { (i, j) } else { (j, i) };
+    // The minimum keeps the index in range for the compiler to see: no bounds check, no panic path.
+    let k = i * (i + 1) / 2 + j;
+    if k < PACKED { k } else { PACKED - 1 }
+}
+
+impl<R: Real> Default for Covariance<R> {
+    fn default() -> Self {
+        Self { p: [[R::ZERO; N]; PACKED / N] }
+    }
+}
+
+impl<R: Real> Covariance<R> {
+    /// Independent states with these variances.
+    pub fn diagonal(variance: &Column<R>) -> Self {
+        let mut p = Self::default();
+        p.add(variance);
+        p
+    }
+
+    /// One element.
+    #[inline(always)]
+    pub fn get(&self, i: usize, j: usize) -> R {
+        self.p.as_flattened()[at(i, j)]
+    }
+
+    #[inline(always)]
+    fn get_mut(&mut self, i: usize, j: usize) -> &mut R {
+        &mut self.p.as_flattened_mut()[at(i, j)]
+    }
+
+    /// Adds noise that the states collect independently of each other.
+    pub fn add(&mut self, variance: &Column<R>) {
+        for (k, &v) in variance.iter().enumerate() {
+            *self.get_mut(k, k) += v;
+        }
+    }
+
+    /// Adds to one element.
+    #[inline(always)]
+    pub fn add_at(&mut self, i: usize, j: usize, x: R) {
+        *self.get_mut(i, j) += x;
+    }
+
+    /// One state moves on, `x_i ← a x_i + Σ c_j x_j` with `j ≠ i`: the row and column of a sparse transition.
+    #[inline(always)]
+    pub fn advance<const T: usize>(&mut self, i: usize, a: R, terms: &[(usize, R); T]) {
+        let mut row = [R::ZERO; N];
+        for (k, r) in row.iter_mut().enumerate() {
+            for &(j, c) in terms {
+                *r += c * self.get(j, k);
+            }
+        }
+        let own = self.get(i, i);
+        let mut variance = a * (a * own + row[i] + row[i]);
+        for &(j, c) in terms {
+            variance += c * row[j];
+        }
+        for (k, r) in row.iter().enumerate() {
+            *self.get_mut(i, k) = a * self.get(i, k) + *r;
+        }
+        *self.get_mut(i, i) = variance;
+    }
+
+    /// `P h` for a sparse `h`.
+    #[inline(always)]
+    pub fn project<const T: usize>(&self, h: &[(usize, R); T]) -> Column<R> {
+        core::array::from_fn(|k| {
+            let mut sum = R::ZERO;
+            for &(j, c) in h {
+                sum += c * self.get(j, k);
+            }
+            sum
+        })
+    }
+
+    /// A state forgets what it has to do with the others; its variance stays.
+    pub fn isolate(&mut self, i: usize) {
+        for k in 0..N {
+            if k != i {
+                *self.get_mut(i, k) = R::ZERO;
+            }
+        }
+    }
+
+    /// What a measurement takes from rows `from .. to`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`.
+    #[inline(always)]
+    pub fn reduce(&mut self, ph: &Column<R>, gain: &Column<R>, (from, to): (usize, usize), floor: R) {
+        for i in from..to {
+            for j in 0..=i {
+                *self.get_mut(i, j) -= ph[i] * gain[j];
+            }
+            *self.get_mut(i, i) = self.get(i, i).max(floor);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::SMatrix;
+
+    type Full = SMatrix<f64, N, N>;
+
+    fn full(p: &Covariance<f64>) -> Full {
+        Full::from_fn(|i, j| p.get(i, j))
+    }
+
+    /// A covariance with every element in use.
+    fn sample() -> Covariance<f64> {
+        let mut p = Covariance::diagonal(&[1.0, 2.0, 0.5, 3.0, 1.5, 0.7, 0.9, 1.1, 0.4]);
+        for i in 0..N {
+            for j in 0..i {
+                p.add_at(i, j, 0.02 * (i as f64 - 0.7 * j as f64));
+            }
+        }
+        p
+    }
+
+    #[test]
+    fn advance_is_the_product_with_a_sparse_transition() {
+        let mut p = sample();
+        let before = full(&p);
+        let (i, a, terms) = (2, 0.9, [(0, 0.3), (4, -0.2), (8, 0.05)]);
+        p.advance(i, a, &terms);
+        let mut f = Full::identity();
+        f[(i, i)] = a;
+        for (j, c) in terms {
+            f[(i, j)] = c;
+        }
+        assert!((full(&p) - f * before * f.transpose()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn reduce_is_the_kalman_update() {
+        let h = [(0, 0.6), (1, 0.8), (2, -1.0)];
+        let mut row = SMatrix::<f64, 1, N>::zeros();
+        for (j, c) in h {
+            row[j] = c;
+        }
+        let mut p = sample();
+        let before = full(&p);
+        let ph = p.project(&h);
+        let s = (row * before * row.transpose())[0] + 0.1;
+        let gain = ph.map(|x| x / s);
+        p.reduce(&ph, &gain, (0, 4), 0.0);
+        p.reduce(&ph, &gain, (4, N), 0.0);
+        assert!((full(&p) - (before - before * row.transpose() * row * before / s)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn an_isolated_state_gets_nothing_from_a_measurement() {
+        let mut p = sample();
+        p.isolate(5);
+        let ph = p.project(&[(0, 1.0), (2, -1.0)]);
+        assert_eq!(ph[5], 0.0);
+        assert_eq!(p.get(5, 5), 0.7);
+    }
+}

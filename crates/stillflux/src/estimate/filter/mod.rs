@@ -1,0 +1,576 @@
+//! One estimator for flux, offset, resistance and inverter error, over the whole torque-speed plane.
+//!
+//! # What is known without a speed
+//!
+//! The voltage model is a pure integrator. With the offset `b` of the current sensors (`i_m = i + b`), the
+//! resistance `r_s` and the relative error `v` of the inverter model's voltage `u_l` as unknowns,
+//!
+//! ```text
+//! dψ_s/dτ = u - v u_l - r_s (i_m - b),        ψ_R = ψ_s - σl_s (i_m - b)
+//! ```
+//!
+//! The rotor equation `dψ_R/dτ = -(1/τ_r) ψ_R + r_R i + jω ψ_R` contains the unknown speed, but only in its
+//! tangential component. Along `n = ψ_R/|ψ_R|` the speed drops out, and what is left says how the *magnitude*
+//! of the rotor flux follows the current:
+//!
+//! ```text
+//! dm/dτ = r_R (i·n - i_μ(m)),     i_μ(m) = γ m/l_M (1 - c + c (m/m_N)⁸)
+//! |ψ_R| - m = 0
+//! ```
+//!
+//! with `γ` for an inductance that is not `l_M` and `c` for its saturation: at the small-signal level
+//! saturation makes the magnitude follow the current `1 + 8c` times faster, and a model without it loses
+//! stability near `ω_s = 0`. Differentiated once, the second line is the speed-independent residual of
+//! reduced-order observers, `ψ_R·dψ_R/dτ + (|ψ_R|² - l_M i·ψ_R)/τ_r`; in this form nothing has to be
+//! differentiated, and the noise of the ADC enters as `σl_s` times it.
+//!
+//! # What one number can tell
+//!
+//! Let `δ` be the flux error in rotor field coordinates. The residual is `δ_d` less the current model's own
+//! answer to it, and that model sees `i·n` change by `i_q δ_q/|ψ_R|`. So
+//! * at no load only the radial error shows, under load a combination with the angle (weight `i_q/i_d`);
+//! * an error of `r_s` or `v` moves the flux along the current, one of `b` along a direction fixed in the
+//!   stator: rotation tells them apart;
+//! * at exactly `ω_s = 0` one direction remains unseen. Its variance grows, and with it the confidence signal
+//!   drops: persistence there is memory.
+//!
+//! An extended Kalman filter in error-state form weighs all this in every quadrant alike; there is nothing to
+//! gate and no sign to choose. States: `ψ_s` (2), `m`, `b` (2), `r_s`, `v`, `γ`, `c`, each in units of a
+//! typical deviation, so that the covariance fits fixed point.
+//!
+//! # In blocks
+//!
+//! Prediction runs every control period, the rest once per block of about 1 ms: averages, one scalar
+//! innovation, one correction. The covariance of a block is worked out during the next one, a part in each
+//! period; the gain is a block old, against time constants of many blocks.
+//!
+//! # Where linearisation ends
+//!
+//! * `|ψ_R|` of a vector turned by `δ` is larger than its projection by `δ²/2`: the variance of that is added
+//!   to the residual's, or a large angle variance would turn a small residual into a false correction.
+//! * Near the zero of a phase current the bridge's voltage is known least (see [`crate::inverter`]): noise
+//!   along that phase's axis while the field is slow.
+//! * Above `ω_s = 0.2` neither `r_s` nor `v` can be seen beside the error of the voltage itself: they are
+//!   held, with the variance they have, and that error takes their place in the flux.
+//! * A residual beyond its measure for some ten blocks means that something has stepped: flux, offset and
+//!   resistance may then have moved by more than they do by themselves.
+
+mod config;
+mod covariance;
+mod state;
+
+pub use config::{FilterConfig, Identified};
+
+use self::covariance::{Column, Covariance, N};
+use self::state::{B, C, GAMMA, M, PSI, RS, V};
+use super::confidence::SIGMA_HALF;
+use super::flux::FluxEstimate;
+use crate::scalar::{Integrator, Real, likely};
+use crate::space::{AlphaBeta, Dq, Rotator};
+
+/// Limits of what is identified.
+const B_MAX: f64 = 0.2;
+const V_MAX: f64 = 0.8;
+const GAMMA_RANGE: (f64, f64) = (0.6, 1.6);
+const C_MAX: f64 = 0.5;
+/// Of the prior: a winding is not colder than at commissioning by more, nor hotter.
+const R_S_RANGE: (f64, f64) = (0.4, 2.0);
+/// Rotor flux below which its direction says nothing.
+const M_MIN: f64 = 0.1;
+/// Stator frequency above which resistance and inverter error are held.
+const OMEGA_HELD: f64 = 0.2;
+/// Stator frequency up to which the voltage near a current zero counts, reciprocal.
+const INV_OMEGA_ZERO: f64 = 10.0;
+/// Smallest variance of a scaled state: keeps rounding from making one negative.
+const FLOOR: f64 = 1e-7;
+/// Low-pass of the normalised squared residual, per block, and its value that counts as a surprise.
+const NIS_CORNER: f64 = 0.02;
+const NIS_SURPRISE: f64 = 0.3;
+/// Blocks after a start in which nothing counts as a surprise: the priors are still being tried.
+const TRIAL: u32 = 200;
+/// Weight of the second-order term's variance.
+const SECOND_ORDER: f64 = 2.0;
+
+/// Averages and model values of a block: where the next covariance is linearised.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+struct Point<R: Real> {
+    /// Direction of the rotor flux.
+    n: Rotator<R>,
+    /// `1/|ψ_R|`.
+    inv_psi_r: R,
+    /// Current reference: free from noise, which would pass for excitation.
+    i_s: AlphaBeta<R>,
+    /// Voltage of the inverter model.
+    u_l: AlphaBeta<R>,
+    /// Sensitivity of `m` to a turn of the flux, `r_R Δ i_q/|ψ_R|`.
+    turn: R,
+    /// `m`, `m g`, and `g' = dg(m)m/dm`, with `g = 1 - c + c x⁸`.
+    m: R,
+    m_g: R,
+    slope: R,
+    /// `x⁸ - 1`.
+    bend: R,
+    /// Distance from the steady state, of the scale of fluxes.
+    away: R,
+    omega_s: R,
+    /// The rotor flux is large enough for its direction to mean something.
+    valid: bool,
+}
+
+impl<R: Real> Point<R> {
+    /// Too fast for resistance and inverter error to be seen.
+    fn held(&self) -> bool {
+        self.omega_s.abs() > R::from_f64(OMEGA_HELD)
+    }
+}
+
+/// State of the filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Filter<R: Real> {
+    psi_s: [Integrator<R>; 2],
+    m: Integrator<R>,
+    b: [Integrator<R>; 2],
+    r_s: Integrator<R>,
+    v: Integrator<R>,
+    gamma: Integrator<R>,
+    c: Integrator<R>,
+    i_s: AlphaBeta<R>,
+    i_dq: Dq<R>,
+    u_i: AlphaBeta<R>,
+    field: Rotator<R>,
+    magnitude: R,
+    inv_psi: R,
+    /// Sum of the current over the block, field coordinates.
+    sum: Dq<R>,
+    /// Period within the block.
+    period: u32,
+    point: Point<R>,
+    p: Covariance<R>,
+    /// `P h`, and the gain that the next innovation gets.
+    ph: Column<R>,
+    gain: Column<R>,
+    /// `1/S` of the last block.
+    inv_s: R,
+    /// Residual, and low-pass of its normalised square.
+    residual: R,
+    nis: R,
+    /// Blocks for which residuals are not yet a surprise.
+    trial: u32,
+    /// Deviation of the field angle, rad.
+    sigma: R,
+}
+
+impl<R: Real> Filter<R> {
+    /// A filter that knows the priors.
+    #[must_use]
+    pub fn new(c: &FilterConfig<R>) -> Self {
+        Self {
+            psi_s: Default::default(),
+            m: Integrator::default(),
+            b: Default::default(),
+            r_s: Integrator::new(c.r_s),
+            v: Integrator::default(),
+            gamma: Integrator::new(R::ONE),
+            c: Integrator::new(c.saturation),
+            i_s: AlphaBeta::default(),
+            i_dq: Dq::default(),
+            u_i: AlphaBeta::default(),
+            field: Rotator::default(),
+            magnitude: R::ZERO,
+            inv_psi: R::ZERO,
+            sum: Dq::default(),
+            period: 0,
+            point: Point::default(),
+            p: Covariance::diagonal(&c.prior),
+            ph: [R::ZERO; N],
+            gain: [R::ZERO; N],
+            inv_s: R::ZERO,
+            residual: R::ZERO,
+            nis: R::ZERO,
+            trial: TRIAL,
+            sigma: R::ZERO,
+        }
+    }
+
+    /// Takes back what an earlier run has learned, each within its limits. What is restored counts as known to
+    /// a quarter of its prior deviation, an offset to a sixteenth.
+    pub fn restore(&mut self, c: &FilterConfig<R>, learned: &Learned<R>) {
+        let b = learned.b.limit_components(R::from_f64(B_MAX));
+        self.b = [Integrator::new(b.re()), Integrator::new(b.im())];
+        let (lo, hi) = R_S_RANGE;
+        self.r_s = Integrator::new(learned.r_s.clamp(c.r_s * R::from_f64(lo), c.r_s * R::from_f64(hi)));
+        self.v = Integrator::new(learned.v.limit(R::from_f64(V_MAX)));
+        let (lo, hi) = GAMMA_RANGE;
+        self.gamma = Integrator::new(learned.gamma.clamp(R::from_f64(lo), R::from_f64(hi)));
+        let mut prior = c.prior;
+        for (k, p) in prior.iter_mut().enumerate() {
+            *p *= match k {
+                B..RS => R::from_f64(1.0 / 256.0),
+                RS..C => R::from_f64(1.0 / 16.0),
+                _ => R::ONE,
+            };
+        }
+        self.p = Covariance::diagonal(&prior);
+    }
+
+    /// What is worth keeping.
+    pub fn learned(&self) -> Learned<R> {
+        Learned { b: self.b(), r_s: self.r_s(), v: self.v(), gamma: self.gamma.value() }
+    }
+
+    /// Begins with a machine without flux; what has been learned stays.
+    pub fn start(&mut self, c: &FilterConfig<R>, i_s: &AlphaBeta<R>) {
+        // What was learned before the stop may have changed since: temperature, above all.
+        let variance = core::array::from_fn(|k| {
+            let prior = c.prior[k];
+            let least = if (B..RS).contains(&k) { R::from_f64(1.0 / 256.0) } else { R::from_f64(1.0 / 16.0) };
+            if k < B { prior } else { self.p.get(k, k).clamp(prior * least, prior) }
+        });
+        let learned = *self;
+        *self = Self::new(c);
+        (self.b, self.r_s, self.v, self.gamma, self.c) =
+            (learned.b, learned.r_s, learned.v, learned.gamma, learned.c);
+        self.p = Covariance::diagonal(&variance);
+        self.i_s = *i_s - self.b();
+    }
+
+    /// Begins anew with the flux `psi_s` that a direct current along the a-axis has built up in a machine at
+    /// rest. It is as well known as the inductance: an error `δγ` is one of `-m g/(d(m g)/dm) δγ` of it.
+    pub fn settle(&mut self, c: &FilterConfig<R>, psi_s: R) {
+        let i_s = self.i_s;
+        self.start(c, &(i_s + self.b()));
+        let m = psi_s - c.sigma_l_s * i_s.re();
+        self.psi_s = [Integrator::new(psi_s), Integrator::default()];
+        self.m = Integrator::new(m);
+        // At rated flux g = 1 and its slope 1 + 8c, whatever c is.
+        let bent = R::ONE + R::from_f64(8.0) * self.c.value();
+        let per_gamma = m * bent.recip() * (c.scale[GAMMA] * c.inv_scale_psi);
+        let gamma = self.p.get(GAMMA, GAMMA);
+        let common = per_gamma * per_gamma * gamma;
+        for (i, j, x) in [(PSI, PSI, common), (M, M, common), (PSI, M, common)] {
+            self.p.add_at(i, j, x);
+        }
+        self.p.add_at(PSI, GAMMA, -per_gamma * gamma);
+        self.p.add_at(M, GAMMA, -per_gamma * gamma);
+    }
+
+    /// One period: `u_s` was applied since the last call with `u_l` of it taken by the inverter model, `i_m` is
+    /// the sample at its end, `i_ref` its reference. With `blind` nothing is corrected: the machine has no flux yet.
+    #[inline(always)]
+    pub fn step(
+        &mut self,
+        c: &FilterConfig<R>,
+        u_s: &AlphaBeta<R>,
+        u_l: &AlphaBeta<R>,
+        i_m: &AlphaBeta<R>,
+        i_ref: &Dq<R>,
+        omega_s: R,
+        blind: bool,
+    ) {
+        let i_s = *i_m - self.b();
+        self.u_i = *u_s - (self.i_s + i_s) * self.r_s().half();
+        self.i_s = i_s;
+        let psi_s =
+            AlphaBeta::new(self.psi_s[0].add(c.t_s, self.u_i.re()), self.psi_s[1].add(c.t_s, self.u_i.im()));
+        (self.field, self.magnitude, self.inv_psi) = Rotator::near(&psi_s, self.inv_psi);
+        self.i_dq = self.field.to_field(&i_s);
+        self.sum += self.i_dq;
+        self.work(c, u_l, i_ref, omega_s, blind);
+    }
+
+    /// The part of a block's work that this period does.
+    #[inline(never)]
+    fn work(&mut self, c: &FilterConfig<R>, u_l: &AlphaBeta<R>, i_ref: &Dq<R>, omega_s: R, blind: bool) {
+        self.period += 1;
+        if self.period >= c.block {
+            self.period = 0;
+            self.close(c, u_l, i_ref, omega_s, blind);
+            return;
+        }
+        match self.period {
+            1 => self.advance_m(c),
+            2 => self.advance_psi(c, 0),
+            3 => self.advance_psi(c, 1),
+            4 => self.add_noise(c),
+            5 => self.weigh(c),
+            6 => self.reduce((0, 6)),
+            7 => self.reduce((6, N)),
+            _ => {}
+        }
+    }
+
+    /// End of a block: current model, residual, correction, and the point of the next linearisation.
+    #[inline(never)]
+    fn close(&mut self, c: &FilterConfig<R>, u_l: &AlphaBeta<R>, i_ref: &Dq<R>, omega_s: R, blind: bool) {
+        let i_dq = self.sum * c.inv_block;
+        self.sum = Dq::default();
+        let psi_s = self.value();
+        let psi_r = psi_s - self.i_s * c.sigma_l_s;
+        let (n, psi_r, inv) = Rotator::near(&psi_r, self.point.inv_psi_r);
+        let valid = !blind && psi_r > R::from_f64(M_MIN);
+        let inv = inv.min(R::from_f64(1.0 / M_MIN));
+
+        // The mean current seen from the rotor flux: ψ_R·i = ψ_s i_d - σl_s i², ψ_R×i = ψ_s i_q.
+        let i_d = (self.magnitude * i_dq.re() - c.sigma_l_s * i_dq.norm_sq()) * inv;
+        let i_q = self.magnitude * i_dq.im() * inv;
+
+        let m = self.m.value();
+        let (gamma, bent) = (self.gamma.value(), self.c.value());
+        let x = (m * c.inv_m_rated).min(R::from_f64(1.3));
+        let x2 = x * x;
+        let x8 = x2 * x2 * (x2 * x2);
+        let g = R::ONE - bent + bent * x8;
+        let m_g = m * g;
+        let m_steady = gamma * m_g;
+        self.point = Point {
+            n,
+            inv_psi_r: inv,
+            i_s: self.field.to_stator(i_ref),
+            u_l: *u_l,
+            turn: c.r_r_block * (i_q * inv).limit(R::TWO),
+            m,
+            m_g,
+            slope: gamma * (g + R::from_f64(8.0) * (bent * x8)),
+            bend: x8 - R::ONE,
+            away: (i_d * c.l_m - m_steady) * c.transient,
+            omega_s,
+            valid,
+        };
+        if !valid {
+            self.m.set(psi_r);
+            return;
+        }
+        let m = self.m.add(R::ONE, c.r_r_block * i_d - c.decay * m_steady);
+        let z = (m - psi_r) * c.inv_scale_psi;
+        self.residual = z;
+        if self.trial == 0 {
+            let nis = (z * z * self.inv_s).min(R::from_f64(9.0));
+            self.nis += R::from_f64(NIS_CORNER) * (nis - self.nis);
+        } else {
+            self.trial -= 1;
+        }
+        self.correct(c, z.limit(R::from_f64(20.0)));
+    }
+
+    /// Every state takes its part of the residual.
+    #[inline(always)]
+    fn correct(&mut self, c: &FilterConfig<R>, z: R) {
+        let by: Column<R> = core::array::from_fn(|k| self.gain[k] * c.scale[k]);
+        let three = R::from_f64(3.0);
+        self.psi_s[0].add_limited(by[PSI], z, three);
+        self.psi_s[1].add_limited(by[PSI + 1], z, three);
+        self.m.add_clamped(by[M], z, R::ZERO, three);
+        let bound = R::from_f64(B_MAX);
+        self.b[0].add_limited(by[B], z, bound);
+        self.b[1].add_limited(by[B + 1], z, bound);
+        let (lo, hi) = R_S_RANGE;
+        self.r_s.add_clamped(by[RS], z, c.r_s * R::from_f64(lo), c.r_s * R::from_f64(hi));
+        self.v.add_limited(by[V], z, R::from_f64(V_MAX));
+        let (lo, hi) = GAMMA_RANGE;
+        self.gamma.add_clamped(by[GAMMA], z, R::from_f64(lo), R::from_f64(hi));
+        self.c.add_clamped(by[C], z, R::ZERO, R::from_f64(C_MAX));
+    }
+
+    /// `m` follows flux direction, offset, inductance and saturation.
+    #[inline(never)]
+    fn advance_m(&mut self, c: &FilterConfig<R>) {
+        let q = &self.point;
+        let gamma = self.gamma.value();
+        self.p.advance(
+            M,
+            R::ONE - c.decay * q.slope,
+            &[
+                (PSI, -q.turn * q.n.sin),
+                (PSI + 1, q.turn * q.n.cos),
+                (B, -c.m_b * q.n.cos),
+                (B + 1, -c.m_b * q.n.sin),
+                (GAMMA, -c.m_gamma * q.m_g),
+                (C, -c.m_c * (gamma * q.m * q.bend)),
+            ],
+        );
+    }
+
+    /// A component of the flux follows its offset, the resistance and the inverter error.
+    #[inline(never)]
+    fn advance_psi(&mut self, c: &FilterConfig<R>, k: usize) {
+        let (i, u) = (&self.point.i_s, &self.point.u_l);
+        let (i, u) = if k == 0 { (i.re(), u.re()) } else { (i.im(), u.im()) };
+        let (i, u) = if self.point.held() { (R::ZERO, R::ZERO) } else { (i, u) };
+        self.p.advance(PSI + k, R::ONE, &[(B + k, c.psi_b * self.r_s()), (RS, -c.psi_r * i), (V, -c.psi_v * u)]);
+    }
+
+    /// What the states may have done by themselves.
+    #[inline(never)]
+    fn add_noise(&mut self, c: &FilterConfig<R>) {
+        let q = &self.point;
+        let omega = q.omega_s.abs();
+        let mut drift = c.drift;
+        if q.held() {
+            (drift[RS], drift[V]) = (R::ZERO, R::ZERO);
+            self.p.isolate(RS);
+            self.p.isolate(V);
+        } else if self.nis > R::from_f64(NIS_SURPRISE) {
+            let excess = self.nis - R::from_f64(NIS_SURPRISE);
+            for (d, s) in drift.iter_mut().zip(&c.surprise) {
+                *d += *s * excess;
+            }
+        }
+        let fast = c.drift_omega * omega * omega;
+        drift[PSI] += fast;
+        drift[PSI + 1] += fast;
+
+        let slow = (R::ONE - omega * R::from_f64(INV_OMEGA_ZERO)).max(R::ZERO);
+        let zero = c.drift_zero * slow * slow;
+        // Products of the components of the phase axes: (1, 0), (-1/2, ±√3/2).
+        let (three_quarters, mixed) = (R::from_f64(0.75), R::from_f64(0.433_012_7));
+        for (k, i) in q.i_s.to_phases().into_iter().enumerate() {
+            if i.within(c.zero) {
+                if k == 0 {
+                    drift[PSI] += zero;
+                } else {
+                    drift[PSI] += zero.quarter();
+                    drift[PSI + 1] += zero * three_quarters;
+                    let mixed = zero * mixed;
+                    self.p.add_at(PSI, PSI + 1, if k == 1 { -mixed } else { mixed });
+                }
+            }
+        }
+        self.p.add(&drift);
+    }
+
+    /// Variance of the angle, variance of the residual, gain.
+    #[inline(never)]
+    fn weigh(&mut self, c: &FilterConfig<R>) {
+        let q = &self.point;
+        let Rotator { cos, sin } = q.n;
+        let p = &self.p;
+        let mixed = sin * cos * p.get(PSI, PSI + 1);
+        let across = sin * sin * p.get(PSI, PSI) + cos * cos * p.get(PSI + 1, PSI + 1) - (mixed + mixed);
+        let across = across.max(R::ZERO);
+        self.sigma = across.sqrt() * c.scale[PSI] * q.inv_psi_r;
+
+        if !(q.valid && c.correct) {
+            (self.ph, self.gain) = ([R::ZERO; N], [R::ZERO; N]);
+            return;
+        }
+        self.ph = p.project(&[(PSI, cos), (PSI + 1, sin), (M, -R::ONE)]);
+        let second = across * c.scale[PSI] * q.inv_psi_r;
+        let s = cos * self.ph[PSI] + sin * self.ph[PSI + 1] - self.ph[M]
+            + c.residual
+            + q.away * q.away
+            + R::from_f64(SECOND_ORDER) * (second * second);
+        self.inv_s = s.max(c.residual).recip();
+        self.gain = self.ph.map(|x| x * self.inv_s);
+    }
+
+    /// Rows `from .. to` of the covariance lose what the residual has told.
+    #[inline(never)]
+    fn reduce(&mut self, rows: (usize, usize)) {
+        self.p.reduce(&self.ph, &self.gain, rows, R::from_f64(FLOOR));
+    }
+
+    /// Present `ψ̂_s`.
+    #[inline]
+    pub fn value(&self) -> AlphaBeta<R> {
+        AlphaBeta::new(self.psi_s[0].value(), self.psi_s[1].value())
+    }
+
+    /// Field angle as `e^{jδ̂}`.
+    #[inline]
+    pub fn field(&self) -> Rotator<R> {
+        self.field
+    }
+
+    /// `|ψ̂_s|`.
+    #[inline]
+    pub fn magnitude(&self) -> R {
+        self.magnitude
+    }
+
+    /// Stator resistance.
+    #[inline]
+    pub fn r_s(&self) -> R {
+        self.r_s.value()
+    }
+
+    /// Offset of the current sensors.
+    #[inline]
+    pub fn b(&self) -> AlphaBeta<R> {
+        AlphaBeta::new(self.b[0].value(), self.b[1].value())
+    }
+
+    /// Relative error of the inverter model's voltage.
+    #[inline]
+    pub fn v(&self) -> R {
+        self.v.value()
+    }
+
+    /// Current of the latest sample without its offset.
+    #[inline]
+    pub fn i_s(&self) -> AlphaBeta<R> {
+        self.i_s
+    }
+
+    /// The same in field coordinates.
+    #[inline]
+    pub fn i_dq(&self) -> Dq<R> {
+        self.i_dq
+    }
+
+    /// Latest residual `m - |ψ̂_R|`.
+    pub fn residual(&self) -> R {
+        self.residual * R::from_f64(0.05)
+    }
+
+    /// Expected deviation of the field angle, rad.
+    pub fn sigma(&self) -> R {
+        self.sigma
+    }
+
+    /// Confidence in the field angle, 0 to 1, as of [`super::confidence`]: one half where 15° must be expected.
+    /// Residuals beyond their measure count as an angle, too.
+    pub fn confidence(&self) -> R {
+        let x = self.sigma * R::from_f64(1.0 / SIGMA_HALF);
+        let y = self.nis * R::from_f64(1.0 / NIS_SURPRISE);
+        (R::ONE + x * x + y * y).recip()
+    }
+
+    /// Flux estimator outputs of the latest period.
+    pub fn estimate(&self) -> FluxEstimate<R> {
+        FluxEstimate {
+            psi_s: self.value(),
+            field: self.field,
+            magnitude: self.magnitude,
+            u_i: self.u_i,
+            u_hf: AlphaBeta::default(),
+        }
+    }
+
+    /// Brings a flux beyond three times the base back: a lost estimate, not a value to go on from.
+    #[inline]
+    pub fn confine(&mut self) {
+        if !likely(self.magnitude.within(R::from_f64(3.0))) {
+            let psi_s = self.value().limit_components(R::TWO);
+            self.psi_s = [Integrator::new(psi_s.re()), Integrator::new(psi_s.im())];
+        }
+    }
+}
+
+/// What a filter has learned of machine, bridge and sensors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Learned<R: Real> {
+    /// Offset of the current sensors beyond the one read at rest.
+    pub b: AlphaBeta<R>,
+    /// Stator resistance.
+    pub r_s: R,
+    /// Relative error of the inverter model.
+    pub v: R,
+    /// Reciprocal of the main inductance, relative to its prior.
+    pub gamma: R,
+}
