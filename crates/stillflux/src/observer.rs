@@ -3,7 +3,7 @@
 use crate::config::DriveConfig;
 use crate::estimate::balance::Balance;
 use crate::estimate::confidence::Confidence;
-use crate::estimate::filter::{Filter, FilterConfig};
+use crate::estimate::filter::{Filter, FilterConfig, Input};
 use crate::estimate::flux::{FluxEstimate, FluxEstimator};
 use crate::estimate::resistance::ResistanceEstimator;
 use crate::scalar::Real;
@@ -180,9 +180,17 @@ impl<R: Real> Observer<R> {
 impl<R: Real> Enhanced<R> {
     /// One period; `blind` while the machine has no flux.
     #[inline(always)]
-    pub fn step(&mut self, f: &FilterConfig<R>, c: &DriveConfig<R>, x: &Applied<R>, i_ref: &Dq<R>, omega_s: R, blind: bool) -> Seen<R> {
+    pub fn step(
+        &mut self,
+        f: &FilterConfig<R>,
+        c: &DriveConfig<R>,
+        x: &Applied<R>,
+        i_ref: &Dq<R>,
+        omega_s: R,
+        blind: bool,
+    ) -> Seen<R> {
         let i_m = self.balance.step(&c.balance, &x.i_s, x.sum);
-        self.filter.step(f, &x.u_s, &x.u_l, &i_m, i_ref, omega_s, blind);
+        self.filter.step(f, &Input { u_s: x.u_s, u_l: x.u_l, i_m, i_ref: *i_ref, omega_s }, blind);
         let o = &self.filter;
         Seen { field: o.field(), magnitude: o.magnitude(), r_s: o.r_s(), i_s: o.i_s(), i_dq: o.i_dq() }
     }

@@ -27,6 +27,9 @@ const RESIDUAL: f64 = 0.01;
 /// Part of the distance to the steady state of the current model that its saturation curve may have wrong.
 const TRANSIENT: f64 = 0.1;
 
+/// Part of the rate of the current model that may be wrong, times the root of the blocks for which it stays so.
+const LAG: f64 = 3.0;
+
 /// Which effects the filter is to identify; those left out stay what they are at the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identified {
@@ -82,13 +85,16 @@ pub struct FilterConfig<R: Real> {
     /// Variance of the residual, and its growth in transients.
     pub(super) residual: R,
     pub(super) transient: R,
+    /// Deviation that a block adds to `m` per distance from the steady state: a rotor resistance that is not
+    /// the parameter.
+    pub(super) lag: R,
     /// Whether the residual corrects anything.
     pub(super) correct: bool,
 }
 words! {
     FilterConfig:
     t_s, block, inv_block, sigma_l_s, r_s, l_m, r_r_block, decay, inv_m_rated, saturation, m_b, m_gamma, m_c, psi_b,
-    psi_r, psi_v, scale, inv_scale_psi, prior, drift, surprise, drift_omega, drift_zero, zero, residual, transient,
+    psi_r, psi_v, scale, inv_scale_psi, prior, drift, surprise, drift_omega, drift_zero, zero, residual, transient, lag,
     correct,
 }
 
@@ -171,6 +177,7 @@ impl<R: Real> FilterConfig<R> {
             zero: r((2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / b.i).max(2e-3)),
             residual: flux_variance(RESIDUAL, 1.0),
             transient: r(TRANSIENT / SCALE_PSI),
+            lag: r(LAG * r_r / l_m * delta / TRANSIENT),
             correct: identified.flux,
         }
     }
