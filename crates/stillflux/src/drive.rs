@@ -305,14 +305,11 @@ impl<R: Real> Drive<R> {
         let u_s = last.ideal * u_dc - last.loss;
         self.estimate.u_s = u_s;
 
-        let (field, i_ref, u_dq) =
+        let (u_ref, i_ref) =
             if likely(running) { self.control(&i_s, &u_s, u_max) } else { self.magnetise(&i_s, &u_s, u_max) };
 
-        // The duties act from one to two periods after the sample: turn the voltage to their middle.
-        let ahead = field.ahead(self.estimate.speed.omega_s * self.config.t_ahead);
-        let u_ref = ahead.to_stator(&u_dq);
         // The inverter model sees the current that will flow then: the reference, free from noise.
-        let loss = self.config.inverter.distortion(&ahead.to_stator(&i_ref), u_dc);
+        let loss = self.config.inverter.distortion(&i_ref, u_dc);
         let u = u_ref.to_phases();
         let duty =
             modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], self.inv_u_dc, self.config.timer.as_ref());
@@ -410,7 +407,7 @@ impl<R: Real> Drive<R> {
     /// Direct current along the a-axis; its last quarter gives `r̂_s`.
     #[cold]
     #[inline(never)]
-    fn magnetise(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
+    fn magnetise(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
         let c = &self.config;
         let i_d = c.flux_control.feedforward(c.flux_control.psi_rated, R::ZERO);
         // Boosted until the flux is there, then held.
@@ -441,12 +438,13 @@ impl<R: Real> Drive<R> {
             self.speed_control.start(R::ZERO);
             self.enter(Status::Running);
         }
-        (field, i_ref, u)
+        (field.to_stator(&u), field.to_stator(&i_ref))
     }
 
-    /// What every period needs: flux estimator and current control.
+    /// What every period needs: flux estimator and current control. Voltage and current references for the
+    /// period in which the duties act.
     #[inline(always)]
-    fn control(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
+    fn control(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
         let c = &self.config;
         let e = &mut self.estimate;
         let r_s = self.resistance.r_s();
@@ -459,9 +457,12 @@ impl<R: Real> Drive<R> {
         e.i_dq = field.to_field(&e.i_s);
 
         let i_ref = e.i_dq_ref;
+        // The duties act from one to two periods after the sample: references are turned to their middle.
+        let ahead = field.ahead(e.speed.omega_s * c.t_ahead);
+        let i_ahead = ahead.to_stator(&i_ref);
         let u_ff = Dq::new(i_ref.re() * r_s, i_ref.im() * r_s + e.speed.omega_s * self.flux.magnitude());
         let u = self.current_control.step(&c.current, &i_ref, &e.i_dq, &u_ff, u_max);
-        (field, i_ref, u)
+        (ahead.to_stator(&u), i_ahead)
     }
 
     /// What is slow against the control period takes turns, after the duties are known: the speed estimator in
