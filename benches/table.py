@@ -32,8 +32,8 @@ MISSING = "–"
 
 def nanoseconds(block: str, arithmetic: str) -> str:
     """Mean time of criterion's last run."""
-    folder = "drive step" if block == "drive step" else f"block/{block}"
-    file = TARGET / "criterion" / folder / arithmetic / "new" / "estimates.json"
+    folder = f"drive step_{arithmetic}" if block == "drive step" else f"block/{block}/{arithmetic}"
+    file = TARGET / "criterion" / folder / "new" / "estimates.json"
     if not file.exists():
         return MISSING
     return f"{json.loads(file.read_text())['mean']['point_estimate']:.0f}"

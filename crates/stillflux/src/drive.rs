@@ -10,6 +10,10 @@
 //! calls earlier; a pipeline of two entries keeps the estimator on the voltage that was really applied:
 //! limited, quantised, at the measured dc link, less what the inverter model says was lost.
 //!
+//! **Turns.** Flux estimator, current control and modulator run in every period. The speed estimator runs in every
+//! second one, speed and flux control, resistance adaptation and confidence in every fourth, one after the other
+//! and after the duties are known: their bandwidths leave room for that, and no period carries all of them.
+//!
 //! **Sequence.** `Stopped` → offset reading with gates off → magnetisation by direct current along the
 //! a-axis (with `r̂_s` from its dc values) → `Running` with estimators that begin at a known flux,
 //! `ψ̂_s = ψ̂_1 = ψ_s*∠0`. Any fault blocks the gates and latches with its cause until [`Drive::reset`].
