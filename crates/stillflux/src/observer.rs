@@ -179,8 +179,17 @@ impl<R: Real> Observer<R> {
 
 impl<R: Real> Enhanced<R> {
     /// One period; `blind` while the machine has no flux.
-    #[inline(always)]
-    pub fn step(&mut self, f: &FilterConfig<R>, c: &DriveConfig<R>, x: &Applied<R>, i_ref: &Dq<R>, omega_s: R, blind: bool) -> Seen<R> {
+    // Called once from each path, and not inlined: the published scheme's period stays free of it.
+    #[inline(never)]
+    pub fn step(
+        &mut self,
+        f: &FilterConfig<R>,
+        c: &DriveConfig<R>,
+        x: &Applied<R>,
+        i_ref: &Dq<R>,
+        omega_s: R,
+        blind: bool,
+    ) -> Seen<R> {
         let i_m = self.balance.step(&c.balance, &x.i_s, x.sum);
         self.filter.step(f, &x.u_s, &x.u_l, &i_m, i_ref, omega_s, blind);
         let o = &self.filter;

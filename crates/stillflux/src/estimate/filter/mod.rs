@@ -232,8 +232,7 @@ impl<R: Real> Filter<R> {
         });
         let learned = *self;
         *self = Self::new(c);
-        (self.b, self.r_s, self.v, self.gamma, self.c) =
-            (learned.b, learned.r_s, learned.v, learned.gamma, learned.c);
+        (self.b, self.r_s, self.v, self.gamma, self.c) = (learned.b, learned.r_s, learned.v, learned.gamma, learned.c);
         self.p = Covariance::diagonal(&variance);
         self.i_s = *i_s - self.b();
     }
@@ -274,8 +273,7 @@ impl<R: Real> Filter<R> {
         let i_s = *i_m - self.b();
         self.u_i = *u_s - (self.i_s + i_s) * self.r_s().half();
         self.i_s = i_s;
-        let psi_s =
-            AlphaBeta::new(self.psi_s[0].add(c.t_s, self.u_i.re()), self.psi_s[1].add(c.t_s, self.u_i.im()));
+        let psi_s = AlphaBeta::new(self.psi_s[0].add(c.t_s, self.u_i.re()), self.psi_s[1].add(c.t_s, self.u_i.im()));
         (self.field, self.magnitude, self.inv_psi) = Rotator::near(&psi_s, self.inv_psi);
         self.i_dq = self.field.to_field(&i_s);
         self.sum += self.i_dq;
