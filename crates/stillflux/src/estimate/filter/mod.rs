@@ -260,6 +260,7 @@ impl<R: Real> Filter<R> {
     /// One period: `u_s` was applied since the last call with `u_l` of it taken by the inverter model, `i_m` is
     /// the sample at its end, `i_ref` its reference. With `blind` nothing is corrected: the machine has no flux yet.
     #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
     pub fn step(
         &mut self,
         c: &FilterConfig<R>,
