@@ -234,6 +234,11 @@ impl<R: Real> DriveConfig<R> {
         self.filter.as_ref()
     }
 
+    /// Settings of the fit of the current sensors' gains.
+    pub fn balance_config(&self) -> &BalanceConfig<R> {
+        &self.balance
+    }
+
     /// Settings of the speed estimator, for its use alone.
     pub fn speed_config(&self) -> &SpeedConfig<R> {
         &self.speed
