@@ -9,7 +9,7 @@ export PYO3_BUILD_EXTENSION_MODULE := 1
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export VIRTUAL_ENV := $(abspath .venv)
 
-.PHONY: demo reproduce beyond sensitivity metrics test test-slow test-rust lint bench build clean
+.PHONY: demo reproduce beyond sensitivity metrics test test-slow test-rust lint bench bench-tools build clean
 
 demo: build
 	$(BIN)/stillflux demo
@@ -37,8 +37,8 @@ test-slow: test-rust build
 lint: build
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff format --check python tests
-	$(BIN)/ruff check python tests
+	$(BIN)/ruff format --check python tests benches
+	$(BIN)/ruff check python tests benches
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest stillflux._core
 
@@ -59,8 +59,21 @@ sensitivity: build
 metrics: build
 	$(BIN)/stillflux reproduce --beyond --metrics tests/metrics.csv
 
-bench:
-	cargo bench
+# Time with criterion, instructions with gungraun where valgrind is there, and one table of both beside the
+# target's counts of the last `make firmware-bench`.
+bench: bench-tools
+	PATH="$(abspath target/tools/bin):$$PATH" cargo bench --locked
+	$(PYTHON) benches/table.py
+
+# Library and runner of gungraun must be of one version: that of Cargo.lock.
+GUNGRAUN = $(shell sed -n '/^name = "gungraun"$$/{n;s/version = "\(.*\)"/\1/p;}' Cargo.lock)
+
+bench-tools:
+	@command -v valgrind >/dev/null || \
+		echo "valgrind not found: no instructions will be counted (Debian/Ubuntu: apt-get install valgrind)"
+	@! command -v valgrind >/dev/null || \
+		PATH="$(abspath target/tools/bin):$$PATH" gungraun-runner --version 2>/dev/null | grep -q "$(GUNGRAUN)" || \
+		cargo install gungraun-runner --version $(GUNGRAUN) --locked --root target/tools
 
 clean:
 	rm -rf .venv target reports python/stillflux/*.so

@@ -129,7 +129,7 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
 #: Mean instructions a call.
 BUDGET = {
     "flux_estimator": {"f32": 150, "q": 200},
-    "drive_step": {"f32": 590, "q": 990},
+    "drive_step": {"f32": 580, "q": 945},
 }
 
 

@@ -1,13 +1,26 @@
-//! What the benchmarks share: a recorded closed loop to feed the blocks with, in any arithmetic.
+//! What the benchmarks share: every block on an operating point, and a recorded closed loop for the drive, in
+//! any arithmetic.
 //!
-//! `cargo bench` prints the time of every block and of the drive step (`control`) and how many simulated
-//! seconds a wall second makes (`simulation`).
+//! `cargo bench` prints time (`control`) and instructions (`instructions`, under valgrind) of every block and of
+//! the drive step, and how many simulated seconds a wall second makes (`simulation`).
 
-use stillflux::base::Base;
-use stillflux::config::{DriveConfig, DriveParams};
+use std::hint::black_box;
+
+use stillflux::base::{Base, PerUnit};
+use stillflux::config::{DriveConfig, DriveParams, SPEED_PERIODS};
+use stillflux::control::current::CurrentController;
+use stillflux::control::flux::FluxController;
+use stillflux::control::modulator::{applied, modulate};
+use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Measurement, Reference, Status};
+use stillflux::estimate::confidence::Confidence;
+use stillflux::estimate::flux::FluxEstimator;
+use stillflux::estimate::resistance::ResistanceEstimator;
+use stillflux::estimate::speed::SpeedEstimator;
+use stillflux::inverter::InverterModel;
 use stillflux::params::{Inverter, Machine};
-use stillflux::scalar::Real;
+use stillflux::scalar::{Real, Timer};
+use stillflux::space::{AlphaBeta, Dq};
 use stillflux_sim::simulate::{Profile, ReferenceProfile, Scenario};
 use stillflux_sim::{Plant, PlantParams};
 
@@ -56,4 +69,84 @@ pub fn running<R: Real>(samples: usize) -> (Drive<R>, Vec<Measurement<R>>) {
     }
     let mut ahead = drive;
     (drive, (0..samples).map(|_| step(&mut ahead, OMEGA, machine.T_N)).collect())
+}
+
+/// Names of the [`blocks`].
+pub const BLOCKS: [&str; 9] = [
+    "flux estimator",
+    "speed",
+    "resistance",
+    "confidence",
+    "current control",
+    "flux control",
+    "speed control",
+    "inverter model",
+    "modulator",
+];
+
+/// A block with its state and inputs, ready for a call.
+pub type Call = Box<dyn FnMut()>;
+
+/// One call of each block in an undisturbed period.
+#[must_use]
+pub fn blocks<R: Real>() -> [(&'static str, Call); 9] {
+    let r = R::from_f64;
+    let (machine, inverter) = machine();
+    let config: &'static DriveConfig<R> = Box::leak(Box::new(
+        DriveConfig::new(&machine, &inverter, &DriveParams::new(&machine, &inverter)).expect("valid parameters"),
+    ));
+    let model = InverterModel::new(&machine, &inverter, &PerUnit::<R>::new(&machine, &inverter).expect("valid"));
+    let timer = Timer::new(8500);
+    let (u, i) = (AlphaBeta::new(r(0.05), r(0.03)), AlphaBeta::new(r(0.6), r(0.4)));
+    let (i_dq, i_ref) = (Dq::new(r(0.6), r(0.4)), Dq::new(r(0.61), r(0.42)));
+    let psi = AlphaBeta::new(r(0.9), r(0.4));
+    let resistance_config = config.resistance_config().expect("on by default");
+
+    let mut flux = FluxEstimator::default();
+    flux.start(psi, i);
+    let mut period = 0;
+    let mut speed = SpeedEstimator::default();
+    speed.start(&psi, R::ZERO);
+    let mut resistance = ResistanceEstimator::default();
+    resistance.start(r(0.08));
+    let mut confidence = Confidence::default();
+    let mut current = CurrentController::default();
+    let mut flux_control = FluxController::default();
+    let mut speed_control = SpeedController::default();
+    let calls: [Call; 9] = [
+        Box::new(move || {
+            period += 1;
+            if period % SPEED_PERIODS == 0 {
+                flux.follow(config.flux_config(), black_box(r(0.03)));
+            }
+            flux.step(config.flux_config(), black_box(&u), &i, r(0.08), R::ONE);
+            black_box(flux.magnitude());
+        }),
+        Box::new(move || {
+            black_box(speed.step(config.speed_config(), black_box(&psi), &i));
+        }),
+        Box::new(move || {
+            black_box(resistance.step(resistance_config, R::ONE, black_box(&i_dq), r(0.03), r(0.02)));
+        }),
+        Box::new(move || {
+            black_box(confidence.step(config.confidence_config(), black_box(r(0.03)), r(1e-4), None));
+        }),
+        Box::new(move || {
+            black_box(current.step(config.current_config(), black_box(&i_ref), &i_dq, &i_dq, R::ONE));
+        }),
+        Box::new(move || {
+            black_box(flux_control.step(config.flux_control_config(), R::ONE, black_box(R::ONE), r(0.4), r(0.03)));
+        }),
+        Box::new(move || {
+            black_box(speed_control.step(config.speed_control_config(), black_box(r(0.03)), r(0.02), R::ONE));
+        }),
+        Box::new(move || {
+            black_box(model.distortion(black_box(&i), r(1.65), R::ONE));
+        }),
+        Box::new(move || {
+            black_box(applied(&modulate(black_box([r(0.1), r(-0.2), r(0.1)]), r(0.6), Some(&timer))));
+        }),
+    ];
+    let mut names = BLOCKS.into_iter();
+    calls.map(|call| (names.next().expect("a name for each"), call))
 }

@@ -8,6 +8,7 @@
 #![allow(non_snake_case)]
 
 use stillflux::base::Base;
+use stillflux::config::Scheme;
 use stillflux::drive::Memory;
 use stillflux::params::{Inverter, Machine};
 use stillflux::scalar::Real;
@@ -16,7 +17,7 @@ use stillflux::space::AlphaBeta;
 /// `sfx1`: changes with the layout.
 const MAGIC: u32 = 0x3178_6673;
 /// Values in a page.
-const VALUES: usize = 24;
+const VALUES: usize = 25;
 /// Magic, length, values as two words each, CRC.
 const WORDS: usize = 2 + 2 * VALUES + 1;
 
@@ -37,11 +38,13 @@ pub struct Parameters {
     pub r_s: f64,
     /// Stored offsets of the current channels, A.
     pub i_off: [f64; 3],
+    /// Scheme of the estimators.
+    pub scheme: Scheme,
 }
 
 impl Parameters {
     /// The 2.2-kW machine on its inverter, with 12-bit channels and an offset found in an earlier run.
-    pub const fn preset() -> Self {
+    pub const fn preset(scheme: Scheme) -> Self {
         Self {
             machine: Machine::preset_2k2(),
             inverter: Inverter::preset_2k2(),
@@ -50,6 +53,7 @@ impl Parameters {
             u_off: [0.05, -0.03],
             r_s: 3.9,
             i_off: [0.0; 3],
+            scheme,
         }
     }
 
@@ -99,6 +103,7 @@ impl Blob {
             p.i_off[0],
             p.i_off[1],
             p.i_off[2],
+            p.scheme as u32 as f64,
         ];
         let mut words = [0; WORDS];
         words[0] = MAGIC;
@@ -124,7 +129,7 @@ impl Blob {
             core::array::from_fn(|k| f64::from_bits(u64::from(words[3 + 2 * k]) << 32 | u64::from(words[2 + 2 * k])));
         #[rustfmt::skip]
         let [R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, u_dc, f_s, u_th, r_d, dead_time, f_clk,
-             i_full, u_full, u_alpha, u_beta, r_s, i_a, i_b, i_c] = v;
+             i_full, u_full, u_alpha, u_beta, r_s, i_a, i_b, i_c, scheme] = v;
         Some(Parameters {
             machine: Machine { R_s, R_R, L_sigma, L_M, n_p: n_p as u32, J, U_N, I_N, f_N, T_N, saturation: None },
             inverter: Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk },
@@ -133,6 +138,7 @@ impl Blob {
             u_off: [u_alpha, u_beta],
             r_s,
             i_off: [i_a, i_b, i_c],
+            scheme: if scheme == Scheme::Paper as u32 as f64 { Scheme::Paper } else { Scheme::Enhanced },
         })
     }
 }

@@ -38,7 +38,11 @@ impl<R: Real> Ready<R> {
     /// The first parameter outside its admissible range.
     pub fn new(p: &Parameters) -> Result<Self, ParamError> {
         Ok(Self {
-            config: DriveConfig::new(&p.machine, &p.inverter, &DriveParams::new(&p.machine, &p.inverter))?,
+            config: DriveConfig::new(
+                &p.machine,
+                &p.inverter,
+                &DriveParams { scheme: p.scheme, ..DriveParams::new(&p.machine, &p.inverter) },
+            )?,
             scale: Scale::new(&p.machine, p.i_full, p.u_full),
             memory: p.memory(),
         })

@@ -25,6 +25,16 @@ ARITHMETICS = ("f32", "q")
 ISR = "control_isr"
 #: What the design asks for, mean instructions: f32, q.
 TARGETS = {"flux_estimator": (150, 250), "drive_step": (600, 1000)}
+#: Bytes: label, and what the design asks for.
+SIZES = {
+    "flash_step": ("flash, control step", ""),
+    "flash_library": ("  with start from page", "16384"),
+    "flash_library_si": ("  with start from SI values", ""),
+    "flash_image": ("flash, whole image", ""),
+    "ram_drive": ("RAM, Drive", "1024"),
+    "ram_config": ("  of it configuration", ""),
+    "stack_step": ("stack, one step", "512"),
+}
 REPORT = toolchain.ROOT / "target" / "firmware-bench.json"
 
 
@@ -42,7 +52,7 @@ def measure(chain: toolchain.Toolchain) -> dict[str, Any]:
             block[f"{row['arithmetic']}_worst"] = row["worst"]
     for name in BLOCKS:
         report[name]["operations"] = operations[name]
-    for key in ("flash_step", "flash_library", "flash_library_si", "flash_image", "ram_drive", "ram_config", "stack_step"):
+    for key in SIZES:
         report[key] = {}
     for arithmetic in ARITHMETICS:
         features = [] if arithmetic == "f32" else ["q"]
@@ -83,15 +93,7 @@ def table(report: dict[str, Any]) -> str:
             f"{name:25}{b['operations']:>10}{b['f32']:>10.1f}{b['f32_worst']:>7}{b['q']:>10.1f}{b['q_worst']:>7}{target:>15}"
         )
     out += ["", f"{'bytes':25}{'':>10}{'f32':>10}{'':>7}{'q':>10}{'':>7}{'target':>15}"]
-    for name, label, target in (
-        ("flash_step", "flash, control step", ""),
-        ("flash_library", "  with start from page", "16384"),
-        ("flash_library_si", "  with start from SI values", ""),
-        ("flash_image", "flash, whole image", ""),
-        ("ram_drive", "RAM, Drive", "1024"),
-        ("ram_config", "  of it configuration", ""),
-        ("stack_step", "stack, one step", "512"),
-    ):
+    for name, (label, target) in SIZES.items():
         out.append(
             f"{label:25}{'':>10}{report[name]['f32']:>10}{'':>7}{report[name]['q']:>10}{'':>7}{target:>15}"
         )

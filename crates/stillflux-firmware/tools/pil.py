@@ -25,18 +25,18 @@ class Comparison:
     different: int
 
 
-def record(arithmetic: str) -> tuple[Path, Path]:
+def record(arithmetic: str, scheme: str = "enhanced") -> tuple[Path, Path]:
     """Frames to the target and the host's answers."""
     toolchain.OUT.mkdir(parents=True, exist_ok=True)
-    names = f"{arithmetic}.frames", f"{arithmetic}.answers"
-    toolchain.host_example("record_pil", arithmetic, *names)
+    names = f"{scheme}-{arithmetic}.frames", f"{scheme}-{arithmetic}.answers"
+    toolchain.host_example("record_pil", arithmetic, scheme, *names)
     return toolchain.OUT / names[0], toolchain.OUT / names[1]
 
 
-def run(elf: Path, arithmetic: str) -> Comparison:
+def run(elf: Path, arithmetic: str, scheme: str = "enhanced") -> Comparison:
     """Records, replays on `elf`, compares."""
-    frames, answers = record(arithmetic)
-    back = toolchain.OUT / f"{arithmetic}.back"
+    frames, answers = record(arithmetic, scheme)
+    back = frames.with_suffix(".back")
     # Names, not paths: the emulator's argument list knows no commas.
     toolchain.emulate(elf, frames.name, back.name)
     return compare(answers.read_bytes(), back.read_bytes())

@@ -8,7 +8,7 @@
 use std::cell::Cell;
 use std::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS};
+use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::FluxController;
 use stillflux::control::modulator::{applied, modulate};
@@ -213,9 +213,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let table = [
         (
             "flux_estimator",
-            mean(2, || {
+            mean(SPEED_PERIODS, || {
                 calls += 1;
-                if calls % 2 == 0 {
+                if calls.is_multiple_of(SPEED_PERIODS) {
                     flux.follow(config.flux_config(), r(0.05));
                 }
                 flux.step(config.flux_config(), &u, &i, r(0.08), r(1.0));
@@ -236,7 +236,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 current_control.step(config.current_config(), &i_dq, &i_dq, &feedforward, r(0.9))
             }),
         ),
-        ("inverter_model", operations(|| config.inverter_model().distortion(&i, r(1.65)))),
+        ("inverter_model", operations(|| config.inverter_model().distortion(&i, r(1.65), r(1.0)))),
         ("modulator", operations(|| applied(&modulate([r(0.1), r(-0.3), r(0.2)], r(0.6), config.timer())))),
         ("drive_step", mean(SLOW_PERIODS, || drive.step(&measured, &Reference::Speed(r(0.0))))),
     ];

@@ -1,6 +1,6 @@
 //! Records a closed loop for the processor in the loop: frames to the target, and the host's own answers.
 //!
-//! `record_pil f32|q FRAMES ANSWERS`; the format is that of `stillflux-firmware/src/exchange.rs`, the code
+//! `record_pil f32|q enhanced|paper FRAMES ANSWERS`; the format is that of `stillflux-firmware/src/exchange.rs`, the code
 //! between converter and timer that of its `control.rs`: host and target compile the same source.
 
 #[path = "../../stillflux-firmware/src/blob.rs"]
@@ -22,6 +22,7 @@ use blob::Parameters;
 use control::Control;
 use exchange::{Frame, Word, answer};
 use stillflux::base::Base;
+use stillflux::config::Scheme;
 use stillflux::counts::Counts;
 use stillflux::drive::{Reference, Status};
 use stillflux::scalar::Q;
@@ -53,15 +54,23 @@ enum Set {
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     match args.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["f32", frames, answers] => record::<f32>(frames, answers),
-        ["q", frames, answers] => record::<Q>(frames, answers),
-        _ => Err("usage: record_pil f32|q FRAMES ANSWERS".into()),
+        ["f32", scheme, frames, answers] => record::<f32>(scheme_of(scheme)?, frames, answers),
+        ["q", scheme, frames, answers] => record::<Q>(scheme_of(scheme)?, frames, answers),
+        _ => Err("usage: record_pil f32|q enhanced|paper FRAMES ANSWERS".into()),
+    }
+}
+
+fn scheme_of(name: &str) -> Result<Scheme, String> {
+    match name {
+        "enhanced" => Ok(Scheme::Enhanced),
+        "paper" => Ok(Scheme::Paper),
+        _ => Err(format!("no scheme {name}")),
     }
 }
 
 #[allow(clippy::cast_possible_truncation)]
-fn record<R: Word>(frames_to: &str, answers_to: &str) -> Result<(), Box<dyn Error>> {
-    let p = Parameters::preset();
+fn record<R: Word>(scheme: Scheme, frames_to: &str, answers_to: &str) -> Result<(), Box<dyn Error>> {
+    let p = Parameters::preset(scheme);
     let base = Base::new(&p.machine);
     let mut plant = Plant::new(PlantParams::new(p.machine, p.inverter))?;
     let mut control = Control::<R>::new(&p)?;

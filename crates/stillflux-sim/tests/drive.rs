@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use stillflux::base::Base;
+use stillflux::config::Scheme;
 use stillflux::drive::{Fault, Status};
 use stillflux::params::{Inverter, Machine, Rating, TModel};
 use stillflux_sim::si::{Arithmetic, SiDrive};
@@ -25,11 +26,15 @@ impl Bench {
         Self { scenario: Scenario::new(machine, inverter, duration), base: Base::new(&machine) }
     }
 
-    fn all(duration: f64) -> [Self; 2] {
-        [
-            Self::new(Machine::preset_2k2(), Inverter::preset_2k2(), duration),
-            Self::new(Machine::preset_11k(), Inverter::preset_11k(), duration),
-        ]
+    fn of(scheme: Scheme, duration: f64) -> [Self; 2] {
+        [(Machine::preset_2k2(), Inverter::preset_2k2()), (Machine::preset_11k(), Inverter::preset_11k())]
+            .map(|(machine, inverter)| Self::new(machine, inverter, duration).with(|s| s.drive.scheme = scheme))
+    }
+
+    /// Both machines under both schemes.
+    fn all(duration: f64) -> [Self; 4] {
+        let ([a, b], [c, d]) = (Self::of(Scheme::Paper, duration), Self::of(Scheme::Enhanced, duration));
+        [a, b, c, d]
     }
 
     /// Speed reference in per unit.
@@ -108,8 +113,8 @@ fn starts_from_rest_by_itself_and_holds_speed_under_load() {
 }
 
 #[test]
-fn without_the_inverter_model_a_load_step_at_low_speed_is_lost() {
-    for bench in Bench::all(6.0) {
+fn without_the_inverter_model_the_published_scheme_loses_a_load_step_at_low_speed() {
+    for bench in Bench::of(Scheme::Paper, 6.0) {
         let o = bench
             .with(|s| s.drive.inverter_model = false)
             .speed(&[(0.0, 0.0), (1.6, 0.0), (1.8, 0.02)])
@@ -160,21 +165,20 @@ fn field_weakening_reaches_beyond_rated_speed_and_comes_back() {
 
 #[test]
 fn a_stored_offset_makes_the_next_start_clean() {
-    for bench in Bench::all(14.0) {
+    for (k, bench) in Bench::all(14.0).into_iter().enumerate() {
         let base = bench.base;
+        let again = || Bench::all(5.0).into_iter().nth(k).unwrap();
         let with_offset = |s: &mut Scenario| {
             s.plant.adc.offset = offset(0.00625 * base.i);
             s.drive.calibrate_offset = false;
         };
         let first = bench.with(with_offset).speed(&[(0.0, 0.0), (1.6, 0.02)]).run();
         let memory = first.drive.memory();
-        let second = Bench::all(5.0).into_iter().find(|b| b.base == base).unwrap();
         let second =
-            second.with(with_offset).with(|s| s.memory = Some(memory)).speed(&[(0.0, 0.0), (1.6, 0.005)]).run();
+            again().with(with_offset).with(|s| s.memory = Some(memory)).speed(&[(0.0, 0.0), (1.6, 0.005)]).run();
         second.assert_running();
         assert!(second.angle(1.6, 5.0) < 5.0, "stored: {}", second.angle(1.6, 5.0));
-        let without = Bench::all(5.0).into_iter().find(|b| b.base == base).unwrap();
-        let without = without.with(with_offset).speed(&[(0.0, 0.0), (1.6, 0.005)]).run();
+        let without = again().with(with_offset).speed(&[(0.0, 0.0), (1.6, 0.005)]).run();
         assert!(without.angle(1.6, 5.0) > 2.0 * second.angle(1.6, 5.0), "not stored: {}", without.angle(1.6, 5.0));
     }
 }
@@ -200,7 +204,7 @@ fn offset_reading_at_rest_removes_the_offset_before_the_first_torque() {
 fn f32_and_fixed_point_stay_with_f64_over_a_minute_at_zero_frequency() {
     for k in 0..2 {
         let run = |arithmetic| {
-            let [a, b] = Bench::all(80.0);
+            let [a, b] = Bench::of(Scheme::Paper, 80.0);
             let bench = if k == 0 { a } else { b };
             bench
                 .with(|s| {
@@ -277,7 +281,7 @@ fn averaged_mode_runs_the_same_drive() {
 
 #[test]
 fn confidence_falls_where_nothing_is_observed_and_an_unknown_offset_remains() {
-    let [bench, _] = Bench::all(60.0);
+    let [bench, _] = Bench::of(Scheme::Paper, 60.0);
     let o = bench.with(|s| s.drive.offset_estimator = false).run();
     let confidence = o.data("estimate.confidence");
     let (early, late) = (o.rows(2.0, 2.1).start, o.rows(59.0, 60.0).start);
@@ -286,7 +290,7 @@ fn confidence_falls_where_nothing_is_observed_and_an_unknown_offset_remains() {
 
 #[test]
 fn an_unknown_signal_and_a_descending_profile_are_refused() {
-    let [bench, _] = Bench::all(1.0);
+    let [bench, ..] = Bench::all(1.0);
     let s = bench.with(|s| s.signals = Some(vec!["nonsense".into()])).scenario;
     assert!(Run::new(Cow::Owned(s)).is_err());
     assert!(Profile::new(vec![(1.0, 0.0), (0.5, 0.0)]).is_err());

@@ -156,7 +156,8 @@ impl DriveParams {
         check("current_bandwidth", self.current_bandwidth, 10.0, 0.06 * f_s, "Hz")?;
         check("flux_bandwidth", self.flux_bandwidth, 0.1, 30.0, "Hz")?;
         check("speed_bandwidth", self.speed_bandwidth, 0.05, 20.0, "Hz")?;
-        check("pll_bandwidth", self.pll_bandwidth, 2.0, 100.0, "Hz")?;
+        // A fifteenth of the rate at which the loop runs.
+        check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
         check("offset_gain", self.offset_gain, 0.01, 1.0, "")?;
         check("noise_gain[0]", self.noise_gain.0, 0.0, 1.0, "")?;
         check("noise_gain[1]", self.noise_gain.1, self.noise_gain.0, 4.0, "")?;
@@ -231,6 +232,11 @@ impl<R: Real> DriveConfig<R> {
     /// Settings of the filter, if the scheme has one.
     pub fn filter_config(&self) -> Option<&FilterConfig<R>> {
         self.filter.as_ref()
+    }
+
+    /// Settings of the fit of the current sensors' gains.
+    pub fn balance_config(&self) -> &BalanceConfig<R> {
+        &self.balance
     }
 
     /// Settings of the speed estimator, for its use alone.

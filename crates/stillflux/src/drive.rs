@@ -10,6 +10,10 @@
 //! calls earlier; a pipeline of two entries keeps the estimator on the voltage that was really applied:
 //! limited, quantised, at the measured dc link, less what the inverter model says was lost.
 //!
+//! **Turns.** Observer, current control and modulator run in every period. The speed estimator runs in every
+//! second one, speed and flux control, resistance adaptation and confidence in every fourth, one after the other
+//! and after the duties are known: their bandwidths leave room for that, and no period carries all of them.
+//!
 //! **Observer.** Figs. 4, 7 and 12 in the published scheme, one filter in the enhanced one
 //! ([`crate::estimate::filter`]).
 //!
@@ -339,7 +343,7 @@ impl<R: Real> Drive<R> {
         self.estimate.u_s = u_s;
         let x = Applied { i_s, sum, u_s, u_l: last.loss };
 
-        let (field, i_ref, u_dq) = if likely(running) {
+        let (u_ref, i_ref) = if likely(running) {
             self.control(&x, u_max)
         } else if matches!(self.observer, Observer::Published(_)) {
             self.magnetise(&x, u_max)
@@ -347,11 +351,8 @@ impl<R: Real> Drive<R> {
             self.build_up(&x, u_max)
         };
 
-        // The duties act from one to two periods after the sample: turn the voltage to their middle.
-        let ahead = field.ahead(self.estimate.speed.omega_s * self.config.t_ahead);
-        let u_ref = ahead.to_stator(&u_dq);
         // The inverter model sees the current that will flow then: the reference, free from noise.
-        let loss = self.config.inverter.distortion(&ahead.to_stator(&i_ref), u_dc, self.observer.loss_gain());
+        let loss = self.config.inverter.distortion(&i_ref, u_dc, self.observer.loss_gain());
         let u = u_ref.to_phases();
         let duty =
             modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], self.inv_u_dc, self.config.timer.as_ref());
@@ -450,7 +451,7 @@ impl<R: Real> Drive<R> {
     /// Direct current along the a-axis; its last quarter gives `r̂_s`.
     #[cold]
     #[inline(never)]
-    fn magnetise(&mut self, x: &Applied<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
+    fn magnetise(&mut self, x: &Applied<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
         let c = &self.config;
         let i_ref = self.magnetising_current();
         let field = Rotator::default();
@@ -478,7 +479,7 @@ impl<R: Real> Drive<R> {
             self.speed.start(&psi, R::ZERO);
             self.run();
         }
-        (field, i_ref, u)
+        (field.to_stator(&u), field.to_stator(&i_ref))
     }
 
     /// The enhanced scheme's way to its flux, at any speed. A current that stands still in space drives
@@ -489,7 +490,7 @@ impl<R: Real> Drive<R> {
     /// enough for the filter to find what resistance and inverter take together.
     #[cold]
     #[inline(never)]
-    fn build_up(&mut self, x: &Applied<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
+    fn build_up(&mut self, x: &Applied<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
         let mut i_ref = self.magnetising_current();
         let c = &self.config;
         // Less current for a while: a resistance notices, a voltage that the inverter model has wrong does not.
@@ -541,10 +542,11 @@ impl<R: Real> Drive<R> {
         e.i_dq_ref = i_ref;
         let u_ff = Dq::new(i_ref.re() * seen.r_s, e.speed.omega_s * seen.magnitude);
         let u = self.current_control.step(&c.current, &i_ref, &e.i_dq, &u_ff, u_max);
+        let ahead = field.ahead(e.speed.omega_s * c.t_ahead);
         if self.stage >= if self.turning { c.boost_periods } else { c.magnetise_periods } {
             self.run();
         }
-        (field, i_ref, u)
+        (ahead.to_stator(&u), ahead.to_stator(&i_ref))
     }
 
     /// Boosted until the flux is there, then held.
@@ -564,16 +566,19 @@ impl<R: Real> Drive<R> {
 
     /// What every period needs: observer and current control.
     #[inline(always)]
-    fn control(&mut self, x: &Applied<R>, u_max: R) -> (Rotator<R>, Dq<R>, Dq<R>) {
+    fn control(&mut self, x: &Applied<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
         let c = &self.config;
         let e = &mut self.estimate;
         let seen = self.observer.step(c, x, e.psi_ref, &e.i_dq_ref, e.speed.omega_s);
         (e.i_s, e.i_dq) = (seen.i_s, seen.i_dq);
 
         let i_ref = e.i_dq_ref;
+        // The duties act from one to two periods after the sample: references are turned to their middle.
+        let ahead = seen.field.ahead(e.speed.omega_s * c.t_ahead);
+        let i_ahead = ahead.to_stator(&i_ref);
         let u_ff = Dq::new(i_ref.re() * seen.r_s, i_ref.im() * seen.r_s + e.speed.omega_s * seen.magnitude);
         let u = self.current_control.step(&c.current, &i_ref, &e.i_dq, &u_ff, u_max);
-        (seen.field, i_ref, u)
+        (ahead.to_stator(&u), i_ahead)
     }
 
     /// What is slow against the control period takes turns, after the duties are known: the speed estimator in

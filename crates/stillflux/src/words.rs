@@ -95,7 +95,7 @@ pub(crate) use words;
 #[cfg(test)]
 mod tests {
     use super::Words;
-    use crate::config::{DriveConfig, DriveParams};
+    use crate::config::{DriveConfig, DriveParams, Scheme};
     use crate::params::{Inverter, Machine};
     use crate::scalar::{Q, Real};
 
@@ -116,8 +116,10 @@ mod tests {
 
     #[test]
     fn a_configuration_survives_in_every_arithmetic_and_with_blocks_off() {
-        round_trip::<f32>(|p| p);
-        round_trip::<f64>(|p| p);
-        round_trip::<Q>(|p| DriveParams { resistance_adaptation: false, offset_estimator: false, ..p });
+        for scheme in [Scheme::Paper, Scheme::Enhanced] {
+            round_trip::<f32>(|p| DriveParams { scheme, ..p });
+            round_trip::<f64>(|p| DriveParams { scheme, ..p });
+            round_trip::<Q>(|p| DriveParams { scheme, resistance_adaptation: false, offset_estimator: false, ..p });
+        }
     }
 }

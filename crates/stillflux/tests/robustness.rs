@@ -1,16 +1,24 @@
 //! Whatever the ADC delivers: duties stay in range, numbers stay finite, faults latch with their cause.
 
 use proptest::prelude::*;
-use stillflux::config::{DriveConfig, DriveParams};
+use proptest::sample::select;
+use stillflux::config::{DriveConfig, DriveParams, Scheme};
 use stillflux::drive::{Drive, Fault, Measurement, Reference, Status};
 use stillflux::params::{Inverter, Machine};
 use stillflux::scalar::{Q, Real};
 
-fn drive<R: Real>() -> Drive<R> {
+const SCHEMES: [Scheme; 2] = [Scheme::Paper, Scheme::Enhanced];
+
+fn drive<R: Real>(scheme: Scheme) -> Drive<R> {
     let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
     // A short start-up reaches every stage within a test.
-    let params =
-        DriveParams { offset_time: 0.002, magnetise_time: 0.4, u_dc_min: 1.0, ..DriveParams::new(&machine, &inverter) };
+    let params = DriveParams {
+        scheme,
+        offset_time: 0.002,
+        magnetise_time: 0.4,
+        u_dc_min: 1.0,
+        ..DriveParams::new(&machine, &inverter)
+    };
     Drive::new(DriveConfig::new(&machine, &inverter, &params).unwrap())
 }
 
@@ -19,8 +27,8 @@ fn healthy<R: Real>() -> Measurement<R> {
 }
 
 /// Steps until the drive runs; the currents that magnetisation would see are handed to it.
-fn running<R: Real>() -> Drive<R> {
-    let mut d = drive::<R>();
+fn running<R: Real>(scheme: Scheme) -> Drive<R> {
+    let mut d = drive::<R>(scheme);
     while d.status() != Status::Running {
         let i = if d.status() == Status::Magnetising { d.estimate().i_dq_ref.re() } else { R::ZERO };
         let half = i * R::HALF;
@@ -48,14 +56,14 @@ fn any_f32() -> impl Strategy<Value = f32> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(ProptestConfig::with_cases(128))]
 
     #[test]
     fn f32_survives_any_measurement(
         samples in prop::collection::vec((any_f32(), any_f32(), any_f32(), any_f32(), any_f32()), 1..200),
-        reset in any::<bool>(),
+        reset in any::<bool>(), scheme in select(SCHEMES.to_vec()),
     ) {
-        let mut d = running::<f32>();
+        let mut d = running::<f32>(scheme);
         for (a, b, c, u, w) in samples {
             check(&mut d, &Measurement { i_abc: [a, b, c], u_dc: u }, &Reference::Speed(w));
             if reset { d.reset(); }
@@ -65,8 +73,9 @@ proptest! {
     #[test]
     fn currents_within_range_never_make_f32_or_q_leave_their_numbers(
         samples in prop::collection::vec((-1.2f64..1.2, -1.2f64..1.2, 1.2f64..2.2, -3.0f64..3.0), 400),
+        scheme in select(SCHEMES.to_vec()),
     ) {
-        let (mut f, mut q) = (running::<f32>(), running::<Q>());
+        let (mut f, mut q) = (running::<f32>(scheme), running::<Q>(scheme));
         for (a, b, u, w) in samples {
             let i = [a, b, -a - b];
             check(&mut f, &Measurement { i_abc: i.map(Real::from_f64), u_dc: u as f32 }, &Reference::Speed(w as f32));
@@ -76,8 +85,10 @@ proptest! {
     }
 
     #[test]
-    fn q_survives_any_bits(samples in prop::collection::vec(any::<[i32; 5]>(), 1..200)) {
-        let mut d = running::<Q>();
+    fn q_survives_any_bits(
+        samples in prop::collection::vec(any::<[i32; 5]>(), 1..200), scheme in select(SCHEMES.to_vec()),
+    ) {
+        let mut d = running::<Q>(scheme);
         for [a, b, c, u, w] in samples {
             let m = Measurement { i_abc: [a, b, c].map(Q::from_bits), u_dc: Q::from_bits(u) };
             check(&mut d, &m, &Reference::Speed(Q::from_bits(w)));
@@ -98,8 +109,8 @@ fn each_bad_measurement_gives_its_fault_blocks_the_gates_and_latches() {
         (Measurement { u_dc: 0.0, ..ok }, Fault::UnderVoltage),
         (Measurement { u_dc: 2.6, ..ok }, Fault::OverVoltage),
     ];
-    for (bad, cause) in cases {
-        let mut d = running::<f32>();
+    for ((bad, cause), scheme) in cases.into_iter().flat_map(|case| SCHEMES.map(|scheme| (case, scheme))) {
+        let mut d = running::<f32>(scheme);
         let period = d.period() + 1;
         let out = d.step(&bad, &Reference::Speed(0.0));
         assert_eq!(d.status(), Status::Faulted { cause, period }, "{bad:?}");
@@ -116,24 +127,30 @@ fn each_bad_measurement_gives_its_fault_blocks_the_gates_and_latches() {
 
 #[test]
 fn a_reference_that_is_not_finite_is_a_fault_of_its_own() {
-    let mut d = running::<f32>();
-    d.step(&healthy(), &Reference::Torque(f32::NAN));
-    assert!(matches!(d.status(), Status::Faulted { cause: Fault::Reference, .. }));
+    for scheme in SCHEMES {
+        let mut d = running::<f32>(scheme);
+        d.step(&healthy(), &Reference::Torque(f32::NAN));
+        assert!(matches!(d.status(), Status::Faulted { cause: Fault::Reference, .. }));
+    }
 }
 
 #[test]
 fn an_offset_at_rest_beyond_a_healthy_sensor_is_a_fault() {
-    let mut d = drive::<f64>();
-    let biased = Measurement { i_abc: [0.3, 0.0, 0.0], ..healthy() };
-    for _ in 0..30 {
-        d.step(&biased, &Reference::Speed(0.0));
+    for scheme in SCHEMES {
+        let mut d = drive::<f64>(scheme);
+        let biased = Measurement { i_abc: [0.3, 0.0, 0.0], ..healthy() };
+        for _ in 0..30 {
+            d.step(&biased, &Reference::Speed(0.0));
+        }
+        assert!(matches!(d.status(), Status::Faulted { cause: Fault::CurrentOffset, .. }));
     }
-    assert!(matches!(d.status(), Status::Faulted { cause: Fault::CurrentOffset, .. }));
 }
 
 #[test]
 fn a_stop_blocks_the_gates_at_once() {
-    let mut d = running::<f32>();
-    let out = d.step(&healthy(), &Reference::Stop);
-    assert!(!out.gates_on && d.status() == Status::Stopped);
+    for scheme in SCHEMES {
+        let mut d = running::<f32>(scheme);
+        let out = d.step(&healthy(), &Reference::Stop);
+        assert!(!out.gates_on && d.status() == Status::Stopped);
+    }
 }

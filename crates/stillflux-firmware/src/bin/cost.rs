@@ -4,19 +4,22 @@
 //! edge are counted by a loop of known length. What remains is an error of a few instructions a call, whose
 //! mean is removed with the call of an empty function. The blocks run beside the drive on what the drive
 //! gave them in this period, from copies of its state that start with it; that they return the drive's own
-//! numbers is checked in every period.
+//! numbers is checked in every period. The enhanced scheme has a trace of its own, with its filter and balance
+//! beside the drive: each period of the filter's block separately, as its work is spread over them.
 #![no_std]
 #![no_main]
 
 use core::hint::black_box;
 use cortex_m_rt::entry;
-use stillflux::config::{DriveConfig, SLOW_PERIODS, SPEED_PERIODS};
+use stillflux::config::{DriveConfig, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::FluxController;
 use stillflux::control::modulator::{Duty, applied, modulate};
 use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Estimate, Measurement, Output, Reference, Status};
+use stillflux::estimate::balance::{Balance, BalanceConfig};
 use stillflux::estimate::confidence::Confidence;
+use stillflux::estimate::filter::{self, Filter, FilterConfig};
 use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::resistance::ResistanceEstimator;
 use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
@@ -65,7 +68,15 @@ struct Costs {
     inverter_model: Cost,
     modulator: Cost,
     drive_step: Cost,
+    drive_step_enhanced: Cost,
+    filter: Cost,
+    /// The same by period of a block.
+    filter_part: [Cost; BLOCK],
+    balance: Cost,
 }
+
+/// Control periods in a block of the filter at the preset's 10 kHz.
+const BLOCK: usize = 10;
 
 /// Copies of the drive's blocks.
 struct Blocks<R: Word> {
@@ -178,6 +189,55 @@ impl<R: Word> Blocks<R> {
     }
 }
 
+/// Copies of the enhanced scheme's blocks.
+struct EnhancedBlocks<R: Word> {
+    filter: Filter<R>,
+    balance: Balance<R>,
+    /// Period within the filter's block.
+    part: usize,
+    /// Periods in which the copy's flux and the drive's were apart.
+    different: u32,
+}
+
+impl<R: Word> EnhancedBlocks<R> {
+    /// As the drive starts them in a machine at rest.
+    fn start(f: &FilterConfig<R>, drive: &Drive<R>, e: &Estimate<R>) -> Self {
+        let mut filter = Filter::new(f);
+        filter.start(f, &e.i_s);
+        filter.settle(f, drive.config().flux_control_config().psi_rated);
+        Self { filter, balance: Balance::default(), part: 0, different: 0 }
+    }
+
+    /// One period on the drive's own inputs, but for the voltage of the inverter model, which stays within the
+    /// drive: the one at the present current serves.
+    fn period(
+        &mut self,
+        costs: &mut Costs,
+        drive: &Drive<R>,
+        before: &Estimate<R>,
+        i_s: &AlphaBeta<R>,
+        input: &Input<R>,
+    ) {
+        let (c, e) = (drive.config(), drive.estimate());
+        let Some(f) = c.filter_config() else { return };
+        let i = input.measured.i_abc;
+        let sum = i[0] + i[1] + i[2];
+        let i_m = costs.balance.call(|| balance(&mut self.balance, c.balance_config(), i_s, sum));
+        let u_l = AlphaBeta::from_phases(c.inverter_model().distortion(&e.i_s, input.measured.u_dc, R::ONE));
+        let x = filter::Input { u_s: e.u_s, u_l, i_m, i_ref: before.i_dq_ref, omega_s: before.speed.omega_s };
+        let n = costs.filter.sum;
+        costs.filter.call(|| predict(&mut self.filter, f, &x));
+        let n = costs.filter.sum - n;
+        self.part = (self.part + 1) % BLOCK;
+        let part = &mut costs.filter_part[self.part];
+        part.calls += 1;
+        part.sum += n;
+        part.worst = part.worst.max(n as u32);
+        let apart = self.filter.value() - e.flux.psi_s;
+        self.different += u32::from(!apart.norm_sq().within(R::from_f64(0.01)));
+    }
+}
+
 /// Inputs of one period of the drive.
 struct Input<R: Word> {
     measured: Measurement<R>,
@@ -250,8 +310,16 @@ fn current_control<R: Word>(
     s.step(c.current_config(), i_ref, i, u_ff, u_max)
 }
 #[inline(never)]
+fn predict<R: Word>(s: &mut Filter<R>, c: &FilterConfig<R>, x: &filter::Input<R>) {
+    s.step(c, x, false);
+}
+#[inline(never)]
+fn balance<R: Word>(s: &mut Balance<R>, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) -> AlphaBeta<R> {
+    s.step(c, i, sum)
+}
+#[inline(never)]
 fn inverter_model<R: Word>(c: &DriveConfig<R>, i_s: &AlphaBeta<R>, u_dc: R) -> [R; 3] {
-    c.inverter_model().distortion(i_s, u_dc)
+    c.inverter_model().distortion(i_s, u_dc, R::ONE)
 }
 #[inline(never)]
 fn modulator<R: Word>(c: &DriveConfig<R>, u: &[R; 3], inv_u_dc: R) -> (Duty<R>, AlphaBeta<R>) {
@@ -265,13 +333,15 @@ fn drive_step<R: Word>(drive: &mut Drive<R>, input: &Input<R>) -> Output<R> {
 
 /// Runs a recorded trace and prints what it cost; `false` if it cannot be read or the blocks disagree.
 #[inline(never)]
-fn trace<R: Word>(path: &str) -> bool {
-    let (Some(mut file), Ok(mut control)) = (File::open(path, false), Control::<R>::new(&Parameters::preset())) else {
+fn trace<R: Word>(path: &str, scheme: Scheme) -> bool {
+    let (Some(mut file), Ok(mut control)) = (File::open(path, false), Control::<R>::new(&Parameters::preset(scheme)))
+    else {
         print(format_args!("cannot run {path}"));
         return false;
     };
     let mut costs = Costs::default();
     let mut blocks: Option<Blocks<R>> = None;
+    let mut enhanced: Option<EnhancedBlocks<R>> = None;
     let mut buffer = [0_u8; 256 * FRAME];
     loop {
         let n = file.read(&mut buffer) / FRAME;
@@ -285,7 +355,8 @@ fn trace<R: Word>(path: &str) -> bool {
             let was_running = control.drive.status() == Status::Running;
             costs.empty.call(|| empty(&mut 0));
             if was_running {
-                black_box(costs.drive_step.call(|| drive_step(&mut control.drive, &input)));
+                let cost = if scheme == Scheme::Paper { &mut costs.drive_step } else { &mut costs.drive_step_enhanced };
+                black_box(cost.call(|| drive_step(&mut control.drive, &input)));
             } else {
                 black_box(drive_step(&mut control.drive, &input));
             }
@@ -293,7 +364,16 @@ fn trace<R: Word>(path: &str) -> bool {
             let i = input.measured.i_abc;
             let i_off = drive.memory().i_off;
             let i_s = AlphaBeta::from_phases([i[0] - i_off[0], i[1] - i_off[1], i[2] - i_off[2]]);
-            match (&mut blocks, was_running, drive.status() == Status::Running) {
+            let runs = drive.status() == Status::Running;
+            if let Some(f) = drive.config().filter_config() {
+                match (&mut enhanced, was_running, runs) {
+                    (Some(b), true, true) => b.period(&mut costs, drive, &before, &i_s, &input),
+                    (b @ None, false, true) => *b = Some(EnhancedBlocks::start(f, drive, &drive.estimate())),
+                    _ => {}
+                }
+                continue;
+            }
+            match (&mut blocks, was_running, runs) {
                 (Some(b), true, true) => b.period(&mut costs, drive, &before, &i_s, &input),
                 (b @ None, false, true) => *b = Some(Blocks::start(drive.config(), &drive.estimate(), drive, i_s)),
                 _ => {}
@@ -301,6 +381,10 @@ fn trace<R: Word>(path: &str) -> bool {
         }
     }
     report::<R>(&costs);
+    if let Some(b) = enhanced {
+        print(format_args!("{{\"arithmetic\": \"{}\", \"filter_apart\": {}}}", R::NAME, b.different));
+        return b.different == 0;
+    }
     let different = blocks.map_or([u32::MAX; 5], |b| b.different);
     print(format_args!("{{\"arithmetic\": \"{}\", \"periods_different\": {different:?}}}", R::NAME));
     different == [0; 5]
@@ -321,7 +405,23 @@ fn report<R: Word>(costs: &Costs) {
         ("inverter_model", &costs.inverter_model),
         ("modulator", &costs.modulator),
         ("drive_step", &costs.drive_step),
+        ("drive_step_enhanced", &costs.drive_step_enhanced),
+        ("filter", &costs.filter),
+        ("filter_close", &costs.filter_part[0]),
+        ("filter_1", &costs.filter_part[1]),
+        ("filter_2", &costs.filter_part[2]),
+        ("filter_3", &costs.filter_part[3]),
+        ("filter_4", &costs.filter_part[4]),
+        ("filter_5", &costs.filter_part[5]),
+        ("filter_6", &costs.filter_part[6]),
+        ("filter_7", &costs.filter_part[7]),
+        ("filter_8", &costs.filter_part[8]),
+        ("filter_9", &costs.filter_part[9]),
+        ("balance", &costs.balance),
     ] {
+        if c.calls == 0 {
+            continue;
+        }
         let tenths = mean(c, overhead);
         print(format_args!(
             "{{\"arithmetic\": \"{}\", \"block\": \"{name}\", \"calls\": {}, \"mean\": {}.{}, \"worst\": {}}}",
@@ -347,11 +447,11 @@ fn main() -> ! {
     if let Some(mut peripherals) = cortex_m::Peripherals::take() {
         Clock::start(&mut peripherals.SYST);
     }
-    match (arguments.next(), arguments.next()) {
-        (Some(f), Some(q)) => {
-            let ok = trace::<f32>(f) & trace::<Q>(q);
-            board::exit(ok)
-        }
-        _ => board::exit(false),
-    }
+    let mut next = || arguments.next().unwrap_or("");
+    let (paper_f32, paper_q, enhanced_f32, enhanced_q) = (next(), next(), next(), next());
+    let ok = trace::<f32>(paper_f32, Scheme::Paper)
+        & trace::<Q>(paper_q, Scheme::Paper)
+        & trace::<f32>(enhanced_f32, Scheme::Enhanced)
+        & trace::<Q>(enhanced_q, Scheme::Enhanced);
+    board::exit(ok)
 }

@@ -11,6 +11,8 @@ use cortex_m_rt::{entry, exception};
 use stillflux::drive::Reference;
 use stillflux::scalar::Real;
 #[cfg(feature = "si-page")]
+use stillflux_firmware::SCHEME;
+#[cfg(feature = "si-page")]
 use stillflux_firmware::blob::{Blob, Parameters};
 use stillflux_firmware::board::{self, File, Handover, Mailbox, print};
 use stillflux_firmware::control::Control;
@@ -37,7 +39,7 @@ const PRESET: [u32; WORDS] = include!(concat!(env!("OUT_DIR"), "/page-q.rs"));
 #[cfg(feature = "si-page")]
 #[unsafe(link_section = ".rodata.parameters")]
 #[used]
-static PAGE: Blob = Blob::seal(&Parameters::preset());
+static PAGE: Blob = Blob::seal(&Parameters::preset(SCHEME));
 
 /// The one drive; none until the page is read.
 static CONTROL: Handover<Option<Control<Arithmetic>>> = Handover::new(None);

@@ -50,15 +50,20 @@ impl<R: Real> CurrentController<R> {
         let error = *i_ref - *i;
         let x = Dq::new(self.x[0].value(), self.x[1].value());
         let u = error * c.k_p + x + *u_ff;
+        self.x[0].add(c.k_i, error.re());
+        self.x[1].add(c.k_i, error.im());
         let n2 = u.norm_sq();
-        let (u_limited, e) = if likely(n2 <= u_max * u_max) {
-            (u, error)
+        let u_limited = if likely(n2 <= u_max * u_max) {
+            u
         } else {
             let limited = u * (u_max * n2.rsqrt());
-            (limited, error + (limited - u) * c.inv_k_p)
+            let cut = (limited - u) * c.inv_k_p;
+            self.x[0].add(c.k_i, cut.re());
+            self.x[1].add(c.k_i, cut.im());
+            limited
         };
-        self.x[0].add_limited(c.k_i, e.re(), u_max);
-        self.x[1].add_limited(c.k_i, e.im(), u_max);
+        self.x[0].limit(u_max);
+        self.x[1].limit(u_max);
         u_limited
     }
 }

@@ -37,7 +37,7 @@ pub struct FluxControlConfig<R: Real> {
     pub pull_out: R,
     /// Proportional gain.
     pub k_p: R,
-    /// Integral gain times the control period.
+    /// Integral gain times the time between two calls.
     pub k_i: R,
     /// Stator frequency below which the PI part is off.
     pub omega_begin: R,

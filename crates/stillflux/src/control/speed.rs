@@ -14,7 +14,7 @@ use crate::words::words;
 pub struct SpeedControlConfig<R: Real> {
     /// Proportional gain, torque per speed.
     pub k_p: R,
-    /// Integral gain times the control period.
+    /// Integral gain times the time between two calls.
     pub k_i: R,
     /// Largest torque.
     pub torque_max: R,

@@ -26,13 +26,13 @@ pub const SIGMA_HALF: f64 = 0.261_8;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct ConfidenceConfig<R: Real> {
-    /// Control period, normalised.
+    /// Time between two calls, normalised.
     pub t_s: R,
     /// Voltage uncertainty that no estimate can remove, per unit.
     pub u_floor: R,
     /// Offset uncertainty before the offset estimator has made its first correction, per unit.
     pub u_initial: R,
-    /// Corner frequency of the low-pass of `|u_hf|`, times the control period.
+    /// Corner frequency of the low-pass of `|u_hf|`, times that time.
     pub corner: R,
 }
 words!(ConfidenceConfig: t_s, u_floor, u_initial, corner);
@@ -59,7 +59,7 @@ impl<R: Real> Confidence<R> {
         *self = Self::default();
     }
 
-    /// One period; `offset_uncertainty` is the latest correction of the offset estimator, if there was one.
+    /// One call; `offset_uncertainty` is the latest correction of the offset estimator, if there was one.
     #[inline(always)]
     pub fn step(&mut self, c: &ConfidenceConfig<R>, omega_s: R, u_hf: R, offset_uncertainty: Option<R>) -> R {
         let effort = self.effort.value();

@@ -29,7 +29,7 @@ pub struct ResistanceConfig<R: Real> {
     pub l_sum: R,
     /// `l_s · σl_s`.
     pub l_product: R,
-    /// Gain at partial load, motoring, per unit of `r_s` and control period; elsewhere a tenth of it.
+    /// Gain at partial load, motoring, per unit of `r_s` and call; elsewhere a tenth of it.
     pub gain: R,
     /// Smallest `|i_q|`.
     pub i_q_min: R,
@@ -41,9 +41,9 @@ pub struct ResistanceConfig<R: Real> {
     pub omega_max: R,
     /// Change of `i_q` against its low-pass that counts as a transient.
     pub transient: R,
-    /// Corner frequency of that low-pass times the control period.
+    /// Corner frequency of that low-pass times the time between two calls.
     pub corner: R,
-    /// Periods for which a transient freezes the adaptation.
+    /// Calls for which a transient freezes the adaptation.
     pub hold: u32,
 }
 words!(ResistanceConfig: l_sum, l_product, gain, i_q_min, i_q_high, omega_min, omega_max, transient, corner, hold);
@@ -66,7 +66,7 @@ impl<R: Real> ResistanceEstimator<R> {
         *self = Self { r_s: Integrator::new(r_s), prior: r_s, ..Self::default() };
     }
 
-    /// One period in field coordinates; returns `r̂_s`.
+    /// One call in field coordinates; returns `r̂_s`.
     #[inline(always)]
     pub fn step(&mut self, c: &ResistanceConfig<R>, psi_s: R, i: &Dq<R>, omega_s: R, omega_m: R) -> R {
         let (i_d, i_q) = (i.re(), i.im());

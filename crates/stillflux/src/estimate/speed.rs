@@ -24,7 +24,7 @@ use crate::words::words;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct SpeedConfig<R: Real> {
-    /// Control period, normalised.
+    /// Time between two calls, normalised.
     pub t_s: R,
     /// `σl_s`.
     pub sigma_l_s: R,
@@ -32,7 +32,7 @@ pub struct SpeedConfig<R: Real> {
     pub r_r: R,
     /// Proportional gain `2 ζ ω_n` of the loop, per unit of frequency.
     pub k_p: R,
-    /// Integral gain `ω_n²` times the control period.
+    /// Integral gain `ω_n²` times the time between two calls.
     pub k_i: R,
     /// Largest speed.
     pub omega_max: R,
@@ -60,7 +60,7 @@ pub struct SpeedEstimate<R: Real> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct SpeedEstimator<R: Real> {
     angle: Rotator<R>,
-    /// `1/|ψ̂_R|` of the last period.
+    /// `1/|ψ̂_R|` of the last call.
     inv_psi_r: R,
     omega_m: QuickIntegrator<R>,
 }
@@ -73,7 +73,7 @@ impl<R: Real> SpeedEstimator<R> {
         self.inv_psi_r = R::ZERO;
     }
 
-    /// One period.
+    /// One call.
     #[inline(always)]
     pub fn step(&mut self, c: &SpeedConfig<R>, psi_s: &AlphaBeta<R>, i_s: &AlphaBeta<R>) -> SpeedEstimate<R> {
         let psi_r = *psi_s - *i_s * c.sigma_l_s;

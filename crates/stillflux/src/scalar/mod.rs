@@ -278,7 +278,14 @@ impl<R: Real, S: Sum<R>> Integrator<R, S> {
     /// Adds `gain · x` and limits to `-bound ..= bound`.
     #[inline]
     pub fn add_limited(&mut self, gain: R, x: R, bound: R) -> R {
-        let y = self.add(gain, x);
+        self.add(gain, x);
+        self.limit(bound)
+    }
+
+    /// Limits to `-bound ..= bound`.
+    #[inline]
+    pub fn limit(&mut self, bound: R) -> R {
+        let y = self.value();
         if likely(y.within(bound)) { y } else { self.stop(outside(y, -bound, bound)) }
     }
 

@@ -110,7 +110,8 @@ impl<R: Real> Covariance<R> {
     /// What a measurement takes from rows `from .. to`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`.
     #[inline(always)]
     pub fn reduce(&mut self, ph: &Column<R>, gain: &Column<R>, (from, to): (usize, usize), floor: R) {
-        for i in from..to {
+        // The bound is there for the compiler to see.
+        for i in from..to.min(N) {
             for j in 0..=i {
                 *self.get_mut(i, j) -= ph[i] * gain[j];
             }
