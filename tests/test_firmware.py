@@ -91,14 +91,14 @@ def test_a_planted_violation_is_noticed(chain: Any, feature: str, kind: str) -> 
 def test_stack_and_memory_stay_within_their_budget(built: tuple[str, Path]) -> None:
     _, elf = built
     listing = image.Image(elf)
-    assert listing.stack(ISR) <= 768
+    assert listing.stack(ISR) <= 960
     # Both schemes are in every image.
-    assert sum(f.size for f in listing.reachable(ISR)) <= 27 * 1024
+    assert sum(f.size for f in listing.reachable(ISR)) <= 28 * 1024
 
 
 def test_a_stack_beyond_the_budget_is_noticed(chain: Any) -> None:
     elf = toolchain.build(chain, "drive", "plant-violation-stack")
-    assert image.Image(elf).stack(ISR) > 768
+    assert image.Image(elf).stack(ISR) > 960
 
 
 def test_a_torn_parameter_page_keeps_the_bridge_blocked(chain: Any) -> None:
@@ -122,7 +122,7 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
     for arithmetic in cost.ARITHMETICS:
         assert report["drive_step"][f"{arithmetic}_worst"] <= 1.5 * report["drive_step"][arithmetic]
         assert report["ram_drive"][arithmetic] <= 1536
-        assert report["flash_library"][arithmetic] <= 32 * 1024
+        assert report["flash_library"][arithmetic] <= 33 * 1024
         exact = report["accuracy"]["f64"]
         assert report["accuracy"][arithmetic]["angle_worst_deg"] < exact["angle_worst_deg"] + 0.5
         assert report["accuracy"][arithmetic]["speed_rms_pu"] < exact["speed_rms_pu"] + 2e-4
