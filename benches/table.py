@@ -26,13 +26,18 @@ BLOCKS = {
     "inverter model": "inverter_model",
     "modulator": "modulator",
     "drive step": "drive_step",
+    "filter": "filter",
+    "balance": "balance",
+    "drive step enhanced": "drive_step_enhanced",
 }
+#: Names of the counted drive steps.
+STEPS = {"drive step": "recorded", "drive step enhanced": "enhanced"}
 MISSING = "–"
 
 
 def nanoseconds(block: str, arithmetic: str) -> str:
     """Mean time of criterion's last run."""
-    folder = f"drive step_{arithmetic}" if block == "drive step" else f"block/{block}/{arithmetic}"
+    folder = f"{block}_{arithmetic}" if block in STEPS else f"block/{block}/{arithmetic}"
     file = TARGET / "criterion" / folder / "new" / "estimates.json"
     if not file.exists():
         return MISSING
@@ -43,8 +48,8 @@ def instructions(block: str, arithmetic: str) -> str:
     """Of gungraun's last run."""
     group = TARGET / "gungraun" / "stillflux-benches" / "instructions" / "counting" / f"all_{arithmetic}"
     name = (
-        f"drive_step_{arithmetic}.recorded"
-        if block == "drive step"
+        f"drive_step_{arithmetic}.{STEPS[block]}"
+        if block in STEPS
         else f"block_{arithmetic}.{block.replace(' ', '_')}"
     )
     found = [

@@ -4,6 +4,7 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use stillflux::config::Scheme;
 use stillflux::drive::{Reference, Status};
 use stillflux::scalar::{Q, Real};
 use stillflux_benches::{OMEGA, running};
@@ -17,11 +18,11 @@ fn blocks<R: Real>(c: &mut Criterion) {
 }
 
 /// Replays a recorded stretch of a closed loop, over and over from its beginning.
-fn drive<R: Real>(c: &mut Criterion) {
-    let (begin, samples) = running::<R>(2000);
+fn drive<R: Real>(c: &mut Criterion, name: &str, scheme: Scheme) {
+    let (begin, samples) = running::<R>(scheme, 2000);
     let reference = Reference::Speed(R::from_f64(OMEGA));
     let (mut drive, mut at) = (begin, 0);
-    c.bench_function(&format!("drive step/{}", R::NAME), |b| {
+    c.bench_function(&format!("{name}/{}", R::NAME), |b| {
         b.iter(|| {
             if at == samples.len() {
                 (drive, at) = (begin, 0);
@@ -37,9 +38,11 @@ fn all(c: &mut Criterion) {
     blocks::<f32>(c);
     blocks::<f64>(c);
     blocks::<Q>(c);
-    drive::<f32>(c);
-    drive::<f64>(c);
-    drive::<Q>(c);
+    for (name, scheme) in [("drive step", Scheme::Paper), ("drive step enhanced", Scheme::Enhanced)] {
+        drive::<f32>(c, name, scheme);
+        drive::<f64>(c, name, scheme);
+        drive::<Q>(c, name, scheme);
+    }
 }
 
 criterion_group! {

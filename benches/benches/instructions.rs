@@ -10,6 +10,7 @@ use std::hint::black_box;
 use std::process::{Command, Stdio};
 
 use gungraun::{library_benchmark, library_benchmark_group};
+use stillflux::config::Scheme;
 use stillflux::drive::{Drive, Measurement, Reference};
 use stillflux::scalar::{Q, Real};
 use stillflux_benches::{Call, OMEGA, blocks, running};
@@ -44,6 +45,8 @@ macro_rules! arithmetic {
         #[bench::speed_control("speed control")]
         #[bench::inverter_model("inverter model")]
         #[bench::modulator("modulator")]
+        #[bench::filter("filter")]
+        #[bench::balance("balance")]
         fn $blocks(mut call: Call) -> Call {
             for _ in 0..PERIODS {
                 call();
@@ -52,7 +55,8 @@ macro_rules! arithmetic {
         }
 
         #[library_benchmark]
-        #[bench::recorded(running(PERIODS))]
+        #[bench::recorded(running(Scheme::Paper, PERIODS))]
+        #[bench::enhanced(running(Scheme::Enhanced, PERIODS))]
         fn $drive(recorded: (Drive<$real>, Vec<Measurement<$real>>)) -> Drive<$real> {
             replay(recorded)
         }

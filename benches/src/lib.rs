@@ -7,13 +7,15 @@
 use std::hint::black_box;
 
 use stillflux::base::{Base, PerUnit};
-use stillflux::config::{DriveConfig, DriveParams, SPEED_PERIODS};
+use stillflux::config::{DriveConfig, DriveParams, SPEED_PERIODS, Scheme};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::FluxController;
 use stillflux::control::modulator::{applied, modulate};
 use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Measurement, Reference, Status};
+use stillflux::estimate::balance::Balance;
 use stillflux::estimate::confidence::Confidence;
+use stillflux::estimate::filter::Filter;
 use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::resistance::ResistanceEstimator;
 use stillflux::estimate::speed::SpeedEstimator;
@@ -45,13 +47,19 @@ pub fn scenario(duration: f64) -> Scenario {
     s
 }
 
+/// A configuration of that machine.
+fn configuration<R: Real>(scheme: Scheme) -> DriveConfig<R> {
+    let (machine, inverter) = machine();
+    let params = DriveParams { scheme, ..DriveParams::new(&machine, &inverter) };
+    DriveConfig::new(&machine, &inverter, &params).expect("valid parameters")
+}
+
 /// A drive that runs, and the measurements of its next periods.
 #[must_use]
-pub fn running<R: Real>(samples: usize) -> (Drive<R>, Vec<Measurement<R>>) {
+pub fn running<R: Real>(scheme: Scheme, samples: usize) -> (Drive<R>, Vec<Measurement<R>>) {
     let (machine, inverter) = machine();
     let base = Base::new(&machine);
-    let params = DriveParams::new(&machine, &inverter);
-    let mut drive = Drive::new(DriveConfig::new(&machine, &inverter, &params).expect("valid parameters"));
+    let mut drive = Drive::new(configuration(scheme));
     let mut plant = Plant::new(PlantParams::new(machine, inverter)).expect("valid parameters");
     let mut sample = plant.sample();
     let mut step = |drive: &mut Drive<R>, omega: f64, load: f64| {
@@ -72,7 +80,7 @@ pub fn running<R: Real>(samples: usize) -> (Drive<R>, Vec<Measurement<R>>) {
 }
 
 /// Names of the [`blocks`].
-pub const BLOCKS: [&str; 9] = [
+pub const BLOCKS: [&str; 11] = [
     "flux estimator",
     "speed",
     "resistance",
@@ -82,19 +90,21 @@ pub const BLOCKS: [&str; 9] = [
     "speed control",
     "inverter model",
     "modulator",
+    "filter",
+    "balance",
 ];
 
 /// A block with its state and inputs, ready for a call.
 pub type Call = Box<dyn FnMut()>;
 
-/// One call of each block in an undisturbed period.
+/// One call of each block in an undisturbed period; of the filter, ten periods make a block of its work.
 #[must_use]
-pub fn blocks<R: Real>() -> [(&'static str, Call); 9] {
+pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
     let r = R::from_f64;
     let (machine, inverter) = machine();
-    let config: &'static DriveConfig<R> = Box::leak(Box::new(
-        DriveConfig::new(&machine, &inverter, &DriveParams::new(&machine, &inverter)).expect("valid parameters"),
-    ));
+    let config: &'static DriveConfig<R> = Box::leak(Box::new(configuration(Scheme::Paper)));
+    let enhanced: &'static DriveConfig<R> = Box::leak(Box::new(configuration(Scheme::Enhanced)));
+    let filter_config = enhanced.filter_config().expect("the scheme has one");
     let model = InverterModel::new(&machine, &inverter, &PerUnit::<R>::new(&machine, &inverter).expect("valid"));
     let timer = Timer::new(8500);
     let (u, i) = (AlphaBeta::new(r(0.05), r(0.03)), AlphaBeta::new(r(0.6), r(0.4)));
@@ -113,7 +123,11 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 9] {
     let mut current = CurrentController::default();
     let mut flux_control = FluxController::default();
     let mut speed_control = SpeedController::default();
-    let calls: [Call; 9] = [
+    let mut filter = Filter::new(filter_config);
+    filter.start(filter_config, &i);
+    filter.settle(filter_config, R::ONE);
+    let mut balance = Balance::default();
+    let calls: [Call; 11] = [
         Box::new(move || {
             period += 1;
             if period % SPEED_PERIODS == 0 {
@@ -145,6 +159,13 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 9] {
         }),
         Box::new(move || {
             black_box(applied(&modulate(black_box([r(0.1), r(-0.2), r(0.1)]), r(0.6), Some(&timer))));
+        }),
+        Box::new(move || {
+            filter.step(filter_config, black_box(&u), &u, &i, &i_ref, r(0.03), false);
+            black_box(filter.magnitude());
+        }),
+        Box::new(move || {
+            black_box(balance.step(enhanced.balance_config(), black_box(&i), R::ZERO));
         }),
     ];
     let mut names = BLOCKS.into_iter();

@@ -10,14 +10,14 @@
 use stillflux::base::Base;
 use stillflux::config::Scheme;
 use stillflux::drive::Memory;
-use stillflux::params::{Inverter, Machine};
+use stillflux::params::{Inverter, Machine, Saturation};
 use stillflux::scalar::Real;
 use stillflux::space::AlphaBeta;
 
 /// `sfx1`: changes with the layout.
 const MAGIC: u32 = 0x3178_6673;
 /// Values in a page.
-const VALUES: usize = 25;
+const VALUES: usize = 28;
 /// Magic, length, values as two words each, CRC.
 const WORDS: usize = 2 + 2 * VALUES + 1;
 
@@ -78,6 +78,11 @@ impl Blob {
     /// The page that holds `p`. `const`: a linker places it, no code runs.
     pub const fn seal(p: &Parameters) -> Self {
         let (m, inv) = (&p.machine, &p.inverter);
+        // No saturation curve: zeros.
+        let Saturation { L_u, a, S } = match m.saturation {
+            Some(s) => s,
+            None => Saturation { L_u: 0.0, a: 0.0, S: 0.0 },
+        };
         let values: [f64; VALUES] = [
             m.R_s,
             m.R_R,
@@ -104,6 +109,9 @@ impl Blob {
             p.i_off[1],
             p.i_off[2],
             p.scheme as u32 as f64,
+            L_u,
+            a,
+            S,
         ];
         let mut words = [0; WORDS];
         words[0] = MAGIC;
@@ -129,9 +137,10 @@ impl Blob {
             core::array::from_fn(|k| f64::from_bits(u64::from(words[3 + 2 * k]) << 32 | u64::from(words[2 + 2 * k])));
         #[rustfmt::skip]
         let [R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, u_dc, f_s, u_th, r_d, dead_time, f_clk,
-             i_full, u_full, u_alpha, u_beta, r_s, i_a, i_b, i_c, scheme] = v;
+             i_full, u_full, u_alpha, u_beta, r_s, i_a, i_b, i_c, scheme, L_u, a, S] = v;
+        let saturation = (L_u != 0.0).then_some(Saturation { L_u, a, S });
         Some(Parameters {
-            machine: Machine { R_s, R_R, L_sigma, L_M, n_p: n_p as u32, J, U_N, I_N, f_N, T_N, saturation: None },
+            machine: Machine { R_s, R_R, L_sigma, L_M, n_p: n_p as u32, J, U_N, I_N, f_N, T_N, saturation },
             inverter: Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk },
             i_full,
             u_full,

@@ -298,7 +298,8 @@ impl Drive {
         self.settings.bind(py).copy()
     }
 
-    /// Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A).
+    /// Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A), loss_error
+    /// (of the inverter model's voltage, relative), L_M (H).
     fn memory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         memory_dict(py, &self.drive.memory())
     }

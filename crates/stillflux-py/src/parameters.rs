@@ -173,7 +173,7 @@ fn scheme_of(name: &str) -> PyResult<Scheme> {
     match name {
         "enhanced" => Ok(Scheme::Enhanced),
         "paper" => Ok(Scheme::Paper),
-        _ => Err(PyValueError::new_err(format!("scheme = {name:?} is not one of 'enhanced', 'paper'"))),
+        _ => Err(PyValueError::new_err(format!("scheme = '{name}' is not one of 'enhanced', 'paper'"))),
     }
 }
 

@@ -1,4 +1,5 @@
-//! Field angle and speed error of each arithmetic over a minute at zero stator frequency, as one line of JSON.
+//! Field angle and speed error of each arithmetic over a minute at zero stator frequency in the published scheme, as
+//! one line of JSON.
 //!
 //! Each drive runs on its own plant (switching model, current offsets, 12-bit converters) and is judged by
 //! that plant's truth: nothing ties the absolute angle of a field at standstill, so the three paths part.
@@ -7,6 +8,7 @@ use std::borrow::Cow;
 use std::error::Error;
 
 use stillflux::base::Base;
+use stillflux::config::Scheme;
 use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine};
 use stillflux_sim::si::Arithmetic;
@@ -37,6 +39,7 @@ fn run(arithmetic: Arithmetic) -> Result<(f64, f64, f64), Box<dyn Error>> {
     let base = Base::new(&machine);
     let mut s = Scenario::new(machine, inverter, TO);
     s.arithmetic = arithmetic;
+    s.drive.scheme = Scheme::Paper;
     s.drive.calibrate_offset = false;
     let i = 0.00625 * base.i;
     s.plant.adc.offset = [i, 0.366 * i, -1.366 * i];

@@ -8,13 +8,15 @@
 use std::cell::Cell;
 use std::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS};
+use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::FluxController;
 use stillflux::control::modulator::{applied, modulate};
 use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Measurement, Reference, Status};
+use stillflux::estimate::balance::Balance;
 use stillflux::estimate::confidence::Confidence;
+use stillflux::estimate::filter::Filter;
 use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::resistance::ResistanceEstimator;
 use stillflux::estimate::speed::SpeedEstimator;
@@ -170,6 +172,9 @@ impl Sum<Counted> for f64 {
 
 type R = Counted;
 
+/// Control periods in a block of the filter at 10 kHz.
+const BLOCK: u32 = 10;
+
 /// Operations of the second of two calls: the first one settles what the state remembers.
 fn operations<T>(call: impl FnMut() -> T) -> u32 {
     mean(1, call)
@@ -189,7 +194,12 @@ fn mean<T>(n: u32, mut call: impl FnMut() -> T) -> u32 {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
-    let config = DriveConfig::<R>::new(&machine, &inverter, &DriveParams::new(&machine, &inverter))?;
+    let of = |scheme| {
+        let params = DriveParams { scheme, ..DriveParams::new(&machine, &inverter) };
+        DriveConfig::<R>::new(&machine, &inverter, &params)
+    };
+    let (config, enhanced) = (of(Scheme::Paper)?, of(Scheme::Enhanced)?);
+    let filter_config = enhanced.filter_config().ok_or("no filter")?;
     let r = Counted;
     let v = |x: f64, y: f64| AlphaBeta::new(r(x), r(y));
     let (psi, i, u) = (v(0.7, 0.7), v(0.5, 0.6), v(0.04, 0.05));
@@ -206,6 +216,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut flux_control = FluxController::default();
     let mut current_control = CurrentController::default();
     let mut drive = running(config);
+    let mut filter = Filter::new(filter_config);
+    filter.start(filter_config, &i);
+    filter.settle(filter_config, r(1.0));
+    let mut balance = Balance::default();
+    let mut enhanced_drive = running(enhanced);
     let half = r(0.3);
     let measured = Measurement { i_abc: [r(0.6), -half, -half], u_dc: r(1.65) };
     let resistance_config = *config.resistance_config().ok_or("no adaptation")?;
@@ -239,6 +254,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("inverter_model", operations(|| config.inverter_model().distortion(&i, r(1.65), r(1.0)))),
         ("modulator", operations(|| applied(&modulate([r(0.1), r(-0.3), r(0.2)], r(0.6), config.timer())))),
         ("drive_step", mean(SLOW_PERIODS, || drive.step(&measured, &Reference::Speed(r(0.0))))),
+        ("filter", mean(BLOCK, || filter.step(filter_config, &u, &u, &i, &i_dq, r(0.05), false))),
+        ("balance", operations(|| balance.step(enhanced.balance_config(), &i, r(0.0)))),
+        (
+            "drive_step_enhanced",
+            mean(SLOW_PERIODS * BLOCK, || enhanced_drive.step(&measured, &Reference::Speed(r(0.0)))),
+        ),
     ];
     let fields: Vec<_> = table.iter().map(|(name, n)| format!("\"{name}\": {n}")).collect();
     println!("{{{}}}", fields.join(", "));

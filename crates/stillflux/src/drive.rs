@@ -326,7 +326,7 @@ impl<R: Real> Drive<R> {
     /// One control period.
     pub fn step(&mut self, measured: &Measurement<R>, reference: &Reference<R>) -> Output<R> {
         self.period = self.period.wrapping_add(1);
-        let Some((i_s, sum)) = self.acquire(measured) else {
+        let Some(i_s) = self.acquire(measured) else {
             return self.blocked();
         };
         let running = likely(self.status == Status::Running && reference.is_admissible());
@@ -337,37 +337,64 @@ impl<R: Real> Drive<R> {
         self.inv_u_dc = u_dc.recip_next(self.inv_u_dc).unwrap_or_else(|| u_dc.recip());
         let u_max = u_dc * self.config.u_utilisation;
         // Written two calls ago; this call's entry takes its place.
-        let slot = (self.period & 1) as usize;
-        let last = self.in_flight[slot];
+        let last = self.in_flight[self.slot()];
         let u_s = last.ideal * u_dc - last.loss;
         self.estimate.u_s = u_s;
-        let x = Applied { i_s, sum, u_s, u_l: last.loss };
-
-        let (u_ref, i_ref) = if likely(running) {
-            self.control(&x, u_max)
-        } else if matches!(self.observer, Observer::Published(_)) {
-            self.magnetise(&x, u_max)
-        } else {
-            self.build_up(&x, u_max)
-        };
-
-        // The inverter model sees the current that will flow then: the reference, free from noise.
-        let loss = self.config.inverter.distortion(&i_ref, u_dc, self.observer.loss_gain());
-        let u = u_ref.to_phases();
-        let duty =
-            modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], self.inv_u_dc, self.config.timer.as_ref());
-        self.in_flight[slot] = InFlight { ideal: applied(&duty), loss: AlphaBeta::from_phases(loss) };
-
+        if matches!(self.observer, Observer::Enhanced(_)) {
+            let [a, b, c] = measured.i_abc;
+            let sum = a - self.i_off[0] + (b - self.i_off[1]) + (c - self.i_off[2]);
+            let x = Applied { i_s, sum, u_s, u_l: last.loss };
+            return self.step_enhanced(&x, u_dc, u_max, reference, running);
+        }
+        let (u_ref, i_ref) =
+            if likely(running) { self.control(&i_s, &u_s, u_max) } else { self.magnetise(&i_s, &u_s, u_max) };
+        let duty = self.command(&u_ref, &i_ref, u_dc, R::ONE);
         if likely(running) {
             self.turn(reference, u_max);
         }
         Output { duty, gates_on: true }
     }
 
-    /// Checks the measurement; the current vector and the sum of the currents, if measurement and drive can be
-    /// worked with.
+    /// The rest of a period of the enhanced scheme, under control or on the way to it.
+    // Apart, so that the published scheme's period stays straight.
+    #[inline(never)]
+    fn step_enhanced(
+        &mut self,
+        x: &Applied<R>,
+        u_dc: R,
+        u_max: R,
+        reference: &Reference<R>,
+        running: bool,
+    ) -> Output<R> {
+        let (u_ref, i_ref) = if likely(running) { self.control_enhanced(x, u_max) } else { self.build_up(x, u_max) };
+        let duty = self.command(&u_ref, &i_ref, u_dc, self.observer.loss_gain());
+        if likely(running) {
+            self.turn(reference, u_max);
+        }
+        Output { duty, gates_on: true }
+    }
+
+    /// Place of this period's voltage on its way to the machine.
+    #[inline(always)]
+    fn slot(&self) -> usize {
+        (self.period & 1) as usize
+    }
+
+    /// Duties for a voltage and current reference; `gain` is what the inverter model has to be multiplied by.
+    #[inline(always)]
+    fn command(&mut self, u_ref: &AlphaBeta<R>, i_ref: &AlphaBeta<R>, u_dc: R, gain: R) -> Duty<R> {
+        // The inverter model sees the current that will flow then: the reference, free from noise.
+        let loss = self.config.inverter.distortion(i_ref, u_dc, gain);
+        let u = u_ref.to_phases();
+        let duty =
+            modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], self.inv_u_dc, self.config.timer.as_ref());
+        self.in_flight[self.slot()] = InFlight { ideal: applied(&duty), loss: AlphaBeta::from_phases(loss) };
+        duty
+    }
+
+    /// Checks the measurement; the current vector, if measurement and drive can be worked with.
     #[inline]
-    fn acquire(&mut self, m: &Measurement<R>) -> Option<(AlphaBeta<R>, R)> {
+    fn acquire(&mut self, m: &Measurement<R>) -> Option<AlphaBeta<R>> {
         let c = &self.config;
         let i = [m.i_abc[0] - self.i_off[0], m.i_abc[1] - self.i_off[1], m.i_abc[2] - self.i_off[2]];
         // One comparison for four: no channel near its range, the vector below the trip level. Written so that
@@ -376,7 +403,7 @@ impl<R: Real> Drive<R> {
         if !likely(sum <= c.i_plain_sq && m.u_dc >= c.u_dc_min && m.u_dc <= c.u_dc_max) {
             self.examine(m)?;
         }
-        Some((AlphaBeta::from_phases(i), i[0] + i[1] + i[2]))
+        Some(AlphaBeta::from_phases(i))
     }
 
     /// What is wrong with a measurement, if anything.
@@ -451,17 +478,17 @@ impl<R: Real> Drive<R> {
     /// Direct current along the a-axis; its last quarter gives `r̂_s`.
     #[cold]
     #[inline(never)]
-    fn magnetise(&mut self, x: &Applied<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
+    fn magnetise(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
         let c = &self.config;
         let i_ref = self.magnetising_current();
         let field = Rotator::default();
-        let i_dq = field.to_field(&x.i_s);
+        let i_dq = field.to_field(i_s);
         let u = self.current_control.step(&c.current, &i_ref, &i_dq, &(i_ref * c.pu.r_s), u_max);
 
         let left = c.magnetise_periods.saturating_sub(self.stage);
         if left < c.r_s_periods {
             // u_d / i_d*, averaged: no current offset is left in it, no threshold, and no dψ/dt.
-            self.r_s_sum.add(c.inv_r_s_periods * i_ref.re().recip(), x.u_s.re());
+            self.r_s_sum.add(c.inv_r_s_periods * i_ref.re().recip(), u_s.re());
         }
         self.estimate.i_dq = i_dq;
         self.estimate.i_dq_ref = i_ref;
@@ -472,7 +499,7 @@ impl<R: Real> Drive<R> {
                     let r = c.pu.r_s;
                     o.resistance.start(self.r_s_sum.value().clamp(r * R::HALF, r * R::from_f64(1.5)));
                 }
-                o.flux.start(psi, x.i_s);
+                o.flux.start(psi, *i_s);
                 o.flux.follow(&c.flux, R::ZERO);
                 o.confidence.start();
             }
@@ -564,14 +591,35 @@ impl<R: Real> Drive<R> {
         self.enter(Status::Running);
     }
 
-    /// What every period needs: observer and current control.
+    /// What every period of the enhanced scheme needs: filter and current control.
     #[inline(always)]
-    fn control(&mut self, x: &Applied<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
+    fn control_enhanced(&mut self, x: &Applied<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
+        let (c, e) = (&self.config, &self.estimate);
+        let mut seen = Seen::default();
+        if let (Observer::Enhanced(o), Some(f)) = (&mut self.observer, &c.filter) {
+            seen = o.period(f, c, x, &e.i_dq_ref, e.speed.omega_s, false);
+        }
+        self.follow(&seen, u_max)
+    }
+
+    /// What every period of the published scheme needs: flux estimator and current control.
+    #[inline(always)]
+    fn control(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
+        let (c, e) = (&self.config, &self.estimate);
+        let mut seen = Seen::default();
+        if let Observer::Published(o) = &mut self.observer {
+            seen = o.step(c, i_s, u_s, e.psi_ref);
+        }
+        self.follow(&seen, u_max)
+    }
+
+    /// Current control on what the observer has seen. Voltage and current references for the period in which the
+    /// duties act.
+    #[inline(always)]
+    fn follow(&mut self, seen: &Seen<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
         let c = &self.config;
         let e = &mut self.estimate;
-        let seen = self.observer.step(c, x, e.psi_ref, &e.i_dq_ref, e.speed.omega_s);
         (e.i_s, e.i_dq) = (seen.i_s, seen.i_dq);
-
         let i_ref = e.i_dq_ref;
         // The duties act from one to two periods after the sample: references are turned to their middle.
         let ahead = seen.field.ahead(e.speed.omega_s * c.t_ahead);

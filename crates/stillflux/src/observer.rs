@@ -80,27 +80,6 @@ impl<R: Real> Observer<R> {
         }
     }
 
-    /// One period under control.
-    #[inline(always)]
-    pub fn step(&mut self, c: &DriveConfig<R>, x: &Applied<R>, psi_ref: R, i_ref: &Dq<R>, omega_s: R) -> Seen<R> {
-        match self {
-            Self::Published(o) => {
-                let r_s = o.resistance.r_s();
-                o.flux.step(&c.flux, &x.u_s, &x.i_s, r_s, psi_ref);
-                let field = o.flux.field();
-                // What û_off stands for is first of all an offset of the current sensors, û_off = -r_s i_off.
-                // The flux estimator has it removed already; control and inverter model get the current
-                // without it.
-                let i_s = x.i_s + o.flux.offset.u_off() * c.inv_r_s;
-                Seen { field, magnitude: o.flux.magnitude(), r_s, i_s, i_dq: field.to_field(&i_s) }
-            }
-            Self::Enhanced(o) => match &c.filter {
-                Some(f) => o.step(f, c, x, i_ref, omega_s, false),
-                None => Seen::default(),
-            },
-        }
-    }
-
     /// Stator flux.
     #[inline(always)]
     pub fn psi_s(&self) -> AlphaBeta<R> {
@@ -177,11 +156,24 @@ impl<R: Real> Observer<R> {
     }
 }
 
+impl<R: Real> Published<R> {
+    /// One period under control.
+    #[inline(always)]
+    pub fn step(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, psi_ref: R) -> Seen<R> {
+        let r_s = self.resistance.r_s();
+        self.flux.step(&c.flux, u_s, i_s, r_s, psi_ref);
+        let field = self.flux.field();
+        // What û_off stands for is first of all an offset of the current sensors, û_off = -r_s i_off. The flux
+        // estimator has it removed already; control and inverter model get the current without it.
+        let i_s = *i_s + self.flux.offset.u_off() * c.inv_r_s;
+        Seen { field, magnitude: self.flux.magnitude(), r_s, i_s, i_dq: field.to_field(&i_s) }
+    }
+}
+
 impl<R: Real> Enhanced<R> {
     /// One period; `blind` while the machine has no flux.
-    // Called once from each path, and not inlined: the published scheme's period stays free of it.
-    #[inline(never)]
-    pub fn step(
+    #[inline(always)]
+    pub fn period(
         &mut self,
         f: &FilterConfig<R>,
         c: &DriveConfig<R>,
@@ -194,6 +186,21 @@ impl<R: Real> Enhanced<R> {
         self.filter.step(f, &Input { u_s: x.u_s, u_l: x.u_l, i_m, i_ref: *i_ref, omega_s }, blind);
         let o = &self.filter;
         Seen { field: o.field(), magnitude: o.magnitude(), r_s: o.r_s(), i_s: o.i_s(), i_dq: o.i_dq() }
+    }
+
+    /// The same where instructions do not count.
+    #[cold]
+    #[inline(never)]
+    pub fn step(
+        &mut self,
+        f: &FilterConfig<R>,
+        c: &DriveConfig<R>,
+        x: &Applied<R>,
+        i_ref: &Dq<R>,
+        omega_s: R,
+        blind: bool,
+    ) -> Seen<R> {
+        self.period(f, c, x, i_ref, omega_s, blind)
     }
 }
 

@@ -110,10 +110,10 @@ impl<R: Real> Covariance<R> {
     /// What a measurement takes from rows `from .. to`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`.
     #[inline(always)]
     pub fn reduce(&mut self, ph: &Column<R>, gain: &Column<R>, (from, to): (usize, usize), floor: R) {
-        // The bound is there for the compiler to see.
-        for i in from..to.min(N) {
-            for j in 0..=i {
-                *self.get_mut(i, j) -= ph[i] * gain[j];
+        // No index into the columns: no bounds check, no panic path.
+        for (i, &p) in ph.iter().enumerate().take(to).skip(from) {
+            for (j, &g) in gain.iter().enumerate().take(i + 1) {
+                *self.get_mut(i, j) -= p * g;
             }
             *self.get_mut(i, i) = self.get(i, i).max(floor);
         }
