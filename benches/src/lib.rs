@@ -15,7 +15,7 @@ use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Measurement, Reference, Status};
 use stillflux::estimate::balance::Balance;
 use stillflux::estimate::confidence::Confidence;
-use stillflux::estimate::filter::Filter;
+use stillflux::estimate::filter::{Filter, Input};
 use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::resistance::ResistanceEstimator;
 use stillflux::estimate::speed::SpeedEstimator;
@@ -161,7 +161,8 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
             black_box(applied(&modulate(black_box([r(0.1), r(-0.2), r(0.1)]), r(0.6), Some(&timer))));
         }),
         Box::new(move || {
-            filter.step(filter_config, black_box(&u), &u, &i, &i_ref, r(0.03), false);
+            let seen = Input { u_s: black_box(u), u_l: u, i_m: i, i_ref, omega_s: r(0.03) };
+            filter.step(filter_config, &seen, false);
             black_box(filter.magnitude());
         }),
         Box::new(move || {

@@ -16,7 +16,7 @@ use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Measurement, Reference, Status};
 use stillflux::estimate::balance::Balance;
 use stillflux::estimate::confidence::Confidence;
-use stillflux::estimate::filter::Filter;
+use stillflux::estimate::filter::{Filter, Input};
 use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::resistance::ResistanceEstimator;
 use stillflux::estimate::speed::SpeedEstimator;
@@ -219,6 +219,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut filter = Filter::new(filter_config);
     filter.start(filter_config, &i);
     filter.settle(filter_config, r(1.0));
+    let seen = Input { u_s: u, u_l: u, i_m: i, i_ref: i_dq, omega_s: r(0.05) };
     let mut balance = Balance::default();
     let mut enhanced_drive = running(enhanced);
     let half = r(0.3);
@@ -254,7 +255,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("inverter_model", operations(|| config.inverter_model().distortion(&i, r(1.65), r(1.0)))),
         ("modulator", operations(|| applied(&modulate([r(0.1), r(-0.3), r(0.2)], r(0.6), config.timer())))),
         ("drive_step", mean(SLOW_PERIODS, || drive.step(&measured, &Reference::Speed(r(0.0))))),
-        ("filter", mean(BLOCK, || filter.step(filter_config, &u, &u, &i, &i_dq, r(0.05), false))),
+        ("filter", mean(BLOCK, || filter.step(filter_config, &seen, false))),
         ("balance", operations(|| balance.step(enhanced.balance_config(), &i, r(0.0)))),
         (
             "drive_step_enhanced",

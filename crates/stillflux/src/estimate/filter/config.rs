@@ -10,7 +10,7 @@ use crate::words::words;
 /// Length of a block, s: long against the control period, short against the rotor time constant.
 const BLOCK_TIME: f64 = 1e-3;
 /// Fewest control periods in a block: the work of a block is done in so many parts.
-pub(super) const BLOCK_MIN: u32 = 8;
+pub(super) const BLOCK_MIN: u32 = 10;
 
 /// Scales of the states: with deviations of these sizes every covariance lies where fixed point resolves it.
 const SCALE_PSI: f64 = 0.05;

@@ -66,24 +66,19 @@ impl<R: Real> Covariance<R> {
         *self.get_mut(i, j) += x;
     }
 
-    /// One state moves on, `x_i ← a x_i + Σ c_j x_j` with `j ≠ i`: the row and column of a sparse transition.
+    /// One state moves on, `x_I ← a x_I + Σ c_j x_j` with `j ≠ I`: row and column of a sparse transition. `row`
+    /// is [`Covariance::project`] of the same terms.
     #[inline(always)]
-    pub fn advance<const T: usize>(&mut self, i: usize, a: R, terms: &[(usize, R); T]) {
-        let mut row = [R::ZERO; N];
-        for (k, r) in row.iter_mut().enumerate() {
-            for &(j, c) in terms {
-                *r += c * self.get(j, k);
-            }
-        }
-        let own = self.get(i, i);
-        let mut variance = a * (a * own + row[i] + row[i]);
+    pub fn advance<const I: usize, const T: usize>(&mut self, a: R, terms: &[(usize, R); T], row: &Column<R>) {
+        let own = self.get(I, I);
+        let mut variance = a * (a * own + row[I] + row[I]);
         for &(j, c) in terms {
             variance += c * row[j];
         }
         for (k, r) in row.iter().enumerate() {
-            *self.get_mut(i, k) = a * self.get(i, k) + *r;
+            *self.get_mut(I, k) = a * self.get(I, k) + *r;
         }
-        *self.get_mut(i, i) = variance;
+        *self.get_mut(I, I) = variance;
     }
 
     /// `P h` for a sparse `h`.
@@ -107,16 +102,13 @@ impl<R: Real> Covariance<R> {
         }
     }
 
-    /// What a measurement takes from rows `from .. to`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`.
+    /// What a measurement takes from row `I`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`.
     #[inline(always)]
-    pub fn reduce(&mut self, ph: &Column<R>, gain: &Column<R>, (from, to): (usize, usize), floor: R) {
-        // No index into the columns: no bounds check, no panic path.
-        for (i, &p) in ph.iter().enumerate().take(to).skip(from) {
-            for (j, &g) in gain.iter().enumerate().take(i + 1) {
-                *self.get_mut(i, j) -= p * g;
-            }
-            *self.get_mut(i, i) = self.get(i, i).max(floor);
+    pub fn reduce<const I: usize>(&mut self, ph: &Column<R>, gain: &Column<R>, floor: R) {
+        for (j, &g) in gain.iter().enumerate().take(I + 1) {
+            *self.get_mut(I, j) -= ph[I] * g;
         }
+        *self.get_mut(I, I) = self.get(I, I).max(floor);
     }
 }
 
@@ -147,7 +139,8 @@ mod tests {
         let mut p = sample();
         let before = full(&p);
         let (i, a, terms) = (2, 0.9, [(0, 0.3), (4, -0.2), (8, 0.05)]);
-        p.advance(i, a, &terms);
+        let row = p.project(&terms);
+        p.advance::<2, 3>(a, &terms, &row);
         let mut f = Full::identity();
         f[(i, i)] = a;
         for (j, c) in terms {
@@ -168,8 +161,15 @@ mod tests {
         let ph = p.project(&h);
         let s = (row * before * row.transpose())[0] + 0.1;
         let gain = ph.map(|x| x / s);
-        p.reduce(&ph, &gain, (0, 4), 0.0);
-        p.reduce(&ph, &gain, (4, N), 0.0);
+        p.reduce::<0>(&ph, &gain, 0.0);
+        p.reduce::<1>(&ph, &gain, 0.0);
+        p.reduce::<2>(&ph, &gain, 0.0);
+        p.reduce::<3>(&ph, &gain, 0.0);
+        p.reduce::<4>(&ph, &gain, 0.0);
+        p.reduce::<5>(&ph, &gain, 0.0);
+        p.reduce::<6>(&ph, &gain, 0.0);
+        p.reduce::<7>(&ph, &gain, 0.0);
+        p.reduce::<8>(&ph, &gain, 0.0);
         assert!((full(&p) - (before - before * row.transpose() * row * before / s)).norm() < 1e-12);
     }
 

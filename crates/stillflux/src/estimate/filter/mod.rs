@@ -169,7 +169,7 @@ pub struct Filter<R: Real> {
     period: u32,
     point: Point<R>,
     p: Covariance<R>,
-    /// `P h`, and the gain that the next innovation gets.
+    /// `P h` (and, before, a row of the transition), and the gain that the next innovation gets.
     ph: Column<R>,
     gain: Column<R>,
     /// `1/S` of the last block.
@@ -330,13 +330,27 @@ impl<R: Real> Filter<R> {
             return;
         }
         match self.period {
-            1 => self.advance_m(c),
-            2 => self.advance_psi(c, 0),
-            3 => self.advance_psi(c, 1),
-            4 => self.add_noise(c),
-            5 => self.weigh(c),
-            6 => self.reduce((0, 6)),
-            7 => self.reduce((6, N)),
+            1 => self.ph = self.p.project(&self.terms_of_m(c)),
+            2 => self.advance_m(c),
+            3 => self.advance_psi::<0>(c),
+            4 => self.advance_psi::<1>(c),
+            5 => self.add_noise(c),
+            6 => self.weigh(c),
+            7 => {
+                self.reduce::<0>();
+                self.reduce::<1>();
+                self.reduce::<2>();
+                self.reduce::<3>();
+                self.reduce::<4>();
+            }
+            8 => {
+                self.reduce::<5>();
+                self.reduce::<6>();
+            }
+            9 => {
+                self.reduce::<7>();
+                self.reduce::<8>();
+            }
             _ => {}
         }
     }
@@ -414,31 +428,35 @@ impl<R: Real> Filter<R> {
     }
 
     /// `m` follows flux direction, offset, inductance and saturation.
-    #[inline(never)]
-    fn advance_m(&mut self, c: &FilterConfig<R>) {
+    #[inline(always)]
+    fn terms_of_m(&self, c: &FilterConfig<R>) -> [(usize, R); 6] {
         let q = &self.point;
-        let gamma = self.gamma.value();
-        self.p.advance(
-            M,
-            R::ONE - c.decay * q.slope,
-            &[
-                (PSI, -q.turn * q.n.sin),
-                (PSI + 1, q.turn * q.n.cos),
-                (B, -c.m_b * q.n.cos),
-                (B + 1, -c.m_b * q.n.sin),
-                (GAMMA, -c.m_gamma * q.m_g),
-                (C, -c.m_c * (gamma * q.m * q.bend)),
-            ],
-        );
+        [
+            (PSI, -q.turn * q.n.sin),
+            (PSI + 1, q.turn * q.n.cos),
+            (B, -c.m_b * q.n.cos),
+            (B + 1, -c.m_b * q.n.sin),
+            (GAMMA, -c.m_gamma * q.m_g),
+            (C, -c.m_c * (self.gamma.value() * q.m * q.bend)),
+        ]
+    }
+
+    /// The row that the period before has prepared takes its place.
+    #[inline(always)]
+    fn advance_m(&mut self, c: &FilterConfig<R>) {
+        let terms = self.terms_of_m(c);
+        self.p.advance::<M, 6>(R::ONE - c.decay * self.point.slope, &terms, &self.ph);
     }
 
     /// A component of the flux follows its offset, the resistance and the inverter error.
-    #[inline(never)]
-    fn advance_psi(&mut self, c: &FilterConfig<R>, k: usize) {
+    #[inline(always)]
+    fn advance_psi<const I: usize>(&mut self, c: &FilterConfig<R>) {
         let (i, u) = (&self.point.i_s, &self.point.u_l);
-        let (i, u) = if k == 0 { (i.re(), u.re()) } else { (i.im(), u.im()) };
+        let (i, u) = if I == PSI { (i.re(), u.re()) } else { (i.im(), u.im()) };
         let (i, u) = if self.point.held() { (R::ZERO, R::ZERO) } else { (i, u) };
-        self.p.advance(PSI + k, R::ONE, &[(B + k, c.psi_b * self.r_s()), (RS, -c.psi_r * i), (V, -c.psi_v * u)]);
+        let terms = [(B + I - PSI, c.psi_b * self.r_s()), (RS, -c.psi_r * i), (V, -c.psi_v * u)];
+        let row = self.p.project(&terms);
+        self.p.advance::<I, 3>(R::ONE, &terms, &row);
     }
 
     /// What the states may have done by themselves.
@@ -507,10 +525,10 @@ impl<R: Real> Filter<R> {
         self.gain = self.ph.map(|x| x * self.inv_s);
     }
 
-    /// Rows `from .. to` of the covariance lose what the residual has told.
-    #[inline(never)]
-    fn reduce(&mut self, rows: (usize, usize)) {
-        self.p.reduce(&self.ph, &self.gain, rows, R::from_f64(FLOOR));
+    /// Row `I` of the covariance loses what the residual has told.
+    #[inline(always)]
+    fn reduce<const I: usize>(&mut self) {
+        self.p.reduce::<I>(&self.ph, &self.gain, R::from_f64(FLOOR));
     }
 
     /// Present `ψ̂_s`.
