@@ -91,14 +91,14 @@ def test_a_planted_violation_is_noticed(chain: Any, feature: str, kind: str) -> 
 def test_stack_and_memory_stay_within_their_budget(built: tuple[str, Path]) -> None:
     _, elf = built
     listing = image.Image(elf)
-    assert listing.stack(ISR) <= 960
+    assert listing.stack(ISR) <= STACK
     # Both schemes are in every image.
-    assert sum(f.size for f in listing.reachable(ISR)) <= 28 * 1024
+    assert sum(f.size for f in listing.reachable(ISR)) <= 31 * 1024
 
 
 def test_a_stack_beyond_the_budget_is_noticed(chain: Any) -> None:
     elf = toolchain.build(chain, "drive", "plant-violation-stack")
-    assert image.Image(elf).stack(ISR) > 960
+    assert image.Image(elf).stack(ISR) > STACK
 
 
 def test_a_torn_parameter_page_keeps_the_bridge_blocked(chain: Any) -> None:
@@ -122,17 +122,23 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
     for arithmetic in cost.ARITHMETICS:
         assert report["drive_step"][f"{arithmetic}_worst"] <= 1.5 * report["drive_step"][arithmetic]
         assert report["ram_drive"][arithmetic] <= 1536
-        assert report["flash_library"][arithmetic] <= 33 * 1024
+    # What the enhanced scheme may cost: 1.6 times the published one, where there is an FPU.
+    assert report["drive_step_enhanced"]["f32_worst"] <= 1.6 * report["drive_step"]["f32_worst"]
+    for arithmetic in cost.ARITHMETICS:
+        assert report["flash_library"][arithmetic] <= 35 * 1024
         exact = report["accuracy"]["f64"]
         assert report["accuracy"][arithmetic]["angle_worst_deg"] < exact["angle_worst_deg"] + 0.5
         assert report["accuracy"][arithmetic]["speed_rms_pu"] < exact["speed_rms_pu"] + 2e-4
 
 
+#: Bytes of stack of one interrupt, whatever it calls.
+STACK = 1088
+
 #: Mean instructions a call.
 BUDGET = {
     "flux_estimator": {"f32": 150, "q": 200},
     "drive_step": {"f32": 600, "q": 970},
-    "drive_step_enhanced": {"f32": 1060, "q": 1640},
+    "drive_step_enhanced": {"f32": 830, "q": 1540},
 }
 
 

@@ -330,7 +330,7 @@ impl<R: Real> Filter<R> {
             return;
         }
         match self.period {
-            1 => self.ph = self.p.project(&self.terms_of_m(c)),
+            1 => self.prepare_m(c),
             2 => self.advance_m(c),
             3 => self.advance_psi::<0>(c),
             4 => self.advance_psi::<1>(c),
@@ -441,15 +441,21 @@ impl<R: Real> Filter<R> {
         ]
     }
 
+    /// The row of `m`, for the period after.
+    #[inline(never)]
+    fn prepare_m(&mut self, c: &FilterConfig<R>) {
+        self.ph = self.p.project(&self.terms_of_m(c));
+    }
+
     /// The row that the period before has prepared takes its place.
-    #[inline(always)]
+    #[inline(never)]
     fn advance_m(&mut self, c: &FilterConfig<R>) {
         let terms = self.terms_of_m(c);
         self.p.advance::<M, 6>(R::ONE - c.decay * self.point.slope, &terms, &self.ph);
     }
 
     /// A component of the flux follows its offset, the resistance and the inverter error.
-    #[inline(always)]
+    #[inline(never)]
     fn advance_psi<const I: usize>(&mut self, c: &FilterConfig<R>) {
         let (i, u) = (&self.point.i_s, &self.point.u_l);
         let (i, u) = if I == PSI { (i.re(), u.re()) } else { (i.im(), u.im()) };
