@@ -16,8 +16,9 @@
 //! without a floor nothing would hold the radius at zero frequency, without a ceiling steady
 //! disturbances would be turned into angle errors.
 
+use super::integral::FluxIntegral;
 use super::offset::{OffsetConfig, OffsetEstimator};
-use crate::scalar::{Integrator, Real, likely};
+use crate::scalar::Real;
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
 
@@ -59,12 +60,8 @@ pub struct FluxEstimate<R: Real> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxEstimator<R: Real> {
-    psi_s: [Integrator<R>; 2],
+    psi_s: FluxIntegral<R>,
     i_s: AlphaBeta<R>,
-    field: Rotator<R>,
-    magnitude: R,
-    /// `1/|ψ̂_s|`.
-    inv_psi: R,
     u_i: AlphaBeta<R>,
     /// Gain of the noise compensator, and its output along the field axis.
     gain: R,
@@ -76,8 +73,7 @@ pub struct FluxEstimator<R: Real> {
 impl<R: Real> FluxEstimator<R> {
     /// Begins at a known flux, with the current sample of this instant.
     pub fn start(&mut self, psi_s: AlphaBeta<R>, i_s: AlphaBeta<R>) {
-        self.psi_s = [Integrator::new(psi_s.re()), Integrator::new(psi_s.im())];
-        (self.field, self.magnitude, self.inv_psi) = Rotator::near(&psi_s, R::ZERO);
+        self.psi_s = FluxIntegral::new(psi_s);
         self.i_s = i_s;
         self.offset.start(psi_s);
     }
@@ -89,16 +85,14 @@ impl<R: Real> FluxEstimator<R> {
         self.i_s = *i_s;
         self.u_i = u_i;
 
-        self.effort = self.gain * (psi_ref - self.magnitude);
-        let u_hf = self.field.axis() * self.effort;
+        self.effort = self.gain * (psi_ref - self.psi_s.magnitude());
+        let u_hf = self.psi_s.field().axis() * self.effort;
 
         let u_off = match &config.offset {
             Some(c) => self.offset.step(c, &u_i, psi_ref),
             None => self.offset.u_off(),
         };
-        let u = u_i - u_off + u_hf;
-        let psi_s = AlphaBeta::new(self.psi_s[0].add(config.t_s, u.re()), self.psi_s[1].add(config.t_s, u.im()));
-        (self.field, self.magnitude, self.inv_psi) = Rotator::near(&psi_s, self.inv_psi);
+        self.psi_s.add(config.t_s, &(u_i - u_off + u_hf));
     }
 
     /// Tells the stator frequency, once in [`OffsetConfig::interval`]: what depends on it need not be computed
@@ -110,23 +104,19 @@ impl<R: Real> FluxEstimator<R> {
         if let Some(c) = &config.offset {
             self.offset.follow(c, omega_s);
         }
-        // A flux of three times the base is a lost estimate, not a value to go on from.
-        if !likely(self.magnitude <= R::from_f64(3.0)) {
-            let psi_s = self.value().limit_components(R::TWO);
-            self.psi_s = [Integrator::new(psi_s.re()), Integrator::new(psi_s.im())];
-        }
+        self.psi_s.confine();
     }
 
     /// Field angle as `e^{jδ̂}`.
     #[inline]
     pub fn field(&self) -> Rotator<R> {
-        self.field
+        self.psi_s.field()
     }
 
     /// `|ψ̂_s|`.
     #[inline]
     pub fn magnitude(&self) -> R {
-        self.magnitude
+        self.psi_s.magnitude()
     }
 
     /// Output of the noise compensator along the field axis.
@@ -139,17 +129,17 @@ impl<R: Real> FluxEstimator<R> {
     pub fn estimate(&self) -> FluxEstimate<R> {
         FluxEstimate {
             psi_s: self.value(),
-            field: self.field,
-            magnitude: self.magnitude,
+            field: self.field(),
+            magnitude: self.magnitude(),
             u_i: self.u_i,
-            u_hf: self.field.axis() * self.effort,
+            u_hf: self.field().axis() * self.effort,
         }
     }
 
     /// Present `ψ̂_s`.
     #[inline]
     pub fn value(&self) -> AlphaBeta<R> {
-        AlphaBeta::new(self.psi_s[0].value(), self.psi_s[1].value())
+        self.psi_s.value()
     }
 }
 

@@ -6,6 +6,7 @@ pub mod balance;
 pub mod confidence;
 pub mod filter;
 pub mod flux;
+pub mod integral;
 pub mod offset;
 pub mod resistance;
 pub mod speed;

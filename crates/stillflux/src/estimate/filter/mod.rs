@@ -67,6 +67,7 @@ use self::covariance::{Column, Covariance, N};
 use self::state::{B, C, GAMMA, M, PSI, RS, V};
 use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
+use super::integral::FluxIntegral;
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -150,7 +151,7 @@ pub struct Input<R: Real> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Filter<R: Real> {
-    psi_s: [Integrator<R>; 2],
+    psi_s: FluxIntegral<R>,
     m: Integrator<R>,
     b: [Integrator<R>; 2],
     r_s: Integrator<R>,
@@ -160,9 +161,6 @@ pub struct Filter<R: Real> {
     i_s: AlphaBeta<R>,
     i_dq: Dq<R>,
     u_i: AlphaBeta<R>,
-    field: Rotator<R>,
-    magnitude: R,
-    inv_psi: R,
     /// Sum of the current over the block, field coordinates.
     sum: Dq<R>,
     /// Period within the block.
@@ -186,12 +184,18 @@ pub struct Filter<R: Real> {
     brought_variance: [R; 4],
 }
 
+/// Part of its prior variance that is left of a state after a stop, at least: resistance, bridge and inductance move
+/// with temperature, an offset hardly does.
+const fn known(k: usize) -> f64 {
+    if k == B || k == B + 1 { 1.0 / 256.0 } else { 1.0 / 16.0 }
+}
+
 impl<R: Real> Filter<R> {
     /// A filter that knows the priors.
     #[must_use]
     pub fn new(c: &FilterConfig<R>) -> Self {
         Self {
-            psi_s: Default::default(),
+            psi_s: FluxIntegral::default(),
             m: Integrator::default(),
             b: Default::default(),
             r_s: Integrator::new(c.r_s),
@@ -201,9 +205,6 @@ impl<R: Real> Filter<R> {
             i_s: AlphaBeta::default(),
             i_dq: Dq::default(),
             u_i: AlphaBeta::default(),
-            field: Rotator::default(),
-            magnitude: R::ZERO,
-            inv_psi: R::ZERO,
             sum: Dq::default(),
             period: 0,
             point: Point::default(),
@@ -230,15 +231,11 @@ impl<R: Real> Filter<R> {
         self.v = Integrator::new(learned.v.limit(R::from_f64(V_MAX)));
         let (lo, hi) = GAMMA_RANGE;
         self.gamma = Integrator::new(learned.gamma.clamp(R::from_f64(lo), R::from_f64(hi)));
-        let mut prior = c.prior;
-        for (k, p) in prior.iter_mut().enumerate() {
-            *p *= match k {
-                B..RS => R::from_f64(1.0 / 256.0),
-                RS..C => R::from_f64(1.0 / 16.0),
-                _ => R::ONE,
-            };
+        let mut variance = c.prior;
+        for (k, v) in variance.iter_mut().enumerate().take(C).skip(B) {
+            *v *= R::from_f64(known(k));
         }
-        self.p = Covariance::diagonal(&prior);
+        self.p = Covariance::diagonal(&variance);
     }
 
     /// What is worth keeping.
@@ -249,13 +246,9 @@ impl<R: Real> Filter<R> {
     /// Begins with a machine without flux; what has been learned stays.
     pub fn start(&mut self, c: &FilterConfig<R>, i_s: &AlphaBeta<R>) {
         // What was learned before the stop may have changed since: temperature, above all.
-        let variance: Column<R> = core::array::from_fn(|k| {
-            let prior = c.prior[k];
-            let least = if (B..RS).contains(&k) { R::from_f64(1.0 / 256.0) } else { R::from_f64(1.0 / 16.0) };
-            if k < B { prior } else { self.p.get(k, k).clamp(prior * least, prior) }
-        });
         self.brought = self.learned();
-        self.brought_variance = [variance[B], variance[RS], variance[V], variance[GAMMA]];
+        self.brought_variance =
+            [B, RS, V, GAMMA].map(|k| self.p.get(k, k).clamp(c.prior[k] * R::from_f64(known(k)), c.prior[k]));
         let bent = self.c;
         *self = self.before(c);
         self.c = bent;
@@ -289,11 +282,11 @@ impl<R: Real> Filter<R> {
         let i_s = self.i_s;
         let bent = self.c;
         let variance = (self.p.get(C, C) * R::from_f64(4.0)).min(c.prior[C]);
-        *self = Self { i_s, i_dq: self.i_dq, field: self.field, ..self.before(c) };
+        *self = Self { i_s, i_dq: self.i_dq, ..self.before(c) };
         self.c = bent;
         self.p.add_at(C, C, variance - c.prior[C]);
         let m = psi_s - c.sigma_l_s * i_s.re();
-        self.psi_s = [Integrator::new(psi_s), Integrator::default()];
+        self.psi_s.set(AlphaBeta::new(psi_s, R::ZERO));
         self.m = Integrator::new(m);
         // At rated flux g = 1 and its slope 1 + 8c, whatever c is.
         let bent = R::ONE + R::from_f64(8.0) * self.c.value();
@@ -313,9 +306,8 @@ impl<R: Real> Filter<R> {
         let i_s = x.i_m - self.b();
         self.u_i = x.u_s - (self.i_s + i_s) * self.r_s().half();
         self.i_s = i_s;
-        let psi_s = AlphaBeta::new(self.psi_s[0].add(c.t_s, self.u_i.re()), self.psi_s[1].add(c.t_s, self.u_i.im()));
-        (self.field, self.magnitude, self.inv_psi) = Rotator::near(&psi_s, self.inv_psi);
-        self.i_dq = self.field.to_field(&i_s);
+        self.psi_s.add(c.t_s, &self.u_i);
+        self.i_dq = self.field().to_field(&i_s);
         self.sum += self.i_dq;
         self.work(c, x, blind);
     }
@@ -367,8 +359,8 @@ impl<R: Real> Filter<R> {
         let inv = inv.min(R::from_f64(1.0 / M_MIN));
 
         // The mean current seen from the rotor flux: ψ_R·i = ψ_s i_d - σl_s i², ψ_R×i = ψ_s i_q.
-        let i_d = (self.magnitude * i_dq.re() - c.sigma_l_s * i_dq.norm_sq()) * inv;
-        let i_q = self.magnitude * i_dq.im() * inv;
+        let i_d = (self.magnitude() * i_dq.re() - c.sigma_l_s * i_dq.norm_sq()) * inv;
+        let i_q = self.magnitude() * i_dq.im() * inv;
 
         let m = self.m.value();
         let (gamma, bent) = (self.gamma.value(), self.c.value());
@@ -381,7 +373,7 @@ impl<R: Real> Filter<R> {
         self.point = Point {
             n,
             inv_psi_r: inv,
-            i_s: self.field.to_stator(&input.i_ref),
+            i_s: self.field().to_stator(&input.i_ref),
             u_l: input.u_l,
             turn: c.r_r_block * (i_q * inv).limit(R::TWO),
             m,
@@ -412,10 +404,8 @@ impl<R: Real> Filter<R> {
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
         let by: Column<R> = core::array::from_fn(|k| self.gain[k] * c.scale[k]);
-        let three = R::from_f64(3.0);
-        self.psi_s[0].add_limited(by[PSI], z, three);
-        self.psi_s[1].add_limited(by[PSI + 1], z, three);
-        self.m.add_clamped(by[M], z, R::ZERO, three);
+        self.psi_s.correct([by[PSI], by[PSI + 1]], z);
+        self.m.add_clamped(by[M], z, R::ZERO, R::from_f64(3.0));
         let bound = R::from_f64(B_MAX);
         self.b[0].add_limited(by[B], z, bound);
         self.b[1].add_limited(by[B + 1], z, bound);
@@ -540,19 +530,19 @@ impl<R: Real> Filter<R> {
     /// Present `ψ̂_s`.
     #[inline]
     pub fn value(&self) -> AlphaBeta<R> {
-        AlphaBeta::new(self.psi_s[0].value(), self.psi_s[1].value())
+        self.psi_s.value()
     }
 
     /// Field angle as `e^{jδ̂}`.
     #[inline]
     pub fn field(&self) -> Rotator<R> {
-        self.field
+        self.psi_s.field()
     }
 
     /// `|ψ̂_s|`.
     #[inline]
     pub fn magnitude(&self) -> R {
-        self.magnitude
+        self.psi_s.magnitude()
     }
 
     /// Stator resistance.
@@ -607,21 +597,18 @@ impl<R: Real> Filter<R> {
     pub fn estimate(&self) -> FluxEstimate<R> {
         FluxEstimate {
             psi_s: self.value(),
-            field: self.field,
-            magnitude: self.magnitude,
+            field: self.field(),
+            magnitude: self.magnitude(),
             u_i: self.u_i,
             u_hf: AlphaBeta::default(),
         }
     }
 
-    /// Brings back what has left its range: a flux beyond three times the base, a covariance that rounding or a
-    /// lost estimate has driven out of it. Neither is a value to go on from.
+    /// Brings back what has left its range: the flux, and a covariance that rounding or a lost estimate has driven
+    /// out of it.
     #[inline]
     pub fn confine(&mut self, c: &FilterConfig<R>) {
-        if !likely(self.magnitude.within(R::from_f64(3.0))) {
-            let psi_s = self.value().limit_components(R::TWO);
-            self.psi_s = [Integrator::new(psi_s.re()), Integrator::new(psi_s.im())];
-        }
+        self.psi_s.confine();
         if !likely(self.sigma.within(R::from_f64(SIGMA_LOST))) {
             self.p = Covariance::diagonal(&c.prior);
         }
@@ -682,7 +669,7 @@ mod tests {
         let mut filter = Filter::new(&c);
         filter.start(&c, &(at(0).0 + offset));
         let (i, psi_s) = at(0);
-        filter.psi_s = [Integrator::new(psi_s.re()), Integrator::new(psi_s.im())];
+        filter.psi_s.set(psi_s);
         filter.m = Integrator::new(m);
         filter.i_s = i + offset;
         for k in 1..=steps {
