@@ -91,8 +91,10 @@ const NIS_CORNER: f64 = 0.02;
 const NIS_SURPRISE: f64 = 0.3;
 /// Blocks after a start in which nothing counts as a surprise: the priors are still being tried.
 const TRIAL: u32 = 200;
-/// Deviation of the angle, rad, from which on the covariance begins anew: nothing is known of it any more.
+/// Deviation of the angle, rad, from which on the covariance begins anew: nothing is known of it any more. It begins
+/// with this deviation, which fixed point resolves.
 const SIGMA_LOST: f64 = 3.0;
+const SIGMA_AGAIN: f64 = 0.5;
 /// Weight of the second-order term's variance.
 const SECOND_ORDER: f64 = 2.0;
 
@@ -610,7 +612,10 @@ impl<R: Real> Filter<R> {
     pub fn confine(&mut self, c: &FilterConfig<R>) {
         self.psi_s.confine();
         if !likely(self.sigma.within(R::from_f64(SIGMA_LOST))) {
-            self.p = Covariance::diagonal(&c.prior);
+            let mut variance = c.prior;
+            let again = R::from_f64(SIGMA_AGAIN) * c.inv_scale_psi;
+            (variance[PSI], variance[PSI + 1]) = (again * again, again * again);
+            self.p = Covariance::diagonal(&variance);
         }
     }
 }
