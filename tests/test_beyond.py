@@ -182,12 +182,13 @@ def test_low_confidence_leaves_the_torque_limits_it_or_stops_the_drive() -> None
     assert 0.04 <= stopped.status.time - since <= 0.1
     # The torque reference, made by i_q at rated flux.
     motor = kept.scenario.motor
-    loaded = (limited.t > 12.01) & (limited["status"] == 3)
+    # Before the load has taken the shaft into field weakening.
+    loaded = (limited.t > 12.01) & (limited.t < 12.2)
     i_q = np.abs(limited["estimate.i_dq_ref"].imag[loaded])
     largest = 1.5 * motor.T_N / (1.5 * motor.n_p * motor.base["psi"])
     assert (i_q <= 1.001 * largest * np.minimum(2.0 * limited["estimate.confidence"][loaded], 1.0)).all()
     asked = np.abs(kept["estimate.i_dq_ref"].imag[kept.t > 12.01])
-    assert i_q.min() < 0.5 * largest < asked.max()
+    assert i_q.min() < 0.1 * largest < 0.9 * largest < asked.max()
 
 
 @MACHINE

@@ -87,7 +87,7 @@ const INV_OMEGA_ZERO: f64 = 10.0;
 /// Smallest variance of a scaled state: keeps rounding from making one negative.
 const FLOOR: f64 = 1e-7;
 /// Low-pass of the normalised squared residual, per block, and its value that counts as a surprise.
-const NIS_CORNER: f64 = 0.02;
+const NIS_CORNER: f64 = 0.05;
 const NIS_SURPRISE: f64 = 0.3;
 /// Blocks after a start in which nothing counts as a surprise: the priors are still being tried.
 const TRIAL: u32 = 200;
