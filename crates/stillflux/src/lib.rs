@@ -31,6 +31,9 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+#[cfg(not(any(feature = "paper", feature = "enhanced")))]
+compile_error!("a drive needs a scheme: enable the feature `paper`, `enhanced` or both");
+
 pub mod base;
 pub mod config;
 pub mod control;

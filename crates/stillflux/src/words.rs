@@ -77,15 +77,15 @@ impl<T: Words> Words for Option<T> {
 
 /// [`Words`] of a struct over an arithmetic, field by field; a field that is forgotten does not compile.
 macro_rules! words {
-    ($name:ident: $($field:ident),* $(,)?) => {
+    ($name:ident: $($(#[$built:meta])* $field:ident),* $(,)?) => {
         impl<R: $crate::scalar::Real + $crate::words::Words> $crate::words::Words for $name<R> {
             fn put(&self, out: &mut impl FnMut(u32)) {
-                let Self { $($field),* } = self;
-                $($crate::words::Words::put($field, out);)*
+                let Self { $($(#[$built])* $field),* } = self;
+                $($(#[$built])* $crate::words::Words::put($field, out);)*
             }
             fn take(from: &mut impl FnMut() -> u32) -> Self {
-                $(let $field = $crate::words::Words::take(from);)*
-                Self { $($field),* }
+                $($(#[$built])* let $field = $crate::words::Words::take(from);)*
+                Self { $($(#[$built])* $field),* }
             }
         }
     };
