@@ -19,7 +19,7 @@ use crate::words::{Words, words};
 pub(crate) const BOOST: f64 = 1.5;
 
 /// Largest offset of a current channel at rest, per unit.
-const I_OFF_MAX: f64 = 0.15;
+pub(crate) const I_OFF_MAX: f64 = 0.15;
 
 /// Control periods from one run of the speed estimator to the next, and of each slower block.
 pub const SPEED_PERIODS: u32 = 2;
@@ -191,7 +191,7 @@ impl DriveParams {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct DriveConfig<R: Real> {
-    pub(crate) pu: PerUnit<R>,
+    pub(crate) t_s: R,
     pub(crate) inverter: InverterModel<R>,
     pub(crate) timer: Option<Timer>,
     pub(crate) scheme: Scheme,
@@ -205,20 +205,14 @@ pub struct DriveConfig<R: Real> {
     pub(crate) speed_control: SpeedControlConfig<R>,
     /// From a sample to the middle of the duties' effect.
     pub(crate) t_ahead: R,
-    pub(crate) u_utilisation: R,
-    /// Part of the voltage that the flux may take; the rest drives the torque current.
-    pub(crate) u_flux: R,
-    pub(crate) u_off_limit: R,
     pub(crate) i_range: R,
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.
     pub(crate) i_plain_sq: R,
     pub(crate) i_trip: R,
-    pub(crate) i_off_max: R,
     pub(crate) i_q_max: R,
     pub(crate) pull_out_use: R,
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
-    pub(crate) u_dc_range: R,
     pub(crate) omega_max: R,
     pub(crate) omega_trip: R,
     pub(crate) psi_deviation: R,
@@ -231,11 +225,11 @@ pub struct DriveConfig<R: Real> {
 }
 words! {
     DriveConfig:
-    pu, inverter, timer, scheme,
+    t_s, inverter, timer, scheme,
     #[cfg(feature = "paper")] published,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, speed_control, t_ahead, u_utilisation, u_flux, u_off_limit, i_range, i_plain_sq,
-    i_trip, i_off_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, u_dc_range, omega_max, omega_trip, psi_deviation,
+    speed, current, flux_control, speed_control, t_ahead, i_range, i_plain_sq,
+    i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max, omega_trip, psi_deviation,
     implausible_max, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
@@ -307,7 +301,7 @@ impl<R: Real> DriveConfig<R> {
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
 
         Ok(Self {
-            pu,
+            t_s: pu.t_s,
             inverter: if p.inverter_model {
                 InverterModel::new(machine, inverter, &pu)
             } else {
@@ -316,7 +310,7 @@ impl<R: Real> DriveConfig<R> {
             timer: (inverter.f_clk > 0.0).then(|| Timer::new((inverter.f_clk / (2.0 * inverter.f_s)) as u32)),
             scheme: p.scheme,
             #[cfg(feature = "paper")]
-            published: PublishedConfig::new(machine, inverter, p, magnetise_periods),
+            published: PublishedConfig::new(machine, inverter, &pu, p, magnetise_periods),
             #[cfg(feature = "enhanced")]
             enhanced: EnhancedConfig::new(machine, inverter, &pu, p),
             speed: SpeedConfig {
@@ -325,7 +319,6 @@ impl<R: Real> DriveConfig<R> {
                 r_r: pu.r_r,
                 k_p: r(2.0 * omega_n),
                 k_i: r(t_speed * omega_n * omega_n),
-                omega_max: r(3.0),
             },
             current: CurrentConfig {
                 k_p: r(k_p),
@@ -340,11 +333,8 @@ impl<R: Real> DriveConfig<R> {
                 root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
                 root_i_q: r(4.0 * l_product * l_product),
                 inv_two_l_product: r(0.5 / l_product),
-                pull_out: r((1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
-                omega_begin: r(0.02),
-                inv_fade: r(25.0),
                 limit: r(0.3 * i_0),
             },
             speed_control: SpeedControlConfig {
@@ -353,18 +343,13 @@ impl<R: Real> DriveConfig<R> {
                 torque_max: r(p.torque_max / b.torque),
             },
             t_ahead: r(1.5 * t_s),
-            u_utilisation: r(0.98 / libm::sqrt(3.0)),
-            u_flux: r(0.88),
-            u_off_limit: r(0.05),
             i_range: r(p.i_range / b.i),
             i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
             i_trip: r(i_trip),
-            i_off_max: r(I_OFF_MAX),
             i_q_max: r(libm::sqrt(i_max * i_max - i_0 * i_0)),
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
-            u_dc_range: r(100.0),
             omega_max: r(p.omega_max / b.omega_m),
             omega_trip: r(1.3 * p.omega_max / b.omega_m),
             psi_deviation: r(0.4 * p.psi_ref),

@@ -31,7 +31,7 @@ mod enhanced;
 #[cfg(feature = "paper")]
 mod published;
 
-use crate::config::{BOOST, DriveConfig};
+use crate::config::{BOOST, DriveConfig, I_OFF_MAX};
 use crate::control::current::CurrentController;
 use crate::control::flux::FluxController;
 use crate::control::modulator::{Duty, applied, modulate, zero_duty};
@@ -42,6 +42,13 @@ use crate::observer::{Observer, Seen, Slow};
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq};
 use crate::words::words;
+
+/// Part of the dc link that the voltage vector may use: the circle within the hexagon, less a margin.
+const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
+/// Part of that voltage that the flux may take; the rest drives the torque current.
+const U_FLUX: f64 = 0.88;
+/// dc-link voltage that no sensor reads, per unit.
+const U_DC_RANGE: f64 = 100.0;
 
 /// What the drive measures at the start of a period, per unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -191,7 +198,6 @@ pub struct Estimate<R: Real> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 struct Latest<R: Real> {
     speed: SpeedEstimate<R>,
-    i_s: AlphaBeta<R>,
     u_s: AlphaBeta<R>,
     i_dq: Dq<R>,
     i_dq_ref: Dq<R>,
@@ -270,14 +276,14 @@ impl<R: Real> Drive<R> {
     /// Estimates of the latest period; what the step does not need in this form is computed here.
     pub fn estimate(&self) -> Estimate<R> {
         let o = &self.observer;
-        let Latest { speed, i_s, u_s, i_dq, i_dq_ref, psi_ref } = self.estimate;
+        let Latest { speed, u_s, i_dq, i_dq_ref, psi_ref } = self.estimate;
         let flux = o.flux();
         Estimate {
             flux,
             speed,
             psi_1: o.psi_1(),
             u_off: o.u_off(),
-            i_s,
+            i_s: o.i_s(),
             u_s,
             i_dq,
             i_dq_ref,
@@ -303,7 +309,7 @@ impl<R: Real> Drive<R> {
 
     /// Takes back what an earlier run stored. Values beyond their limits are limited.
     pub fn restore(&mut self, memory: &Memory<R>) {
-        self.i_off = memory.i_off.map(|i| i.limit(self.config.i_off_max));
+        self.i_off = memory.i_off.map(|i| i.limit(R::from_f64(I_OFF_MAX)));
         self.observer.restore(&self.config, memory);
     }
 
@@ -321,12 +327,13 @@ impl<R: Real> Drive<R> {
             return self.blocked();
         };
         let running = likely(self.status == Status::Running && reference.is_admissible());
-        if !running && !self.sequence(measured, reference, &i_s) {
+        if !running && !self.sequence(measured, reference) {
+            self.observer.rest(&i_s);
             return self.blocked();
         }
         let u_dc = measured.u_dc;
         self.inv_u_dc = u_dc.recip_next(self.inv_u_dc).unwrap_or_else(|| u_dc.recip());
-        let u_max = u_dc * self.config.u_utilisation;
+        let u_max = u_dc * R::from_f64(U_UTILISATION);
         // Written two calls ago; this call's entry takes its place.
         let last = self.in_flight[self.slot()];
         self.estimate.u_s = last.ideal * u_dc - last.loss;
@@ -381,7 +388,7 @@ impl<R: Real> Drive<R> {
     fn examine(&mut self, m: &Measurement<R>) -> Option<()> {
         let c = &self.config;
         let i_s = AlphaBeta::<R>::from_phases([0, 1, 2].map(|k| m.i_abc[k] - self.i_off[k]));
-        let readable = m.i_abc.iter().all(|i| i.abs() < c.i_range) && m.u_dc.abs() < c.u_dc_range;
+        let readable = m.i_abc.iter().all(|i| i.abs() < c.i_range) && m.u_dc.abs() < R::from_f64(U_DC_RANGE);
         let cause = if !readable {
             Fault::Measurement
         } else if m.u_dc < c.u_dc_min {
@@ -400,8 +407,7 @@ impl<R: Real> Drive<R> {
     /// All states but `Running`: whether the bridge is to be driven in this period.
     #[cold]
     #[inline(never)]
-    fn sequence(&mut self, measured: &Measurement<R>, reference: &Reference<R>, i_s: &AlphaBeta<R>) -> bool {
-        self.estimate.i_s = *i_s;
+    fn sequence(&mut self, measured: &Measurement<R>, reference: &Reference<R>) -> bool {
         self.stage = self.stage.saturating_add(1);
         if !reference.is_admissible() && *reference != Reference::Stop {
             self.fault(Fault::Reference);
@@ -436,7 +442,7 @@ impl<R: Real> Drive<R> {
         }
         if c.calibrate_offset {
             self.i_off = [0, 1, 2].map(|k| self.offset_sum[k].value());
-            if self.i_off.iter().any(|i| i.abs() > c.i_off_max) {
+            if self.i_off.iter().any(|i| i.abs() > R::from_f64(I_OFF_MAX)) {
                 self.fault(Fault::CurrentOffset);
                 return;
             }
@@ -465,7 +471,7 @@ impl<R: Real> Drive<R> {
     fn follow(&mut self, seen: &Seen<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
         let c = &self.config;
         let e = &mut self.estimate;
-        (e.i_s, e.i_dq) = (seen.i_s, seen.i_dq);
+        e.i_dq = seen.i_dq;
         let i_ref = e.i_dq_ref;
         // The duties act from one to two periods after the sample: references are turned to their middle.
         let ahead = seen.field.ahead(e.speed.omega_s * c.t_ahead);
@@ -491,7 +497,7 @@ impl<R: Real> Drive<R> {
     fn track(&mut self) {
         let c = &self.config;
         let e = &mut self.estimate;
-        e.speed = self.speed.step(&c.speed, &self.observer.psi_s(), &e.i_s);
+        e.speed = self.speed.step(&c.speed, &self.observer.psi_s(), &self.observer.i_s());
         self.observer.follow(c, e.speed.omega_s);
     }
 
@@ -501,7 +507,7 @@ impl<R: Real> Drive<R> {
         let c = &self.config;
         let e = &mut self.estimate;
         let (omega_s, omega_m) = (e.speed.omega_s, e.speed.omega_m);
-        let psi_ref = c.flux_control.reference(omega_s, u_max * c.u_flux);
+        let psi_ref = c.flux_control.reference(omega_s, u_max * R::from_f64(U_FLUX));
         e.psi_ref = psi_ref;
         let i_q_max = (c.pull_out_use * psi_ref).min(c.i_q_max);
         let torque_max = i_q_max * psi_ref;

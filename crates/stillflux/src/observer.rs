@@ -17,6 +17,9 @@ use crate::estimate::flux::FluxEstimate;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
+/// Largest offset voltage that is taken back, per unit.
+const U_OFF_MAX: f64 = 0.05;
+
 /// The estimators of a drive.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -38,8 +41,7 @@ pub(crate) struct Seen<R: Real> {
     pub magnitude: R,
     /// Stator resistance.
     pub r_s: R,
-    /// Current without the offset that the estimators have found, stator and field coordinates.
-    pub i_s: AlphaBeta<R>,
+    /// Current without the offset that the estimators have found, field coordinates.
     pub i_dq: Dq<R>,
 }
 
@@ -78,6 +80,17 @@ impl<R: Real> Observer<R> {
             #[cfg(not(feature = "paper"))]
             Scheme::Paper => Self::Enhanced(Enhanced::new(&c.enhanced)),
         }
+    }
+
+    /// A current sample without control.
+    pub fn rest(&mut self, i_s: &AlphaBeta<R>) {
+        ask!(self, o => o.rest(i_s));
+    }
+
+    /// Latest current without its offset.
+    #[inline(always)]
+    pub fn i_s(&self) -> AlphaBeta<R> {
+        ask!(self, o => o.i_s())
     }
 
     /// Stator flux.
@@ -135,7 +148,7 @@ impl<R: Real> Observer<R> {
 
     /// Takes back what an earlier run stored.
     pub fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>) {
-        let u_off = memory.u_off.limit_components(c.u_off_limit);
+        let u_off = memory.u_off.limit_components(R::from_f64(U_OFF_MAX));
         ask!(self, o => o.restore(c, memory, u_off));
     }
 

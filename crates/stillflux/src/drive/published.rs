@@ -29,11 +29,12 @@ impl<R: Real> Drive<R> {
         let (c, e) = (&self.config, &mut self.estimate);
         let field = Rotator::default();
         let i_dq = field.to_field(i_s);
-        let u = self.current_control.step(&c.current, &i_ref, &i_dq, &(i_ref * c.pu.r_s), u_max);
+        let u = self.current_control.step(&c.current, &i_ref, &i_dq, &(i_ref * c.published.r_s), u_max);
         (e.i_dq, e.i_dq_ref) = (i_dq, i_ref);
 
         let left = c.magnetise_periods.saturating_sub(self.stage);
         if let Observer::Published(o) = &mut self.observer {
+            o.rest(i_s);
             if left < c.published.r_s_periods {
                 o.read_resistance(&c.published, e.u_s.re(), i_ref.re());
             }

@@ -80,16 +80,14 @@ pub(crate) struct Applied<R: Real> {
 pub(crate) struct Enhanced<R: Real> {
     filter: Filter<R>,
     balance: Balance<R>,
-    /// Sums of `ψ_R × dψ_R` without its slip part and of `|ψ_R|²`: their ratio is the speed.
+    /// Sums of `ψ_R × dψ_R` without its slip part and of `|ψ_R|²`: their ratio is the speed, which takes their place.
     probe: [R; 2],
-    /// What they said: the machine turns.
-    turning: bool,
 }
 
 impl<R: Real> Enhanced<R> {
     /// Estimators that know the priors.
     pub fn new(c: &EnhancedConfig<R>) -> Self {
-        Self { filter: Filter::new(&c.filter), balance: Balance::default(), probe: [R::ZERO; 2], turning: false }
+        Self { filter: Filter::new(&c.filter), balance: Balance::default(), probe: [R::ZERO; 2] }
     }
 
     /// One period; `blind` while the machine has no flux.
@@ -103,16 +101,9 @@ impl<R: Real> Enhanced<R> {
         blind: bool,
     ) -> Seen<R> {
         let i_m = self.balance.step(&c.balance, &x.i_s, x.sum);
-        self.filter.step(&c.filter, &Input { u_s: x.u_s, u_l: x.u_l, i_m, i_ref: *i_ref, omega_s }, blind);
-        let o = &self.filter;
-        Seen { field: o.field(), magnitude: o.magnitude(), r_s: o.r_s(), i_s: o.i_s(), i_dq: o.i_dq() }
-    }
-
-    /// The same where instructions do not count.
-    #[cold]
-    #[inline(never)]
-    pub fn step(&mut self, c: &EnhancedConfig<R>, x: &Applied<R>, i_ref: &Dq<R>, omega_s: R, blind: bool) -> Seen<R> {
-        self.period(c, x, i_ref, omega_s, blind)
+        let o = &mut self.filter;
+        let i_dq = o.step(&c.filter, &Input { u_s: x.u_s, u_l: x.u_l, i_m, i_ref: *i_ref, omega_s }, blind);
+        Seen { field: o.field(), magnitude: o.magnitude(), r_s: o.r_s(), i_dq }
     }
 
     /// Begins with a machine without flux.
@@ -134,13 +125,22 @@ impl<R: Real> Enhanced<R> {
     /// The speed that was seen.
     pub fn probed(&mut self) -> R {
         let omega = (self.probe[0] * self.probe[1].recip()).limit(R::from_f64(1.5));
-        self.turning = omega.abs() > R::from_f64(TURNING);
+        self.probe = [omega, R::ZERO];
         omega
     }
 
-    /// The machine turned when the start began.
+    /// Once probed: the machine turned when the start began.
     pub fn turning(&self) -> bool {
-        self.turning
+        !self.probe[0].within(R::from_f64(TURNING))
+    }
+
+    pub fn rest(&mut self, i_s: &AlphaBeta<R>) {
+        self.filter.rest(i_s);
+    }
+
+    #[inline(always)]
+    pub fn i_s(&self) -> AlphaBeta<R> {
+        self.filter.i_s()
     }
 
     #[inline(always)]
@@ -194,7 +194,7 @@ impl<R: Real> Enhanced<R> {
     }
 
     pub fn begin(&mut self) {
-        (self.probe, self.turning) = ([R::ZERO; 2], false);
+        self.probe = [R::ZERO; 2];
     }
 
     /// The filter gets the stator frequency with every period.

@@ -1,7 +1,7 @@
 //! Estimators of the published scheme: Figs. 4, 7, 12, and the confidence model on top.
 
 use super::{Seen, Slow};
-use crate::base::{Base, rounded};
+use crate::base::{Base, PerUnit, rounded};
 use crate::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS};
 use crate::drive::Memory;
 use crate::estimate::confidence::{Confidence, ConfidenceConfig};
@@ -21,16 +21,24 @@ pub(crate) struct PublishedConfig<R: Real> {
     pub flux: FluxConfig<R>,
     pub resistance: Option<ResistanceConfig<R>>,
     pub confidence: ConfidenceConfig<R>,
+    /// Resistance of the nameplate, and its reciprocal.
+    pub r_s: R,
     pub inv_r_s: R,
     /// Periods over which the magnetisation reads `r̂_s`, and their reciprocal.
     pub r_s_periods: u32,
     pub inv_r_s_periods: R,
 }
-words!(PublishedConfig: flux, resistance, confidence, inv_r_s, r_s_periods, inv_r_s_periods);
+words!(PublishedConfig: flux, resistance, confidence, r_s, inv_r_s, r_s_periods, inv_r_s_periods);
 
 impl<R: Real> PublishedConfig<R> {
     /// Settings for validated parameters and a magnetisation of so many periods.
-    pub fn new(machine: &Machine, inverter: &Inverter, p: &DriveParams, magnetise_periods: u32) -> Self {
+    pub fn new(
+        machine: &Machine,
+        inverter: &Inverter,
+        pu: &PerUnit<R>,
+        p: &DriveParams,
+        magnetise_periods: u32,
+    ) -> Self {
         let b = Base::new(machine);
         let r = rounded::<R>;
         let t_s = b.omega / inverter.f_s;
@@ -43,7 +51,7 @@ impl<R: Real> PublishedConfig<R> {
         let noise = if p.noise_compensator { p.noise_gain } else { (0.0, 0.0) };
         let r_s_periods = magnetise_periods / 4;
         let offset = OffsetConfig {
-            t_s: r(t_s),
+            t_s: pu.t_s,
             gain: r(p.offset_gain),
             limit: r(0.05),
             hysteresis: r(0.2 * p.psi_ref),
@@ -54,7 +62,7 @@ impl<R: Real> PublishedConfig<R> {
         };
         Self {
             flux: FluxConfig {
-                t_s: r(t_s),
+                t_s: pu.t_s,
                 noise_min: r(noise.0),
                 noise_max: r(noise.1),
                 offset: p.offset_estimator.then_some(offset),
@@ -77,6 +85,7 @@ impl<R: Real> PublishedConfig<R> {
                 u_initial: r(0.01 * r_s),
                 corner: r(t_slow * hz(0.2)),
             },
+            r_s: pu.r_s,
             inv_r_s: r(1.0 / r_s),
             r_s_periods,
             inv_r_s_periods: r(1.0 / f64::from(r_s_periods)),
@@ -111,18 +120,21 @@ pub(crate) struct Published<R: Real> {
     confidence: Confidence<R>,
     /// `r̂_s` as the magnetisation reads it.
     r_s_sum: Integrator<R>,
+    /// Latest current without its offset.
+    i_s: AlphaBeta<R>,
 }
 
 impl<R: Real> Published<R> {
     /// Estimators that know the nameplate.
     pub fn new(c: &DriveConfig<R>) -> Self {
         let mut resistance = ResistanceEstimator::default();
-        resistance.start(c.pu.r_s);
+        resistance.start(c.published.r_s);
         Self {
             flux: FluxEstimator::default(),
             resistance,
             confidence: Confidence::default(),
             r_s_sum: Integrator::default(),
+            i_s: AlphaBeta::default(),
         }
     }
 
@@ -135,7 +147,8 @@ impl<R: Real> Published<R> {
         // What û_off stands for is first of all an offset of the current sensors, û_off = -r_s i_off. The flux
         // estimator has it removed already; control and inverter model get the current without it.
         let i_s = *i_s + self.flux.offset.u_off() * c.inv_r_s;
-        Seen { field, magnitude: self.flux.magnitude(), r_s, i_s, i_dq: field.to_field(&i_s) }
+        self.i_s = i_s;
+        Seen { field, magnitude: self.flux.magnitude(), r_s, i_dq: field.to_field(&i_s) }
     }
 
     /// Adds a voltage under the direct current `i_d` to the reading of `r̂_s`.
@@ -156,7 +169,16 @@ impl<R: Real> Published<R> {
 
     /// A resistance from outside, within its limits.
     fn set_resistance(&mut self, c: &DriveConfig<R>, r_s: R) {
-        self.resistance.start(r_s.clamp(c.pu.r_s * R::HALF, c.pu.r_s * R::from_f64(1.5)));
+        self.resistance.start(r_s.clamp(c.published.r_s * R::HALF, c.published.r_s * R::from_f64(1.5)));
+    }
+
+    pub fn rest(&mut self, i_s: &AlphaBeta<R>) {
+        self.i_s = *i_s;
+    }
+
+    #[inline(always)]
+    pub fn i_s(&self) -> AlphaBeta<R> {
+        self.i_s
     }
 
     #[inline(always)]

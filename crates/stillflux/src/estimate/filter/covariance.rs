@@ -42,6 +42,12 @@ impl<R: Real> Covariance<R> {
         p
     }
 
+    /// The same in place: no copy of a matrix on the stack.
+    pub fn set_diagonal(&mut self, variance: &Column<R>) {
+        self.p.as_flattened_mut().fill(R::ZERO);
+        self.add(variance);
+    }
+
     /// One element.
     #[inline(always)]
     pub fn get(&self, i: usize, j: usize) -> R {
@@ -102,11 +108,11 @@ impl<R: Real> Covariance<R> {
         }
     }
 
-    /// What a measurement takes from row `I`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`.
+    /// What a measurement takes from row `I`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`, and `ph` of the row.
     #[inline(always)]
-    pub fn reduce<const I: usize>(&mut self, ph: &Column<R>, gain: &Column<R>, floor: R) {
+    pub fn reduce<const I: usize>(&mut self, ph: R, gain: &[R], floor: R) {
         for (j, &g) in gain.iter().enumerate().take(I + 1) {
-            *self.get_mut(I, j) -= ph[I] * g;
+            *self.get_mut(I, j) -= ph * g;
         }
         *self.get_mut(I, I) = self.get(I, I).max(floor);
     }
@@ -161,15 +167,15 @@ mod tests {
         let ph = p.project(&h);
         let s = (row * before * row.transpose())[0] + 0.1;
         let gain = ph.map(|x| x / s);
-        p.reduce::<0>(&ph, &gain, 0.0);
-        p.reduce::<1>(&ph, &gain, 0.0);
-        p.reduce::<2>(&ph, &gain, 0.0);
-        p.reduce::<3>(&ph, &gain, 0.0);
-        p.reduce::<4>(&ph, &gain, 0.0);
-        p.reduce::<5>(&ph, &gain, 0.0);
-        p.reduce::<6>(&ph, &gain, 0.0);
-        p.reduce::<7>(&ph, &gain, 0.0);
-        p.reduce::<8>(&ph, &gain, 0.0);
+        p.reduce::<0>(ph[0], &gain, 0.0);
+        p.reduce::<1>(ph[1], &gain, 0.0);
+        p.reduce::<2>(ph[2], &gain, 0.0);
+        p.reduce::<3>(ph[3], &gain, 0.0);
+        p.reduce::<4>(ph[4], &gain, 0.0);
+        p.reduce::<5>(ph[5], &gain, 0.0);
+        p.reduce::<6>(ph[6], &gain, 0.0);
+        p.reduce::<7>(ph[7], &gain, 0.0);
+        p.reduce::<8>(ph[8], &gain, 0.0);
         assert!((full(&p) - (before - before * row.transpose() * row * before / s)).norm() < 1e-12);
     }
 
