@@ -49,6 +49,23 @@ impl<R: Real> Ready<R> {
     }
 }
 
+impl<R: Real + Words> Ready<R> {
+    /// What the words hold, and how many they are.
+    // Not inlined: so each word is copied once, to where it is kept.
+    #[inline(never)]
+    fn take(words: &[u32; WORDS]) -> (Self, usize) {
+        let mut n = HEAD;
+        let mut take = || {
+            let word = words.get(n).copied().unwrap_or(0);
+            n += 1;
+            word
+        };
+        let (config, scale) = (DriveConfig::take(&mut take), Scale::take(&mut take));
+        let memory = Memory::take(&mut take);
+        (Self { config, scale, memory }, n)
+    }
+}
+
 /// A page as it lies in flash.
 #[repr(C)]
 pub struct Page([u32; WORDS]);
@@ -86,21 +103,13 @@ impl Page {
     /// What it holds, if it is whole, of this arithmetic and of a build with the same schemes.
     pub fn open<R: Real + Words>(&self) -> Option<Ready<R>> {
         let words = &self.0;
-        let fits = words[..3] == [MAGIC, arithmetic::<R>(), Scheme::BUILT];
+        let fits = words[0] == MAGIC && words[1] == arithmetic::<R>() && words[2] == Scheme::BUILT;
         if !fits || words[WORDS - 1] != crc(words) {
             return None;
         }
-        let mut k = HEAD;
-        let mut take = || {
-            let w = words.get(k).copied().unwrap_or(0);
-            k += 1;
-            w
-        };
-        let config = DriveConfig::take(&mut take);
-        let scale = Scale::take(&mut take);
-        let memory = Memory::take(&mut take);
-        // Another length is another layout: a page of an image with other features of the core.
-        (k as u32 == words[3]).then_some(Ready { config, scale, memory })
+        // Another length is another layout.
+        let (ready, n) = Ready::take(words);
+        (n as u32 == words[3]).then_some(ready)
     }
 }
 

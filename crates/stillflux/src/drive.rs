@@ -308,8 +308,12 @@ impl<R: Real> Drive<R> {
     }
 
     /// Takes back what an earlier run stored. Values beyond their limits are limited.
+    #[cold]
+    #[inline(never)]
     pub fn restore(&mut self, memory: &Memory<R>) {
-        self.i_off = memory.i_off.map(|i| i.limit(R::from_f64(I_OFF_MAX)));
+        for (to, i) in self.i_off.iter_mut().zip(memory.i_off) {
+            *to = i.limit(R::from_f64(I_OFF_MAX));
+        }
         self.observer.restore(&self.config, memory);
     }
 
@@ -368,11 +372,18 @@ impl<R: Real> Drive<R> {
         duty
     }
 
+    /// Phase currents less the offsets read at rest.
+    #[inline(always)]
+    fn without_offset(&self, m: &Measurement<R>) -> [R; 3] {
+        let ([a, b, c], off) = (m.i_abc, &self.i_off);
+        [a - off[0], b - off[1], c - off[2]]
+    }
+
     /// Checks the measurement; the current vector, if measurement and drive can be worked with.
     #[inline]
     fn acquire(&mut self, m: &Measurement<R>) -> Option<AlphaBeta<R>> {
         let c = &self.config;
-        let i = [m.i_abc[0] - self.i_off[0], m.i_abc[1] - self.i_off[1], m.i_abc[2] - self.i_off[2]];
+        let i = self.without_offset(m);
         // One comparison for four: no channel near its range, the vector below the trip level. Written so that
         // NaN fails it.
         let sum = i[0] * i[0] + i[1] * i[1] + i[2] * i[2];
@@ -387,7 +398,7 @@ impl<R: Real> Drive<R> {
     #[inline(never)]
     fn examine(&mut self, m: &Measurement<R>) -> Option<()> {
         let c = &self.config;
-        let i_s = AlphaBeta::<R>::from_phases([0, 1, 2].map(|k| m.i_abc[k] - self.i_off[k]));
+        let i_s = AlphaBeta::<R>::from_phases(self.without_offset(m));
         let readable = m.i_abc.iter().all(|i| i.abs() < c.i_range) && m.u_dc.abs() < R::from_f64(U_DC_RANGE);
         let cause = if !readable {
             Fault::Measurement
@@ -441,7 +452,9 @@ impl<R: Real> Drive<R> {
             return;
         }
         if c.calibrate_offset {
-            self.i_off = [0, 1, 2].map(|k| self.offset_sum[k].value());
+            for (to, sum) in self.i_off.iter_mut().zip(&self.offset_sum) {
+                *to = sum.value();
+            }
             if self.i_off.iter().any(|i| i.abs() > R::from_f64(I_OFF_MAX)) {
                 self.fault(Fault::CurrentOffset);
                 return;

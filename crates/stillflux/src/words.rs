@@ -64,14 +64,18 @@ impl<T: Words, const N: usize> Words for [T; N] {
 }
 
 impl<T: Words> Words for Option<T> {
+    /// As long without a value as with one: every word has its place, so that reading takes no arithmetic.
     fn put(&self, out: &mut impl FnMut(u32)) {
         self.is_some().put(out);
-        if let Some(x) = self {
-            x.put(out);
+        match self {
+            Some(x) => x.put(out),
+            None => T::take(&mut || 0).put(out),
         }
     }
     fn take(from: &mut impl FnMut() -> u32) -> Self {
-        bool::take(from).then(|| T::take(from))
+        let is_some = bool::take(from);
+        let x = T::take(from);
+        is_some.then_some(x)
     }
 }
 

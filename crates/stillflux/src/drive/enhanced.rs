@@ -21,14 +21,13 @@ impl<R: Real> Drive<R> {
         u_max: R,
         running: bool,
     ) -> (AlphaBeta<R>, AlphaBeta<R>) {
-        let [a, b, c] = measured.i_abc;
-        let sum = a - self.i_off[0] + (b - self.i_off[1]) + (c - self.i_off[2]);
+        let [a, b, c] = self.without_offset(measured);
         let blind = !likely(running) && self.prepare(i_s);
-        let (c, e) = (&self.config, &self.estimate);
-        let x = Applied { i_s: *i_s, sum, u_s: e.u_s, u_l: *u_l };
+        let (config, e) = (&self.config, &self.estimate);
+        let x = Applied { i_s: *i_s, sum: a + b + c, u_s: e.u_s, u_l: *u_l };
         let mut seen = Seen::default();
         if let Observer::Enhanced(o) = &mut self.observer {
-            seen = o.period(&c.enhanced, &x, &e.i_dq_ref, e.speed.omega_s, blind);
+            seen = o.period(&config.enhanced, &x, &e.i_dq_ref, e.speed.omega_s, blind);
         }
         if !likely(running) {
             self.build_up(&mut seen);
@@ -70,14 +69,18 @@ impl<R: Real> Drive<R> {
     #[cold]
     #[inline(never)]
     fn build_up(&mut self, seen: &mut Seen<R>) {
+        let probing = self.stage <= self.config.enhanced.probe_periods;
+        if !probing && self.period.is_multiple_of(SPEED_PERIODS) {
+            self.track();
+        }
         let (c, e) = (&self.config, &mut self.estimate);
         let probe_periods = c.enhanced.probe_periods;
         let mut enough = c.magnetise_periods;
         if let Observer::Enhanced(o) = &mut self.observer {
-            let (psi_s, i_s) = (o.psi_s(), o.i_s());
-            let psi_r = psi_s - i_s * c.speed.sigma_l_s;
+            let i_s = o.i_s();
+            let psi_r = o.psi_s() - i_s * c.speed.sigma_l_s;
             seen.field = Rotator::default();
-            if self.stage <= probe_periods {
+            if probing {
                 let before = e.speed.psi_r;
                 // The rise of the current is over after a fifth of it.
                 if self.stage > probe_periods / 5 {
@@ -90,14 +93,9 @@ impl<R: Real> Drive<R> {
                     self.speed.start(&psi_r, omega);
                     (e.speed.omega_m, e.speed.omega_s) = (omega, omega);
                 }
-            } else {
-                if self.period.is_multiple_of(SPEED_PERIODS) {
-                    e.speed = self.speed.step(&c.speed, &psi_s, &i_s);
-                }
-                if o.turning() {
-                    seen.field = Rotator::of(&psi_r).0;
-                    enough = c.boost_periods;
-                }
+            } else if o.turning() {
+                seen.field = Rotator::of(&psi_r).0;
+                enough = c.boost_periods;
             }
             seen.i_dq = seen.field.to_field(&i_s);
         }

@@ -34,11 +34,8 @@ words!(EnhancedConfig: filter, balance, probe_periods);
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters.
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit<R>, p: &DriveParams) -> Self {
-        let identified = Identified {
-            offset: p.offset_estimator,
-            resistance: p.resistance_adaptation,
-            flux: p.noise_compensator,
-        };
+        let identified =
+            Identified { offset: p.offset_estimator, resistance: p.resistance_adaptation, flux: p.noise_compensator };
         Self {
             filter: FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified),
             balance: BalanceConfig {
@@ -92,14 +89,7 @@ impl<R: Real> Enhanced<R> {
 
     /// One period; `blind` while the machine has no flux.
     #[inline(always)]
-    pub fn period(
-        &mut self,
-        c: &EnhancedConfig<R>,
-        x: &Applied<R>,
-        i_ref: &Dq<R>,
-        omega_s: R,
-        blind: bool,
-    ) -> Seen<R> {
+    pub fn period(&mut self, c: &EnhancedConfig<R>, x: &Applied<R>, i_ref: &Dq<R>, omega_s: R, blind: bool) -> Seen<R> {
         let i_m = self.balance.step(&c.balance, &x.i_s, x.sum);
         let o = &mut self.filter;
         let i_dq = o.step(&c.filter, &Input { u_s: x.u_s, u_l: x.u_l, i_m, i_ref: *i_ref, omega_s }, blind);

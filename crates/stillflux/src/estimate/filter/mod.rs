@@ -193,27 +193,38 @@ impl<R: Real> Filter<R> {
     /// A filter that knows the priors.
     #[must_use]
     pub fn new(c: &FilterConfig<R>) -> Self {
+        let (mut filter, prior) = (Self::empty(), c.prior());
+        filter.brought = Learned { b: AlphaBeta::default(), r_s: c.r_s, v: R::ZERO, gamma: R::ONE };
+        filter.brought_variance = [B, RS, V, GAMMA].map(|k| prior[k]);
+        filter.c = Integrator::new(c.saturation);
+        filter.rewind(c);
+        filter
+    }
+
+    /// A filter that knows nothing.
+    #[inline(always)]
+    fn empty() -> Self {
         Self {
             psi_s: FluxIntegral::default(),
             m: Integrator::default(),
             b: Default::default(),
-            r_s: Integrator::new(c.r_s),
+            r_s: Integrator::default(),
             v: Integrator::default(),
-            gamma: Integrator::new(R::ONE),
-            c: Integrator::new(c.saturation),
+            gamma: Integrator::default(),
+            c: Integrator::default(),
             i_s: AlphaBeta::default(),
             u_i: AlphaBeta::default(),
             sum: Dq::default(),
             period: 0,
             point: Point::default(),
-            p: Covariance::diagonal(&c.prior()),
+            p: Covariance::default(),
             ph: [R::ZERO; N],
             inv_s: R::ZERO,
             residual: R::ZERO,
             nis: R::ZERO,
             trial: TRIAL,
             sigma: R::ZERO,
-            brought: Learned { b: AlphaBeta::default(), r_s: c.r_s, v: R::ZERO, gamma: R::ONE },
+            brought: Learned { b: AlphaBeta::default(), r_s: R::ZERO, v: R::ZERO, gamma: R::ZERO },
             brought_variance: [R::ZERO; 4],
         }
     }
@@ -252,9 +263,11 @@ impl<R: Real> Filter<R> {
     }
 
     /// As the filter was before the start under way, but for the saturation.
+    #[cold]
+    #[inline(never)]
     fn rewind(&mut self, c: &FilterConfig<R>) {
         let (bent, brought, brought_variance) = (self.c, self.brought, self.brought_variance);
-        *self = Self::new(c);
+        *self = Self::empty();
         let Learned { b, r_s, v, gamma } = brought;
         self.b = [Integrator::new(b.re()), Integrator::new(b.im())];
         (self.r_s, self.v) = (Integrator::new(r_s), Integrator::new(v));
@@ -319,28 +332,12 @@ impl<R: Real> Filter<R> {
         match self.period {
             1 => self.prepare_m(c),
             2 => self.advance_m(c),
-            3 => self.advance_psi::<0>(c),
-            4 => self.advance_psi::<1>(c),
+            3 | 4 => self.advance_psi(c, self.period == 4),
             5 => self.add_noise(c),
             6 => self.weigh(c),
-            7 => {
-                let gain = self.gain::<5>();
-                self.reduce::<0>(&gain);
-                self.reduce::<1>(&gain);
-                self.reduce::<2>(&gain);
-                self.reduce::<3>(&gain);
-                self.reduce::<4>(&gain);
-            }
-            8 => {
-                let gain = self.gain::<7>();
-                self.reduce::<5>(&gain);
-                self.reduce::<6>(&gain);
-            }
-            9 => {
-                let gain = self.gain::<N>();
-                self.reduce::<7>(&gain);
-                self.reduce::<8>(&gain);
-            }
+            7 => self.reduce_to_4(),
+            8 => self.reduce_to_6(),
+            9 => self.reduce_to_8(),
             _ => {}
         }
     }
@@ -443,15 +440,13 @@ impl<R: Real> Filter<R> {
         self.p.advance::<M, 6>(R::ONE - c.decay * self.point.slope, &terms, &self.ph);
     }
 
-    /// A component of the flux follows its offset, the resistance and the inverter error.
+    /// The first or the second component of the flux follows its offset, the resistance and the inverter error.
     #[inline(never)]
-    fn advance_psi<const I: usize>(&mut self, c: &FilterConfig<R>) {
+    fn advance_psi(&mut self, c: &FilterConfig<R>, second: bool) {
         let (i, u) = (&self.point.i_s, &self.point.u_l);
-        let (i, u) = if I == PSI { (i.re(), u.re()) } else { (i.im(), u.im()) };
+        let (i, u) = if second { (i.im(), u.im()) } else { (i.re(), u.re()) };
         let (i, u) = if self.point.held() { (R::ZERO, R::ZERO) } else { (i, u) };
-        let terms = [(B + I - PSI, c.psi_b * self.r_s()), (RS, -c.psi_r * i), (V, -c.psi_v * u)];
-        let row = self.p.project(&terms);
-        self.p.advance::<I, 3>(R::ONE, &terms, &row);
+        self.p.advance_psi(second, [c.psi_b * self.r_s(), -c.psi_r * i, -c.psi_v * u]);
     }
 
     /// What the states may have done by themselves.
@@ -514,6 +509,31 @@ impl<R: Real> Filter<R> {
             + q.away * q.away
             + R::from_f64(SECOND_ORDER) * (second * second);
         self.inv_s = s.max(residual).recip();
+    }
+
+    // Row by row, the covariance loses what the residual has told.
+    #[inline(never)]
+    fn reduce_to_4(&mut self) {
+        let gain = self.gain::<5>();
+        self.reduce::<0>(&gain);
+        self.reduce::<1>(&gain);
+        self.reduce::<2>(&gain);
+        self.reduce::<3>(&gain);
+        self.reduce::<4>(&gain);
+    }
+
+    #[inline(never)]
+    fn reduce_to_6(&mut self) {
+        let gain = self.gain::<7>();
+        self.reduce::<5>(&gain);
+        self.reduce::<6>(&gain);
+    }
+
+    #[inline(never)]
+    fn reduce_to_8(&mut self) {
+        let gain = self.gain::<N>();
+        self.reduce::<7>(&gain);
+        self.reduce::<8>(&gain);
     }
 
     /// Row `I` of the covariance loses what the residual has told.
@@ -610,8 +630,15 @@ impl<R: Real> Filter<R> {
     pub fn confine(&mut self, c: &FilterConfig<R>) {
         self.psi_s.confine();
         if !likely(self.sigma.within(R::from_f64(SIGMA_LOST))) {
-            self.p.set_diagonal(&c.prior());
+            self.forget(c);
         }
+    }
+
+    /// Nothing is known any more but what was known at the start.
+    #[cold]
+    #[inline(never)]
+    fn forget(&mut self, c: &FilterConfig<R>) {
+        self.p.set_diagonal(&c.prior());
     }
 }
 
