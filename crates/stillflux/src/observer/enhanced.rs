@@ -2,7 +2,7 @@
 
 use super::{Seen, Slow};
 use crate::base::{PerUnit, rounded};
-use crate::config::{DriveConfig, DriveParams, Scheme};
+use crate::config::{DriveConfig, DriveParams};
 use crate::drive::Memory;
 use crate::estimate::balance::{Balance, BalanceConfig};
 use crate::estimate::filter::{Filter, FilterConfig, Identified, Input, Learned};
@@ -48,9 +48,9 @@ impl<R: Real> EnhancedConfig<R> {
 }
 
 impl<R: Real> DriveConfig<R> {
-    /// Settings of the filter, if the scheme has one.
-    pub fn filter_config(&self) -> Option<&FilterConfig<R>> {
-        (self.scheme == Scheme::Enhanced).then_some(&self.enhanced.filter)
+    /// Settings of the filter, for its use alone.
+    pub fn filter_config(&self) -> &FilterConfig<R> {
+        &self.enhanced.filter
     }
 
     /// Settings of the fit of the current sensors' gains.
