@@ -36,8 +36,8 @@ ISR = "control_isr"
 TARGETS = {"flux_estimator": (150, 250), "drive_step": (600, 1000)}
 #: The enhanced step's worst case, relative to the published one's.
 WORST_RATIO = 1.6
-#: Bytes of an image with one scheme: label, and what the design asks for. Those of the enhanced scheme have the
-#: same names with `_enhanced` behind them.
+#: Bytes of an image with one scheme: label, and what the design asks for. Those of the enhanced scheme have
+#: the same names with `_enhanced` behind them.
 SIZES = {
     "flash_step": ("flash, control step", ""),
     "flash_library": ("  with start from page", "16384"),

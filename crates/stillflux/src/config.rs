@@ -39,7 +39,15 @@ pub enum Scheme {
 }
 
 impl Scheme {
-    /// The schemes of this build: bit 0 the published one, bit 1 the enhanced one. A stored configuration fits only
+    /// The schemes of this build.
+    pub const ALL: &[Self] = &[
+        #[cfg(feature = "paper")]
+        Self::Paper,
+        #[cfg(feature = "enhanced")]
+        Self::Enhanced,
+    ];
+
+    /// The same as a word: bit 0 the published one, bit 1 the enhanced one. A stored configuration fits only
     /// a build of the same schemes.
     pub const BUILT: u32 = cfg!(feature = "paper") as u32 | (cfg!(feature = "enhanced") as u32) << 1;
 
@@ -360,5 +368,23 @@ impl<R: Real> DriveConfig<R> {
             magnetise_periods,
             boost_periods: periods(boost_time),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scheme_that_is_not_built_is_refused_by_name() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        for scheme in [Scheme::Paper, Scheme::Enhanced] {
+            let params = DriveParams { scheme, ..DriveParams::new(&machine, &inverter) };
+            match DriveConfig::<f32>::new(&machine, &inverter, &params) {
+                Ok(_) => assert!(Scheme::ALL.contains(&scheme)),
+                Err(e) => assert!(e.field == "scheme" && !Scheme::ALL.contains(&scheme), "{e}"),
+            }
+        }
+        assert!(Scheme::ALL.contains(&Scheme::default()));
     }
 }

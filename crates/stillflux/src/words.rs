@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_configuration_survives_in_every_arithmetic_and_with_blocks_off() {
-        for scheme in [Scheme::Paper, Scheme::Enhanced] {
+        for &scheme in Scheme::ALL {
             round_trip::<f32>(|p| DriveParams { scheme, ..p });
             round_trip::<f64>(|p| DriveParams { scheme, ..p });
             round_trip::<Q>(|p| DriveParams { scheme, resistance_adaptation: false, offset_estimator: false, ..p });
