@@ -162,6 +162,13 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     drive = sf.Drive(motor, inverter, noise_gain=(0.03, 0.2), offset_estimator=False)
     assert drive.settings["noise_gain"] == (0.03, 0.2)
     assert drive.settings["offset_estimator"] is False
+    assert drive.settings["low_confidence"] == "keep"
+    assert sf.Drive(motor, inverter, low_confidence="limit").settings["low_confidence"] == "limit"
+    with pytest.raises(ValueError, match="low_confidence = 'stop' is not one of 'keep', 'limit', 'fault'"):
+        sf.Drive(motor, inverter, low_confidence="stop")  # type: ignore[arg-type]
+    assert drive.settings["omega_s_min"] == pytest.approx(0.006 * motor.base["omega"])
+    with pytest.raises(ValueError, match=r"omega_s_min = -1 .*range 0 to 15"):
+        sf.Drive(motor, inverter, omega_s_min=-1.0)
     with pytest.raises(TypeError, match="'bandwidth'"):
         sf.Drive(motor, inverter, bandwidth=3.0)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="psi_ref"):

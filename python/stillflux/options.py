@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypedDict
+from typing import Literal, TypedDict
 
 __all__ = ["DriveSettings", "PlantOptions"]
 
@@ -55,6 +55,12 @@ class DriveSettings(TypedDict, total=False):
     """Duration of the reading of the offsets, s."""
     magnetise_time: float
     """Duration of the magnetisation, s."""
+    low_confidence: Literal["keep", "limit", "fault"]
+    """What to do while the confidence in the field angle is below 0.5: nothing, limit the torque in
+    proportion, or stop with a fault."""
+    omega_s_min: float
+    """Stator frequency that the enhanced scheme keeps under load, electrical rad/s: where it would be smaller
+    the flux is lowered, by at most 30 %. 0: the flux stays."""
 
 
 class PlantOptions(TypedDict, total=False):

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from stillflux.beyond.scenarios import SCHEMES
-from stillflux.beyond.targets import TARGETS
+from stillflux.beyond.targets import KNOWN, STEPPED, TARGETS
 from stillflux.claims import Claim
 from stillflux.experiments import EXPERIMENTS, FIGURES, Experiment
 from stillflux.openloop import VoltageFed, Waveforms
@@ -187,7 +187,7 @@ METRICS_OF = (
     *((figure, machine) for figure in FIGURES for machine in MACHINES),
     *(
         (f"{target}, {scheme}", machine)
-        for target in (*TARGETS, "confidence")
+        for target in (*TARGETS, KNOWN, STEPPED)
         for machine in ALL_MACHINES
         for scheme in SCHEMES
     ),

@@ -58,6 +58,7 @@ fn fault_name(cause: Fault) -> &'static str {
         Fault::Reference => "reference",
         Fault::CurrentOffset => "current offset",
         Fault::EstimateLost => "estimate lost",
+        Fault::LowConfidence => "low confidence",
     }
 }
 

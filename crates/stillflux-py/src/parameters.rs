@@ -4,7 +4,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::base::Base;
-use stillflux::config::{DriveParams, Scheme};
+use stillflux::config::{DriveParams, LowConfidence, Scheme};
 use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
 use stillflux_sim::si::Arithmetic;
 
@@ -177,11 +177,23 @@ fn scheme_of(name: &str) -> PyResult<Scheme> {
     }
 }
 
+const LOW_CONFIDENCE: [(&str, LowConfidence); 3] =
+    [("keep", LowConfidence::Keep), ("limit", LowConfidence::LimitTorque), ("fault", LowConfidence::Fault)];
+
+/// What to do at low confidence, by name.
+fn low_confidence_of(value: &Bound<'_, PyAny>) -> PyResult<LowConfidence> {
+    let name: String = extract("low_confidence", value)?;
+    LOW_CONFIDENCE.iter().find(|(n, _)| *n == name).map(|&(_, what)| what).ok_or_else(|| {
+        PyValueError::new_err(format!("low_confidence = '{name}' is not one of 'keep', 'limit', 'fault'"))
+    })
+}
+
 macro_rules! drive_settings {
     ($($field:ident),* $(,)?) => {
         fn set(p: &mut DriveParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bool> {
             match name {
                 $(stringify!($field) => p.$field = extract(name, value)?,)*
+                "low_confidence" => p.low_confidence = low_confidence_of(value)?,
                 _ => return Ok(false),
             }
             Ok(true)
@@ -190,9 +202,11 @@ macro_rules! drive_settings {
         /// The settings of a drive as dict.
         pub fn settings_dict<'py>(py: Python<'py>, p: &DriveParams) -> PyResult<Bound<'py, PyDict>> {
             // Without `..`: a setting added to the drive has to be added here.
-            let DriveParams { scheme: _, $($field),* } = *p;
+            let DriveParams { scheme: _, low_confidence, $($field),* } = *p;
             let dict = PyDict::new(py);
             $(dict.set_item(stringify!($field), $field)?;)*
+            let name = LOW_CONFIDENCE.iter().find(|(_, what)| *what == low_confidence).map(|(name, _)| *name);
+            dict.set_item("low_confidence", name)?;
             Ok(dict)
         }
     };
@@ -202,7 +216,7 @@ drive_settings! {
     psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
     inverter_model, offset_estimator, offset_gain, noise_compensator, noise_gain,
-    resistance_adaptation, resistance_gain, calibrate_offset, offset_time, magnetise_time,
+    resistance_adaptation, resistance_gain, calibrate_offset, offset_time, magnetise_time, omega_s_min,
 }
 
 /// Settings of a drive: the defaults of machine and inverter, changed by keywords.

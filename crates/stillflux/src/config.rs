@@ -4,6 +4,7 @@
 use crate::base::{Base, PerUnit, rounded};
 use crate::control::current::CurrentConfig;
 use crate::control::flux::FluxControlConfig;
+use crate::control::shift::ShiftConfig;
 use crate::control::speed::SpeedControlConfig;
 use crate::estimate::speed::SpeedConfig;
 use crate::inverter::InverterModel;
@@ -25,6 +26,9 @@ pub(crate) const I_OFF_MAX: f64 = 0.15;
 pub const SPEED_PERIODS: u32 = 2;
 /// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
 pub const SLOW_PERIODS: u32 = 4;
+
+/// Rate of the flux shift in units of rated flux, 1/s: flux control follows without a lag that torque would show.
+const SHIFT_RATE: f64 = 0.5;
 
 /// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,6 +75,34 @@ impl Words for Scheme {
     }
     fn take(from: &mut impl FnMut() -> u32) -> Self {
         if from() == Self::Paper as u32 { Self::Paper } else { Self::Enhanced }
+    }
+}
+
+/// What a drive does while its confidence in the field angle is below one half: an error of 15° and more must be
+/// expected then, and torque is no longer what it is asked to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum LowConfidence {
+    /// Nothing: the signal is for the user.
+    #[default]
+    Keep,
+    /// Limits the torque in proportion to the confidence: to the whole at one half, to nothing at zero.
+    LimitTorque,
+    /// Stops with [`crate::drive::Fault::LowConfidence`] after 50 ms.
+    Fault,
+}
+
+impl Words for LowConfidence {
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        out(*self as u32);
+    }
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        match from() {
+            0 => Self::Keep,
+            1 => Self::LimitTorque,
+            _ => Self::Fault,
+        }
     }
 }
 
@@ -127,6 +159,11 @@ pub struct DriveParams {
     pub offset_time: f64,
     /// Duration of the magnetisation, s.
     pub magnetise_time: f64,
+    /// What to do while the confidence is low.
+    pub low_confidence: LowConfidence,
+    /// Stator frequency that the enhanced scheme keeps under load, electrical rad/s: where it would be smaller the
+    /// flux is lowered, by at most 30 % ([`crate::control::shift`]). 0: the flux stays.
+    pub omega_s_min: f64,
 }
 
 impl DriveParams {
@@ -159,6 +196,8 @@ impl DriveParams {
             calibrate_offset: true,
             offset_time: 0.1,
             magnetise_time: (4.0 * tau_r).max(1.4),
+            low_confidence: LowConfidence::Keep,
+            omega_s_min: 0.006 * machine.omega_sR(),
         }
     }
 
@@ -190,7 +229,8 @@ impl DriveParams {
         check("noise_gain[1]", self.noise_gain.1, self.noise_gain.0, 4.0, "")?;
         check("resistance_gain", self.resistance_gain, 0.0, 5.0, "p.u./s")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
-        check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")
+        check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
+        check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")
     }
 }
 
@@ -211,6 +251,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) current: CurrentConfig<R>,
     pub(crate) flux_control: FluxControlConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
+    pub(crate) shift: Option<ShiftConfig<R>>,
+    pub(crate) low_confidence: LowConfidence,
     /// From a sample to the middle of the duties' effect.
     pub(crate) t_ahead: R,
     pub(crate) i_range: R,
@@ -236,7 +278,7 @@ words! {
     t_s, inverter, timer, scheme,
     #[cfg(feature = "paper")] published,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, speed_control, t_ahead, i_range, i_plain_sq,
+    speed, current, flux_control, speed_control, shift, low_confidence, t_ahead, i_range, i_plain_sq,
     i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max, omega_trip, psi_deviation,
     implausible_max, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
@@ -272,6 +314,11 @@ impl<R: Real> DriveConfig<R> {
         &self.speed_control
     }
 
+    /// Settings of the flux shift, if it is on.
+    pub fn shift_config(&self) -> Option<&ShiftConfig<R>> {
+        self.shift.as_ref()
+    }
+
     /// Per-unit configuration of validated settings.
     ///
     /// # Errors
@@ -295,6 +342,7 @@ impl<R: Real> DriveConfig<R> {
         let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
+        let i_q_max = libm::sqrt(i_max * i_max - i_0 * i_0);
         let i_trip = p.i_trip / b.i;
         // Readings are within their range if the currents are, less the largest offset taken off them.
         let plain = (p.i_range / b.i - I_OFF_MAX).max(0.0);
@@ -304,6 +352,10 @@ impl<R: Real> DriveConfig<R> {
         let j = machine.J * b.omega_m * b.omega / b.torque;
         let speed_gain = j * hz(p.speed_bandwidth);
         let omega_n = hz(p.pll_bandwidth);
+        let torque_n = machine.T_N / b.torque;
+        // At the rotor flux of no load; under load it is a little less, and the slip more.
+        let psi_r = p.psi_ref * machine.L_M / machine.L_s();
+        let slip = machine.R_R / b.z / (psi_r * psi_r);
         let magnetise_periods = periods(p.magnetise_time);
         // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
@@ -350,11 +402,21 @@ impl<R: Real> DriveConfig<R> {
                 k_i: r(t_slow * speed_gain * hz(p.speed_bandwidth) / 4.0),
                 torque_max: r(p.torque_max / b.torque),
             },
+            shift: (p.scheme == Scheme::Enhanced && p.omega_s_min > 0.0).then(|| ShiftConfig {
+                omega_s_min: r(p.omega_s_min / b.omega),
+                slip: r(slip),
+                torque_begin: r(0.1 * torque_n),
+                inv_torque_fade: r(5.0 / torque_n),
+                // A tenth of the torque that the current allows is kept in reserve.
+                inv_torque: r(1.0 / (0.9 * i_q_max * p.psi_ref)),
+                step: r(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
+            }),
+            low_confidence: p.low_confidence,
             t_ahead: r(1.5 * t_s),
             i_range: r(p.i_range / b.i),
             i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
             i_trip: r(i_trip),
-            i_q_max: r(libm::sqrt(i_max * i_max - i_0 * i_0)),
+            i_q_max: r(i_q_max),
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),

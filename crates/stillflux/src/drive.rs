@@ -31,10 +31,11 @@ mod enhanced;
 #[cfg(feature = "paper")]
 mod published;
 
-use crate::config::{BOOST, DriveConfig, I_OFF_MAX};
+use crate::config::{BOOST, DriveConfig, I_OFF_MAX, LowConfidence};
 use crate::control::current::CurrentController;
 use crate::control::flux::FluxController;
 use crate::control::modulator::{Duty, applied, modulate, zero_duty};
+use crate::control::shift::FluxShift;
 use crate::control::speed::SpeedController;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
@@ -116,6 +117,9 @@ pub enum Fault {
     CurrentOffset,
     /// The flux estimate left its circle, or the speed estimate its range, for longer than a transient.
     EstimateLost,
+    /// The confidence in the field angle was below one half for longer than a transient, and the drive has been
+    /// told to stop then ([`crate::config::LowConfidence::Fault`]).
+    LowConfidence,
 }
 
 /// State of the sequence.
@@ -225,7 +229,7 @@ pub struct Drive<R: Real> {
     /// Periods since power-up, and since the present stage of the sequence began.
     period: u32,
     stage: u32,
-    /// Periods for which the estimate has been implausible.
+    /// Slow turns for which the estimate has been implausible, or too doubtful.
     implausible: u32,
     i_off: [R; 3],
     offset_sum: [Integrator<R>; 3],
@@ -237,6 +241,7 @@ pub struct Drive<R: Real> {
     current_control: CurrentController<R>,
     flux_control: FluxController<R>,
     speed_control: SpeedController<R>,
+    shift: FluxShift<R>,
     estimate: Latest<R>,
 }
 
@@ -259,6 +264,7 @@ impl<R: Real> Drive<R> {
             current_control: CurrentController::default(),
             flux_control: FluxController::default(),
             speed_control: SpeedController::default(),
+            shift: FluxShift::default(),
             estimate: Latest::default(),
         }
     }
@@ -475,6 +481,7 @@ impl<R: Real> Drive<R> {
         self.estimate.psi_ref = self.config.flux_control.psi_rated;
         self.flux_control.start();
         self.speed_control.start(R::ZERO);
+        self.shift = FluxShift::default();
         self.enter(Status::Running);
     }
 
@@ -520,10 +527,18 @@ impl<R: Real> Drive<R> {
         let c = &self.config;
         let e = &mut self.estimate;
         let (omega_s, omega_m) = (e.speed.omega_s, e.speed.omega_m);
-        let psi_ref = c.flux_control.reference(omega_s, u_max * R::from_f64(U_FLUX));
+        let mut psi_ref = c.flux_control.reference(omega_s, u_max * R::from_f64(U_FLUX));
+        if let Some(shift) = &c.shift {
+            let factor = self.shift.step(shift, omega_m, e.i_dq_ref.im() * e.psi_ref);
+            psi_ref = psi_ref.min(c.flux_control.psi_rated * factor);
+        }
         e.psi_ref = psi_ref;
         let i_q_max = (c.pull_out_use * psi_ref).min(c.i_q_max);
-        let torque_max = i_q_max * psi_ref;
+        let mut torque_max = i_q_max * psi_ref;
+        if c.low_confidence == LowConfidence::LimitTorque {
+            let part = (self.observer.confidence() * R::TWO).min(R::ONE);
+            torque_max = torque_max.min(c.speed_control.torque_max) * part;
+        }
         let torque_ref = match *reference {
             Reference::Speed(omega) => {
                 self.speed_control.step(&c.speed_control, omega.limit(c.omega_max), omega_m, torque_max)
@@ -551,12 +566,13 @@ impl<R: Real> Drive<R> {
 
         // Plausibility: the flux on its circle, the speed within reach.
         let plausible = (psi_s - e.psi_ref).within(c.psi_deviation) && omega_m.within(c.omega_trip);
-        if likely(plausible) {
+        let trusted = c.low_confidence != LowConfidence::Fault || self.observer.confidence() >= R::HALF;
+        if likely(plausible && trusted) {
             self.implausible = 0;
         } else {
             self.implausible = self.implausible.saturating_add(1);
             if self.implausible > c.implausible_max {
-                self.fault(Fault::EstimateLost);
+                self.fault(if plausible { Fault::LowConfidence } else { Fault::EstimateLost });
             }
         }
     }

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from stillflux.beyond import draw
 from stillflux.beyond import scenarios as s
 from stillflux.beyond.runner import Row, Summary, summaries
-from stillflux.beyond.targets import TARGETS
+from stillflux.beyond.targets import KNOWN, STEPPED, TARGETS
 from stillflux.claims import Claim
 from stillflux.report import STYLE, svg
 
@@ -24,6 +24,7 @@ _HEADS = {
     "angle_held": "largest angle error, °",
     "angle_settled": "settled, °",
     "angle_passed": "15° passed at, s",
+    "speed_settled": "speed error, pu",
     "torque_command": "true − commanded torque, % of T_N",
     "torque_estimate": "true − estimated torque, % of T_N",
     "torque_ripple": "true torque ± % of T_N",
@@ -114,7 +115,7 @@ def section(rows: Sequence[Row], folder: Path | None = None) -> str:
                     picture.savefig(folder / f"beyond-{target}-{machine}.png", dpi=100)
                 picture.set_layout_engine("none")
                 parts.append(f"<figure>{svg(picture)}</figure>")
-            if target == "mismatch":
+            if target.startswith("mismatch"):
                 parts.append(_mismatches(mine))
             elif TARGETS[target].numbers:
                 parts.append(_numbers(target, mine))
@@ -133,7 +134,7 @@ def _doubts(rows: Sequence[Row]) -> str:
         f"<td>{c.false_alarms}</td><td>{c.false_time:.3g}</td></tr>"
         for row in rows
         for c in (row.measured.confidence,)
-        if TARGETS[row.target].confident and (c.misses or c.false_alarms)
+        if TARGETS[row.target].verdict and (c.misses or c.false_alarms)
     )
     if not body:
         return ""
@@ -148,7 +149,7 @@ def _doubts(rows: Sequence[Row]) -> str:
 
 def _shown(x: Summary) -> Sequence[Claim]:
     """Its claims without the first, the number of runs, which has a column of its own."""
-    return x.claims if x.target == "confidence" else x.claims[1:]
+    return x.claims if x.target in (KNOWN, STEPPED) else x.claims[1:]
 
 
 def _claims(x: Summary) -> str:

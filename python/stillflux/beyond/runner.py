@@ -134,7 +134,7 @@ def progress(done: int, total: int, row: Row) -> None:
 
 
 def summaries(rows: Sequence[Row]) -> list[Summary]:
-    """One for each target, machine and scheme; of confidence one for each machine and scheme."""
+    """One for each target, machine and scheme, and for each verdict on the confidence."""
     groups: dict[tuple[str, str, str], list[Row]] = {}
     for row in rows:
         groups.setdefault((row.target, row.machine, row.scheme), []).append(row)
@@ -142,11 +142,11 @@ def summaries(rows: Sequence[Row]) -> list[Summary]:
         Summary(*key, len(group), sum(row.ok for row in group), (_all(group), *_worst(group)))
         for key, group in groups.items()
     ]
-    pairs = dict.fromkeys((row.machine, row.scheme) for row in rows if TARGETS[row.target].confident)
-    return found + [
-        _confidence(machine, scheme, [r for r in rows if (r.machine, r.scheme) == (machine, scheme)])
-        for machine, scheme in pairs
-    ]
+    judged: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        if verdict := TARGETS[row.target].verdict:
+            judged.setdefault((verdict, row.machine, row.scheme), []).append(row)
+    return found + [_confidence(key, group) for key, group in judged.items()]
 
 
 def _all(rows: Sequence[Row]) -> Claim:
@@ -182,8 +182,8 @@ def _worst_of(group: Sequence[Claim]) -> Claim:
     return replace(worst, measured=f"{worst.measured} ({count})", ok=held == len(group))
 
 
-def _confidence(machine: str, scheme: str, rows: Sequence[Row]) -> Summary:
-    judged = [row.measured.confidence for row in rows if TARGETS[row.target].confident]
+def _confidence(key: tuple[str, str, str], rows: Sequence[Row]) -> Summary:
+    judged = [row.measured.confidence for row in rows]
     excursions, misses = sum(c.excursions for c in judged), sum(c.misses for c in judged)
     running = sum(c.running for c in judged)
     false = 100 * sum(c.false_time for c in judged) / running if running else 0.0
@@ -202,4 +202,4 @@ def _confidence(machine: str, scheme: str, rows: Sequence[Row]) -> Summary:
         ),
     )
     runs = len(judged)
-    return Summary("confidence", machine, scheme, runs, sum(c.misses == 0 for c in judged), claims)
+    return Summary(*key, runs, sum(c.misses == 0 for c in judged), claims)

@@ -29,6 +29,7 @@ __all__ = [
     "POINTS",
     "SCHEMES",
     "SPEEDS",
+    "STEPPED",
     "TORQUES",
     "crossing",
     "drive",
@@ -42,6 +43,7 @@ __all__ = [
     "plane",
     "rated_at_line",
     "reversal",
+    "shifted",
     "slip",
     "torque_step",
 ]
@@ -264,7 +266,10 @@ def persistence(machine: str, scheme: str, arithmetic: str = "f32", *, time: flo
 def rated_at_line(
     machine: str, scheme: str, arithmetic: str = "f32", *, torque: float = 1.0, time: float = 120.0
 ) -> Scenario:
-    """Load `torque` (units of rated torque) exactly at ω_s = 0 from `REACHED` on, for `time` s."""
+    """Load `torque` (units of rated torque) exactly at ω_s = 0 from `REACHED` on, for `time` s.
+
+    The flux stays rated: the drive is not allowed to leave the line.
+    """
     omega = line_speed(motor_of(machine), torque)
     return drive(
         machine,
@@ -274,6 +279,28 @@ def rated_at_line(
         omega=ramp(START, AT_SPEED, omega),
         load=ramp(LOAD_AT, REACHED, torque),
         duration=REACHED + time,
+    ).with_settings(omega_s_min=0.0)
+
+
+LEAVE_TIME, LEAVE_REST, LEAVE_BY = 10.0, 5.0, 0.02
+"""After its stay a drive goes on through the line: time of the ramp, rest at its end, s; how far, pu."""
+
+
+def shifted(
+    machine: str, scheme: str, arithmetic: str = "f32", *, torque: float = 1.0, time: float = 600.0
+) -> Scenario:
+    """The same point for `time` s with the flux shift on, its default, then on through the line in 10 s."""
+    omega = line_speed(motor_of(machine), torque)
+    end = REACHED + time
+    beyond = omega - math.copysign(LEAVE_BY, torque)
+    return drive(
+        machine,
+        scheme,
+        arithmetic,
+        name=f"T = {torque:g} T_N where ω_s would be 0, flux shifted",
+        omega=[*ramp(START, AT_SPEED, omega), (end, omega), (end + LEAVE_TIME, beyond)],
+        load=ramp(LOAD_AT, REACHED, torque),
+        duration=end + LEAVE_TIME + LEAVE_REST,
     )
 
 
@@ -337,6 +364,8 @@ MISMATCHES: Mapping[str, tuple[Callable[[Scenario, float], Scenario], float]] = 
     "gain of a channel −2 %": (ERRORS["gain of one current channel"].apply, -0.02),
 }
 """What is off in the real machine, inverter or sensors; the drive keeps its own values."""
+STEPPED = ("offset 5 % once running",)
+"""Those in which a sensor changes while the drive runs."""
 POINTS = ((0.0, 0.0), (0.0, 1.0), (0.02, 1.0), (0.02, -1.0), (-0.02, 1.0), (-0.02, -1.0))
 """Speed in per unit and torque in units of rated torque at which mismatches are tried."""
 

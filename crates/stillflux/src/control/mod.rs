@@ -1,6 +1,7 @@
-//! Stator-flux-oriented control: current, flux and speed controllers, modulator.
+//! Stator-flux-oriented control: current, flux and speed controllers, flux shift, modulator.
 
 pub mod current;
 pub mod flux;
 pub mod modulator;
+pub mod shift;
 pub mod speed;

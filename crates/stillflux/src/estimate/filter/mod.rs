@@ -92,8 +92,10 @@ const NIS_CORNER: f64 = 0.02;
 const NIS_SURPRISE: f64 = 0.3;
 /// Blocks after a start in which nothing counts as a surprise: the priors are still being tried.
 const TRIAL: u32 = 200;
-/// Deviation of the angle, rad, from which on the covariance begins anew: nothing is known of it any more.
+/// Deviation of the angle, rad, from which on the covariance begins anew: nothing is known of it any more. It begins
+/// with this deviation, which fixed point resolves.
 const SIGMA_LOST: f64 = 3.0;
+const SIGMA_AGAIN: f64 = 0.5;
 /// Weight of the second-order term's variance.
 const SECOND_ORDER: f64 = 2.0;
 
@@ -634,11 +636,14 @@ impl<R: Real> Filter<R> {
         }
     }
 
-    /// Nothing is known any more but what was known at the start.
+    /// Nothing is known any more but what was known at the start, and of the flux not even that.
     #[cold]
     #[inline(never)]
     fn forget(&mut self, c: &FilterConfig<R>) {
-        self.p.set_diagonal(&c.prior());
+        let mut variance = c.prior();
+        let again = R::from_f64(SIGMA_AGAIN) * R::from_f64(1.0 / SCALE_PSI);
+        (variance[PSI], variance[PSI + 1]) = (again * again, again * again);
+        self.p.set_diagonal(&variance);
     }
 }
 

@@ -1,0 +1,140 @@
+//! Flux shift: a way off the line `ω_s = 0` under load.
+//!
+//! At `ω_s = 0` one direction of the flux error stays unseen, whatever the estimator (see
+//! [`crate::estimate::filter`]). Speed and load are the user's, the slip is not: at a torque `T` it is
+//! `ω_r = r_R T/|ψ_R|²`, and less flux makes it larger. With `s` the sign of the torque, `κ = ψ_s*/ψ_s,rated` and
+//! the slip `ω_r0` at rated flux,
+//!
+//! ```text
+//! s ω_s = s ω + ω_r0/κ² = a    ⇒    κ² = ω_r0/(a - s ω),      -a < s ω + ω_r0 < a
+//! ```
+//!
+//! so a drive that would stand on the line, or pass it slowly, turns its field with `a` in the direction of the
+//! torque instead, and jumps from there to `-a`, when the load or the speed has taken it so far.
+//! The price is current: `1/κ` of the torque current, and what the torque does while the flux changes.
+
+use crate::scalar::{Real, likely};
+use crate::words::words;
+
+/// Smallest flux, of rated: doubles the slip.
+pub const FACTOR_MIN: f64 = 0.7;
+
+/// Settings of the flux shift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct ShiftConfig<R: Real> {
+    /// Stator frequency `a` to keep.
+    pub omega_s_min: R,
+    /// Slip per torque at rated flux.
+    pub slip: R,
+    /// Torque below which there is no slip to work with.
+    pub torque_begin: R,
+    /// Reciprocal of the width over which the shift fades in above it.
+    pub inv_torque_fade: R,
+    /// Reciprocal of the torque that takes all of the rated flux.
+    pub inv_torque: R,
+    /// Largest change of the factor from call to call.
+    pub step: R,
+}
+words!(ShiftConfig: omega_s_min, slip, torque_begin, inv_torque_fade, inv_torque, step);
+
+/// State of the flux shift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct FluxShift<R: Real> {
+    /// `κ`.
+    factor: R,
+    /// On the side of the torque's sign; the way back leads over `-a`.
+    ahead: bool,
+}
+
+impl<R: Real> Default for FluxShift<R> {
+    fn default() -> Self {
+        Self { factor: R::ONE, ahead: false }
+    }
+}
+
+impl<R: Real> FluxShift<R> {
+    /// One call at a speed and a torque reference; returns `κ`, the flux reference in units of the rated one.
+    #[inline]
+    pub fn step(&mut self, c: &ShiftConfig<R>, omega_m: R, torque: R) -> R {
+        let a = c.omega_s_min;
+        let load = torque.abs();
+        let slip = c.slip * load;
+        let omega_s = slip + if torque < R::ZERO { -omega_m } else { omega_m };
+        self.ahead = if self.ahead { omega_s > -a } else { omega_s > -a.half() };
+
+        let wanted = if self.ahead && omega_s < a {
+            let weight = ((load - c.torque_begin) * c.inv_torque_fade).clamp(R::ZERO, R::ONE);
+            let least = R::ONE - weight * R::from_f64(1.0 - FACTOR_MIN * FACTOR_MIN);
+            // The divisor lies between ω_r0 and ω_r0 + 2a, and the quotient is needed where it exceeds `least`.
+            let square =
+                if likely(slip > (a + slip - omega_s) * least) { slip * (a + slip - omega_s).recip() } else { least };
+            square.sqrt().max((load * c.inv_torque).min(R::ONE))
+        } else {
+            R::ONE
+        };
+        self.factor += (wanted - self.factor).limit(c.step);
+        self.factor
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: f64 = 0.01;
+    const SLIP: f64 = 0.016;
+    const CONFIG: ShiftConfig<f64> = ShiftConfig {
+        omega_s_min: A,
+        slip: SLIP,
+        torque_begin: 0.1,
+        inv_torque_fade: 5.0,
+        inv_torque: 0.6,
+        step: 1e-3,
+    };
+
+    /// Factor and stator frequency once they stand.
+    fn settled(shift: &mut FluxShift<f64>, omega_m: f64, torque: f64) -> (f64, f64) {
+        for _ in 0..1000 {
+            shift.step(&CONFIG, omega_m, torque);
+        }
+        let factor = shift.step(&CONFIG, omega_m, torque);
+        (factor, omega_m + SLIP * torque / (factor * factor))
+    }
+
+    #[test]
+    fn a_loaded_drive_on_the_line_turns_its_field_in_the_direction_of_its_torque() {
+        for torque in [1.0, -1.0] {
+            let (factor, omega_s) = settled(&mut FluxShift::default(), -SLIP * torque, torque);
+            assert!((omega_s - A * torque).abs() < 1e-9 && factor < 0.8, "{omega_s} at {factor}");
+        }
+    }
+
+    #[test]
+    fn away_from_the_line_and_without_load_the_flux_is_rated() {
+        for (omega_m, torque) in [(0.0, 1.0), (-0.05, 1.0), (0.05, -1.0), (0.0, 0.0), (0.004, 0.05)] {
+            assert_eq!(settled(&mut FluxShift::default(), omega_m, torque).0, 1.0);
+        }
+    }
+
+    #[test]
+    fn a_slow_crossing_never_rests_between_the_two_sides() {
+        let mut shift = FluxShift::default();
+        for (from, to) in [(0.03, -0.06), (-0.06, 0.03)] {
+            for k in 0..=90 {
+                let omega_m = from + (to - from) * f64::from(k) / 90.0;
+                let (_, omega_s) = settled(&mut shift, omega_m, 1.0);
+                assert!(!(-0.5 * A..0.6 * A).contains(&omega_s), "{omega_s} at {omega_m}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_torque_that_needs_the_flux_gets_it() {
+        let (factor, _) = settled(&mut FluxShift::default(), -SLIP * 1.6, 1.6);
+        assert!(factor >= 0.96);
+    }
+}
