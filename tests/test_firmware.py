@@ -23,6 +23,8 @@ pil: Any = importlib.import_module("tools.pil")
 cost: Any = importlib.import_module("tools.cost")
 
 ISR = "control_isr"
+#: First word of a parameter page.
+MAGIC = b"sfr2"
 FEATURES = {"f32": [], "q": ["q"], "paper f32": ["paper"], "paper q": ["paper", "q"]}
 
 
@@ -88,23 +90,42 @@ def test_a_planted_violation_is_noticed(chain: Any, feature: str, kind: str) -> 
     assert kind in image.Image(elf).violations(ISR)
 
 
-def test_stack_and_memory_stay_within_their_budget(built: tuple[str, Path]) -> None:
-    _, elf = built
-    listing = image.Image(elf)
-    assert listing.stack(ISR) <= STACK
-    # Both schemes are in every image.
-    assert sum(f.size for f in listing.reachable(ISR)) <= 31 * 1024
+def test_an_image_holds_the_code_of_its_scheme_alone(built: tuple[str, Path]) -> None:
+    name, elf = built
+    code = " ".join(f.name for f in image.Image(elf).functions.values())
+    assert ("estimate::filter::" in code) == ("paper" not in name)
+    assert ("estimate::offset::" in code) == ("paper" in name)
 
 
 def test_a_stack_beyond_the_budget_is_noticed(chain: Any) -> None:
     elf = toolchain.build(chain, "drive", "plant-violation-stack")
-    assert image.Image(elf).stack(ISR) > STACK
+    assert image.Image(elf).stack(ISR) > SIZES["enhanced"]["stack_step"][0]
+
+
+def test_an_image_with_both_schemes_runs_the_one_of_its_page(chain: Any) -> None:
+    result = pil.run(toolchain.build(chain, "drive", "paper", "enhanced"), "f32")
+    assert result.first is None, f"{result.different} words differ, first {result.first}"
+
+
+def test_a_page_of_another_scheme_keeps_the_bridge_blocked(chain: Any) -> None:
+    page = _page(toolchain.build(chain, "drive", "paper").read_bytes())
+    elf = toolchain.build(chain, "drive")
+    content = elf.read_bytes()
+    foreign = elf.with_name("foreign.elf")
+    foreign.write_bytes(content.replace(_page(content), page))
+    with pytest.raises(RuntimeError, match="parameter page is not valid"):
+        toolchain.emulate(foreign)
+
+
+def _page(elf: bytes) -> bytes:
+    at = elf.index(MAGIC)
+    return elf[at : at + 1024]
 
 
 def test_a_torn_parameter_page_keeps_the_bridge_blocked(chain: Any) -> None:
     elf = toolchain.build(chain, "drive")
     content = bytearray(elf.read_bytes())
-    at = content.index(b"sfr1")
+    at = content.index(MAGIC)
     content[at + 20] ^= 1
     torn = elf.with_name("torn.elf")
     torn.write_bytes(content)
@@ -121,24 +142,31 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
             assert report[block][arithmetic] <= budget, (block, arithmetic)
     for arithmetic in cost.ARITHMETICS:
         assert report["drive_step"][f"{arithmetic}_worst"] <= 1.5 * report["drive_step"][arithmetic]
-        assert report["ram_drive"][arithmetic] <= 1536
     # What the enhanced scheme may cost: 1.6 times the published one, where there is an FPU.
     assert report["drive_step_enhanced"]["f32_worst"] <= 1.6 * report["drive_step"]["f32_worst"]
+    for scheme, sizes in SIZES.items():
+        for key, most in sizes.items():
+            measured = report[cost.size_key(key, scheme)]
+            for k, arithmetic in enumerate(cost.ARITHMETICS):
+                assert measured[arithmetic] <= most[k], (scheme, key, arithmetic)
     for arithmetic in cost.ARITHMETICS:
-        assert report["flash_library"][arithmetic] <= 35 * 1024
         exact = report["accuracy"]["f64"]
         assert report["accuracy"][arithmetic]["angle_worst_deg"] < exact["angle_worst_deg"] + 0.5
         assert report["accuracy"][arithmetic]["speed_rms_pu"] < exact["speed_rms_pu"] + 2e-4
 
 
-#: Bytes of stack of one interrupt, whatever it calls.
-STACK = 1088
+#: Bytes of an image with one scheme, f32 and q: library (interrupt and start from the page), `Drive`, stack
+#: of one interrupt whatever it calls. The enhanced scheme in fixed point does not meet the others' 16 KiB.
+SIZES: dict[str, dict[str, tuple[int, int]]] = {
+    "paper": {"flash_library": (16 * 1024, 16 * 1024), "ram_drive": (1024, 1024), "stack_step": (512, 512)},
+    "enhanced": {"flash_library": (16 * 1024, 22_528), "ram_drive": (1024, 1024), "stack_step": (512, 512)},
+}
 
 #: Mean instructions a call.
 BUDGET = {
     "flux_estimator": {"f32": 150, "q": 200},
-    "drive_step": {"f32": 600, "q": 970},
-    "drive_step_enhanced": {"f32": 830, "q": 1540},
+    "drive_step": {"f32": 580, "q": 955},
+    "drive_step_enhanced": {"f32": 765, "q": 1450},
 }
 
 
@@ -150,19 +178,34 @@ def test_the_core_builds_without_fpu_with_every_combination_of_features(chain: A
         except toolchain.MissingError as missing:
             pytest.skip(str(missing))
     for features in _combinations():
-        args = ["check", "-p", "stillflux", "--features", features]
+        args = ["check", "-p", "stillflux", "--no-default-features", "--features", features]
         chain.cargo(*args, target=target, cwd=toolchain.ROOT)
 
 
 def test_the_core_builds_on_the_host_with_every_combination_of_features() -> None:
     for features in _combinations():
         subprocess.run(
-            ["cargo", "check", "--quiet", "-p", "stillflux", "--features", features],
+            ["cargo", "check", "--quiet", "-p", "stillflux", "--no-default-features", "--features", features],
             cwd=toolchain.ROOT,
             check=True,
         )
 
 
+def test_the_core_says_what_is_missing_without_a_scheme() -> None:
+    command = ["cargo", "check", "--quiet", "-p", "stillflux", "--no-default-features"]
+    done = subprocess.run(command, cwd=toolchain.ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode
+    assert "a drive needs a scheme" in done.stderr
+
+
+@pytest.mark.parametrize("scheme", ["paper", "enhanced"])
+def test_the_core_passes_its_tests_with_one_scheme(scheme: str) -> None:
+    command = ["cargo", "test", "--quiet", "-p", "stillflux", "--no-default-features", "--features", scheme]
+    subprocess.run([*command, "--lib", "--tests"], cwd=toolchain.ROOT, check=True)
+
+
 def _combinations() -> list[str]:
     names = ["defmt", "serde"]
-    return [",".join(c) for n in range(len(names) + 1) for c in itertools.combinations(names, n)]
+    others = [c for n in range(len(names) + 1) for c in itertools.combinations(names, n)]
+    schemes = [("paper",), ("enhanced",), ("paper", "enhanced")]
+    return [",".join([*s, *c]) for s in schemes for c in others]

@@ -13,9 +13,6 @@ use stillflux::config::Scheme;
 use stillflux::scalar::{Q, Real};
 use stillflux::words::Words;
 
-/// As `src/lib.rs` has it.
-const SCHEME: Scheme = if cfg!(feature = "paper") { Scheme::Paper } else { Scheme::Enhanced };
-
 fn main() {
     let out = env::var_os("OUT_DIR").expect("cargo sets OUT_DIR");
     let out = Path::new(&out);
@@ -30,7 +27,7 @@ fn main() {
 
 /// The preset's page as the source of an array.
 fn write_page<R: Real + Words>(out: &Path) {
-    let ready = page::Ready::<R>::new(&blob::Parameters::preset(SCHEME)).expect("the preset is valid");
+    let ready = page::Ready::<R>::new(&blob::Parameters::preset(Scheme::default())).expect("the preset is valid");
     let page = page::Page::seal(&ready).expect("a page holds a configuration");
     fs::write(out.join(format!("page-{}.rs", R::NAME)), format!("{:?}", page.words())).expect("OUT_DIR can be written");
 }

@@ -10,8 +10,3 @@ pub mod control;
 pub mod exchange;
 pub mod page;
 pub mod violation;
-
-use stillflux::config::Scheme;
-
-/// Scheme of the image.
-pub const SCHEME: Scheme = if cfg!(feature = "paper") { Scheme::Paper } else { Scheme::Enhanced };

@@ -1,22 +1,22 @@
 //! A drive's configuration, scaling and memory as they lie in a page of flash, ready to use: magic,
-//! arithmetic, length, per-unit words, CRC-32.
+//! arithmetic, schemes of the build, length, per-unit words, CRC-32.
 //!
 //! A host writes such a page ([`Page::seal`]; the build of this crate does it for the preset), validated, with
 //! all its divisions done. Reading it takes no arithmetic at all; the alternative, SI values that the target
 //! converts ([`crate::blob`]), takes software double precision.
 
 use crate::blob::{Parameters, crc};
-use stillflux::config::{DriveConfig, DriveParams};
+use stillflux::config::{DriveConfig, DriveParams, Scheme};
 use stillflux::counts::Scale;
 use stillflux::drive::Memory;
 use stillflux::params::ParamError;
 use stillflux::scalar::Real;
 use stillflux::words::Words;
 
-/// `sfr1`: changes with the layout, which is that of the core's configuration.
-const MAGIC: u32 = 0x3172_6673;
-/// Magic, arithmetic, number of words.
-const HEAD: usize = 3;
+/// `sfr2`: changes with the layout, which is that of the core's configuration.
+const MAGIC: u32 = 0x3272_6673;
+/// Magic, arithmetic, schemes of the build, number of words.
+const HEAD: usize = 4;
 /// Words of a page; 1 KiB.
 pub const WORDS: usize = 256;
 
@@ -49,6 +49,23 @@ impl<R: Real> Ready<R> {
     }
 }
 
+impl<R: Real + Words> Ready<R> {
+    /// What the words hold, and how many they are.
+    // Not inlined: so each word is copied once, to where it is kept.
+    #[inline(never)]
+    fn take(words: &[u32; WORDS]) -> (Self, usize) {
+        let mut n = HEAD;
+        let mut take = || {
+            let word = words.get(n).copied().unwrap_or(0);
+            n += 1;
+            word
+        };
+        let (config, scale) = (DriveConfig::take(&mut take), Scale::take(&mut take));
+        let memory = Memory::take(&mut take);
+        (Self { config, scale, memory }, n)
+    }
+}
+
 /// A page as it lies in flash.
 #[repr(C)]
 pub struct Page([u32; WORDS]);
@@ -78,28 +95,21 @@ impl Page {
         ready.config.put(&mut put);
         ready.scale.put(&mut put);
         ready.memory.put(&mut put);
-        (words[0], words[1], words[2]) = (MAGIC, arithmetic::<R>(), n as u32);
+        (words[0], words[1], words[2], words[3]) = (MAGIC, arithmetic::<R>(), Scheme::BUILT, n as u32);
         words[WORDS - 1] = crc(&words);
         (n < WORDS).then_some(Self(words))
     }
 
-    /// What it holds, if it is whole and of this arithmetic.
+    /// What it holds, if it is whole, of this arithmetic and of a build with the same schemes.
     pub fn open<R: Real + Words>(&self) -> Option<Ready<R>> {
         let words = &self.0;
-        if words[0] != MAGIC || words[1] != arithmetic::<R>() || words[WORDS - 1] != crc(words) {
+        let fits = words[0] == MAGIC && words[1] == arithmetic::<R>() && words[2] == Scheme::BUILT;
+        if !fits || words[WORDS - 1] != crc(words) {
             return None;
         }
-        let mut k = HEAD;
-        let mut take = || {
-            let w = words.get(k).copied().unwrap_or(0);
-            k += 1;
-            w
-        };
-        let config = DriveConfig::take(&mut take);
-        let scale = Scale::take(&mut take);
-        let memory = Memory::take(&mut take);
-        // Another length is another layout: a page of an image with other features of the core.
-        (k as u32 == words[2]).then_some(Ready { config, scale, memory })
+        // Another length is another layout.
+        let (ready, n) = Ready::take(words);
+        (n as u32 == words[3]).then_some(ready)
     }
 }
 

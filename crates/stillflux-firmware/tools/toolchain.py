@@ -69,8 +69,13 @@ def find(target: str = TARGET) -> Toolchain:
 
 
 def build(chain: Toolchain, name: str, *features: str) -> Path:
-    """Builds a bin of the firmware crate; the ELF file under a name of its own."""
+    """Builds a bin of the firmware crate; the ELF file under a name of its own.
+
+    The enhanced scheme is in it unless `paper` stands alone.
+    """
     args = ["build", "--release", "--locked", "--bin", name]
+    if "paper" in features and "enhanced" not in features:
+        args.append("--no-default-features")
     if features:
         args += ["--features", ",".join(features)]
     chain.cargo(*args, target=TARGET, cwd=CRATE)

@@ -199,7 +199,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         DriveConfig::<R>::new(&machine, &inverter, &params)
     };
     let (config, enhanced) = (of(Scheme::Paper)?, of(Scheme::Enhanced)?);
-    let filter_config = enhanced.filter_config().ok_or("no filter")?;
+    let filter_config = enhanced.filter_config();
     let r = Counted;
     let v = |x: f64, y: f64| AlphaBeta::new(r(x), r(y));
     let (psi, i, u) = (v(0.7, 0.7), v(0.5, 0.6), v(0.04, 0.05));

@@ -6,14 +6,12 @@ use crate::control::current::CurrentConfig;
 use crate::control::flux::FluxControlConfig;
 use crate::control::shift::ShiftConfig;
 use crate::control::speed::SpeedControlConfig;
-use crate::estimate::balance::BalanceConfig;
-use crate::estimate::confidence::ConfidenceConfig;
-use crate::estimate::filter::{FilterConfig, Identified};
-use crate::estimate::flux::FluxConfig;
-use crate::estimate::offset::{OffsetConfig, longest_window};
-use crate::estimate::resistance::ResistanceConfig;
 use crate::estimate::speed::SpeedConfig;
 use crate::inverter::InverterModel;
+#[cfg(feature = "enhanced")]
+use crate::observer::EnhancedConfig;
+#[cfg(feature = "paper")]
+use crate::observer::PublishedConfig;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Real, Timer};
 use crate::words::{Words, words};
@@ -22,7 +20,7 @@ use crate::words::{Words, words};
 pub(crate) const BOOST: f64 = 1.5;
 
 /// Largest offset of a current channel at rest, per unit.
-const I_OFF_MAX: f64 = 0.15;
+pub(crate) const I_OFF_MAX: f64 = 0.15;
 
 /// Control periods from one run of the speed estimator to the next, and of each slower block.
 pub const SPEED_PERIODS: u32 = 2;
@@ -32,14 +30,8 @@ pub const SLOW_PERIODS: u32 = 4;
 /// Rate of the flux shift in units of rated flux, 1/s: flux control follows without a lag that torque would show.
 const SHIFT_RATE: f64 = 0.5;
 
-/// Duration for which a start only looks, s: how fast the machine turns.
-const PROBE_TIME: f64 = 0.01;
-/// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
-const BALANCE_RATE: f64 = 17.0;
-const BALANCE_OFFSET_RATE: f64 = 0.34;
-
-/// Which estimators a drive runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Scheme {
@@ -47,8 +39,43 @@ pub enum Scheme {
     Paper,
     /// One filter for flux, offset, resistance and inverter error, with a covariance that says how far it can
     /// be trusted.
-    #[default]
     Enhanced,
+}
+
+impl Scheme {
+    /// The schemes of this build.
+    pub const ALL: &[Self] = &[
+        #[cfg(feature = "paper")]
+        Self::Paper,
+        #[cfg(feature = "enhanced")]
+        Self::Enhanced,
+    ];
+
+    /// The same as a word: bit 0 the published one, bit 1 the enhanced one. A stored configuration fits only
+    /// a build of the same schemes.
+    pub const BUILT: u32 = cfg!(feature = "paper") as u32 | (cfg!(feature = "enhanced") as u32) << 1;
+
+    /// An error if the scheme is left out of this build.
+    fn check(self) -> Result<(), ParamError> {
+        let (first, last) = (f64::from(u8::from(Self::BUILT & 1 == 0)), f64::from(Self::BUILT >> 1));
+        check("scheme", f64::from(self as u8), first, last, "(0: feature paper, 1: feature enhanced)")
+    }
+}
+
+impl Default for Scheme {
+    /// The enhanced one, if the build has it.
+    fn default() -> Self {
+        if cfg!(feature = "enhanced") { Self::Enhanced } else { Self::Paper }
+    }
+}
+
+impl Words for Scheme {
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        out(*self as u32);
+    }
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        if from() == Self::Paper as u32 { Self::Paper } else { Self::Enhanced }
+    }
 }
 
 /// What a drive does while its confidence in the field angle is below one half: an error of 15° and more must be
@@ -212,39 +239,30 @@ impl DriveParams {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct DriveConfig<R: Real> {
-    pub(crate) pu: PerUnit<R>,
+    pub(crate) t_s: R,
     pub(crate) inverter: InverterModel<R>,
     pub(crate) timer: Option<Timer>,
-    /// The enhanced scheme's filter; `None`: the published scheme.
-    pub(crate) filter: Option<FilterConfig<R>>,
-    pub(crate) balance: BalanceConfig<R>,
-    pub(crate) probe_periods: u32,
-    pub(crate) flux: FluxConfig<R>,
+    pub(crate) scheme: Scheme,
+    #[cfg(feature = "paper")]
+    pub(crate) published: PublishedConfig<R>,
+    #[cfg(feature = "enhanced")]
+    pub(crate) enhanced: EnhancedConfig<R>,
     pub(crate) speed: SpeedConfig<R>,
-    pub(crate) resistance: Option<ResistanceConfig<R>>,
-    pub(crate) confidence: ConfidenceConfig<R>,
     pub(crate) current: CurrentConfig<R>,
     pub(crate) flux_control: FluxControlConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
     pub(crate) shift: Option<ShiftConfig<R>>,
     pub(crate) low_confidence: LowConfidence,
-    pub(crate) inv_r_s: R,
     /// From a sample to the middle of the duties' effect.
     pub(crate) t_ahead: R,
-    pub(crate) u_utilisation: R,
-    /// Part of the voltage that the flux may take; the rest drives the torque current.
-    pub(crate) u_flux: R,
-    pub(crate) u_off_limit: R,
     pub(crate) i_range: R,
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.
     pub(crate) i_plain_sq: R,
     pub(crate) i_trip: R,
-    pub(crate) i_off_max: R,
     pub(crate) i_q_max: R,
     pub(crate) pull_out_use: R,
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
-    pub(crate) u_dc_range: R,
     pub(crate) omega_max: R,
     pub(crate) omega_trip: R,
     pub(crate) psi_deviation: R,
@@ -254,46 +272,21 @@ pub struct DriveConfig<R: Real> {
     pub(crate) inv_offset_periods: R,
     pub(crate) magnetise_periods: u32,
     pub(crate) boost_periods: u32,
-    pub(crate) r_s_periods: u32,
-    pub(crate) inv_r_s_periods: R,
 }
 words! {
     DriveConfig:
-    pu, inverter, timer, filter, balance, probe_periods, flux, speed, resistance, confidence, current, flux_control, speed_control,
-    shift, low_confidence, inv_r_s, t_ahead, u_utilisation, u_flux, u_off_limit, i_range, i_plain_sq, i_trip, i_off_max, i_q_max, pull_out_use, u_dc_min,
-    u_dc_max, u_dc_range, omega_max, omega_trip, psi_deviation, implausible_max, calibrate_offset, offset_periods,
-    inv_offset_periods, magnetise_periods, boost_periods, r_s_periods, inv_r_s_periods,
+    t_s, inverter, timer, scheme,
+    #[cfg(feature = "paper")] published,
+    #[cfg(feature = "enhanced")] enhanced,
+    speed, current, flux_control, speed_control, shift, low_confidence, t_ahead, i_range, i_plain_sq,
+    i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max, omega_trip, psi_deviation,
+    implausible_max, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
 impl<R: Real> DriveConfig<R> {
-    /// Settings of the flux estimator, for its use alone.
-    pub fn flux_config(&self) -> &FluxConfig<R> {
-        &self.flux
-    }
-
-    /// Settings of the filter, if the scheme has one.
-    pub fn filter_config(&self) -> Option<&FilterConfig<R>> {
-        self.filter.as_ref()
-    }
-
-    /// Settings of the fit of the current sensors' gains.
-    pub fn balance_config(&self) -> &BalanceConfig<R> {
-        &self.balance
-    }
-
     /// Settings of the speed estimator, for its use alone.
     pub fn speed_config(&self) -> &SpeedConfig<R> {
         &self.speed
-    }
-
-    /// Settings of the resistance adaptation, if it is on.
-    pub fn resistance_config(&self) -> Option<&ResistanceConfig<R>> {
-        self.resistance.as_ref()
-    }
-
-    /// Settings of the confidence model.
-    pub fn confidence_config(&self) -> &ConfidenceConfig<R> {
-        &self.confidence
     }
 
     /// Settings of the current controller.
@@ -333,6 +326,7 @@ impl<R: Real> DriveConfig<R> {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn new(machine: &Machine, inverter: &Inverter, p: &DriveParams) -> Result<Self, ParamError> {
         let pu = PerUnit::<R>::new(machine, inverter)?;
+        p.scheme.check()?;
         p.validate(machine, inverter)?;
         let b = Base::new(machine);
         let r = rounded::<R>;
@@ -358,81 +352,33 @@ impl<R: Real> DriveConfig<R> {
         let j = machine.J * b.omega_m * b.omega / b.torque;
         let speed_gain = j * hz(p.speed_bandwidth);
         let omega_n = hz(p.pll_bandwidth);
-        let dead_time = inverter.dead_time * inverter.f_s * inverter.u_dc / b.u;
-        let r_s = (machine.R_s + inverter.r_d) / b.z;
-        let resistance_gain = p.resistance_gain / b.omega;
         let torque_n = machine.T_N / b.torque;
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * machine.L_M / machine.L_s();
         let slip = machine.R_R / b.z / (psi_r * psi_r);
-        let noise = if p.noise_compensator { p.noise_gain } else { (0.0, 0.0) };
         let magnetise_periods = periods(p.magnetise_time);
-        let r_s_periods = magnetise_periods / 4;
         // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
 
-        let offset = OffsetConfig {
-            t_s: pu.t_s,
-            gain: r(p.offset_gain),
-            limit: r(0.05),
-            hysteresis: r(0.2 * p.psi_ref),
-            interval: r(t_speed),
-            turn: r(t_speed / core::f64::consts::TAU),
-            longest: longest_window(0.004, t_speed),
-            omega_max: r(0.2),
-        };
         Ok(Self {
-            pu,
+            t_s: pu.t_s,
             inverter: if p.inverter_model {
                 InverterModel::new(machine, inverter, &pu)
             } else {
                 InverterModel::ideal()
             },
             timer: (inverter.f_clk > 0.0).then(|| Timer::new((inverter.f_clk / (2.0 * inverter.f_s)) as u32)),
-            filter: (p.scheme == Scheme::Enhanced).then(|| {
-                let identified = Identified {
-                    offset: p.offset_estimator,
-                    resistance: p.resistance_adaptation,
-                    flux: p.noise_compensator,
-                };
-                FilterConfig::new(machine, inverter, &pu, p.psi_ref, p.calibrate_offset, identified)
-            }),
-            balance: BalanceConfig {
-                step: r(BALANCE_RATE / inverter.f_s),
-                step_offset: r(BALANCE_OFFSET_RATE / inverter.f_s),
-            },
-            probe_periods: periods(PROBE_TIME),
-            flux: FluxConfig {
-                t_s: pu.t_s,
-                noise_min: r(noise.0),
-                noise_max: r(noise.1),
-                offset: p.offset_estimator.then_some(offset),
-            },
+            scheme: p.scheme,
+            #[cfg(feature = "paper")]
+            published: PublishedConfig::new(machine, inverter, &pu, p, magnetise_periods),
+            #[cfg(feature = "enhanced")]
+            enhanced: EnhancedConfig::new(machine, inverter, &pu, p),
             speed: SpeedConfig {
                 t_s: r(t_speed),
                 sigma_l_s: pu.sigma_l_s,
                 r_r: pu.r_r,
                 k_p: r(2.0 * omega_n),
                 k_i: r(t_speed * omega_n * omega_n),
-                omega_max: r(3.0),
-            },
-            resistance: p.resistance_adaptation.then(|| ResistanceConfig {
-                l_sum: r(l_s + sigma_l_s),
-                l_product: r(l_product),
-                gain: r(t_slow * resistance_gain),
-                i_q_min: r(0.15 * machine.T_N / b.torque / p.psi_ref),
-                i_q_high: r(0.6 * machine.T_N / b.torque / p.psi_ref),
-                omega_min: r(0.004),
-                omega_max: r(0.1),
-                transient: r(0.05),
-                corner: r(t_slow * hz(2.0)),
-                hold: slow_periods(0.2),
-            }),
-            confidence: ConfidenceConfig {
-                t_s: r(t_slow),
-                u_floor: r(1e-4 * r_s + 1e-4 * dead_time),
-                u_initial: r(0.01 * r_s),
-                corner: r(t_slow * hz(0.2)),
             },
             current: CurrentConfig {
                 k_p: r(k_p),
@@ -447,11 +393,8 @@ impl<R: Real> DriveConfig<R> {
                 root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
                 root_i_q: r(4.0 * l_product * l_product),
                 inv_two_l_product: r(0.5 / l_product),
-                pull_out: r((1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
-                omega_begin: r(0.02),
-                inv_fade: r(25.0),
                 limit: r(0.3 * i_0),
             },
             speed_control: SpeedControlConfig {
@@ -469,20 +412,14 @@ impl<R: Real> DriveConfig<R> {
                 step: r(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
             }),
             low_confidence: p.low_confidence,
-            inv_r_s: r(1.0 / r_s),
             t_ahead: r(1.5 * t_s),
-            u_utilisation: r(0.98 / libm::sqrt(3.0)),
-            u_flux: r(0.88),
-            u_off_limit: r(0.05),
             i_range: r(p.i_range / b.i),
             i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
             i_trip: r(i_trip),
-            i_off_max: r(I_OFF_MAX),
             i_q_max: r(i_q_max),
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
-            u_dc_range: r(100.0),
             omega_max: r(p.omega_max / b.omega_m),
             omega_trip: r(1.3 * p.omega_max / b.omega_m),
             psi_deviation: r(0.4 * p.psi_ref),
@@ -492,8 +429,24 @@ impl<R: Real> DriveConfig<R> {
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),
             magnetise_periods,
             boost_periods: periods(boost_time),
-            r_s_periods,
-            inv_r_s_periods: r(1.0 / f64::from(r_s_periods)),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scheme_that_is_not_built_is_refused_by_name() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        for scheme in [Scheme::Paper, Scheme::Enhanced] {
+            let params = DriveParams { scheme, ..DriveParams::new(&machine, &inverter) };
+            match DriveConfig::<f32>::new(&machine, &inverter, &params) {
+                Ok(_) => assert!(Scheme::ALL.contains(&scheme)),
+                Err(e) => assert!(e.field == "scheme" && !Scheme::ALL.contains(&scheme), "{e}"),
+            }
+        }
+        assert!(Scheme::ALL.contains(&Scheme::default()));
     }
 }

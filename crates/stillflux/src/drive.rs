@@ -26,25 +26,30 @@
 //!
 //! No call panics, allocates, or lets a number that is not finite through, whatever the ADC delivers.
 
-use crate::config::{BOOST, DriveConfig, LowConfidence, SPEED_PERIODS};
+#[cfg(feature = "enhanced")]
+mod enhanced;
+#[cfg(feature = "paper")]
+mod published;
+
+use crate::config::{BOOST, DriveConfig, I_OFF_MAX, LowConfidence};
 use crate::control::current::CurrentController;
 use crate::control::flux::FluxController;
 use crate::control::modulator::{Duty, applied, modulate, zero_duty};
 use crate::control::shift::FluxShift;
 use crate::control::speed::SpeedController;
-use crate::estimate::filter::Learned;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
-use crate::observer::{Applied, Observer, Seen};
+use crate::observer::{Observer, Seen, Slow};
 use crate::scalar::{Integrator, Real, likely};
-use crate::space::{AlphaBeta, Dq, Rotator};
+use crate::space::{AlphaBeta, Dq};
 use crate::words::words;
 
-/// Speed above which a machine counts as rotating at the start.
-const TURNING: f64 = 0.03;
-
-/// Part of the magnetising current with which a start at rest tells resistance from inverter error.
-const REDUCED: f64 = 0.7;
+/// Part of the dc link that the voltage vector may use: the circle within the hexagon, less a margin.
+const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
+/// Part of that voltage that the flux may take; the rest drives the torque current.
+const U_FLUX: f64 = 0.88;
+/// dc-link voltage that no sensor reads, per unit.
+const U_DC_RANGE: f64 = 100.0;
 
 /// What the drive measures at the start of a period, per unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -191,6 +196,18 @@ pub struct Estimate<R: Real> {
     pub confidence: R,
 }
 
+/// What a period leaves for the next ones; the rest of an [`Estimate`] is computed for those who ask.
+#[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+struct Latest<R: Real> {
+    speed: SpeedEstimate<R>,
+    u_s: AlphaBeta<R>,
+    i_dq: Dq<R>,
+    i_dq_ref: Dq<R>,
+    psi_ref: R,
+}
+
 /// A period's voltage on its way to the machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -216,21 +233,16 @@ pub struct Drive<R: Real> {
     implausible: u32,
     i_off: [R; 3],
     offset_sum: [Integrator<R>; 3],
-    r_s_sum: Integrator<R>,
     in_flight: [InFlight<R>; 2],
     /// `1/u_dc` of the latest period.
     inv_u_dc: R,
     observer: Observer<R>,
     speed: SpeedEstimator<R>,
-    /// Sums of `ψ_R × dψ_R` without its slip part and of `|ψ_R|²`: their ratio is the speed.
-    probe: [R; 2],
-    /// What they said: the machine turns.
-    turning: bool,
     current_control: CurrentController<R>,
     flux_control: FluxController<R>,
     speed_control: SpeedController<R>,
     shift: FluxShift<R>,
-    estimate: Estimate<R>,
+    estimate: Latest<R>,
 }
 
 impl<R: Real> Drive<R> {
@@ -245,18 +257,15 @@ impl<R: Real> Drive<R> {
             implausible: 0,
             i_off: [R::ZERO; 3],
             offset_sum: [Integrator::default(); 3],
-            r_s_sum: Integrator::default(),
             in_flight: [InFlight::default(); 2],
             inv_u_dc: R::ZERO,
             observer: Observer::new(&config),
             speed: SpeedEstimator::default(),
-            probe: [R::ZERO; 2],
-            turning: false,
             current_control: CurrentController::default(),
             flux_control: FluxController::default(),
             speed_control: SpeedController::default(),
             shift: FluxShift::default(),
-            estimate: Estimate::default(),
+            estimate: Latest::default(),
         }
     }
 
@@ -273,17 +282,22 @@ impl<R: Real> Drive<R> {
     /// Estimates of the latest period; what the step does not need in this form is computed here.
     pub fn estimate(&self) -> Estimate<R> {
         let o = &self.observer;
+        let Latest { speed, u_s, i_dq, i_dq_ref, psi_ref } = self.estimate;
         let flux = o.flux();
-        let confidence = if self.status == Status::Running { o.confidence() } else { R::ZERO };
         Estimate {
             flux,
+            speed,
             psi_1: o.psi_1(),
             u_off: o.u_off(),
-            torque: flux.magnitude * self.estimate.i_dq.im(),
+            i_s: o.i_s(),
+            u_s,
+            i_dq,
+            i_dq_ref,
+            psi_ref,
+            torque: flux.magnitude * i_dq.im(),
             r_s: o.r_s(),
             epsilon: o.residual(),
-            confidence,
-            ..self.estimate
+            confidence: if self.status == Status::Running { o.confidence() } else { R::ZERO },
         }
     }
 
@@ -295,31 +309,18 @@ impl<R: Real> Drive<R> {
     /// Data worth keeping over a stop or a loss of supply.
     pub fn memory(&self) -> Memory<R> {
         let o = &self.observer;
-        let (loss_error, inv_l_m) = match o {
-            Observer::Published(_) => (R::ZERO, R::ONE),
-            Observer::Enhanced(o) => (o.filter.v(), o.filter.learned().gamma),
-        };
+        let (loss_error, inv_l_m) = o.learned();
         Memory { u_off: o.u_off(), r_s: o.r_s(), i_off: self.i_off, loss_error, inv_l_m }
     }
 
     /// Takes back what an earlier run stored. Values beyond their limits are limited.
+    #[cold]
+    #[inline(never)]
     pub fn restore(&mut self, memory: &Memory<R>) {
-        let c = &self.config;
-        self.i_off = memory.i_off.map(|i| i.limit(c.i_off_max));
-        let u_off = memory.u_off.limit_components(c.u_off_limit);
-        match (&mut self.observer, &c.filter) {
-            (Observer::Published(o), _) => {
-                o.flux.offset.restore(u_off);
-                o.resistance.start(memory.r_s.clamp(c.pu.r_s * R::HALF, c.pu.r_s * R::from_f64(1.5)));
-            }
-            (Observer::Enhanced(o), Some(f)) => {
-                // Readings at rest replace what was learned beyond the readings of that run.
-                let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -memory.r_s.recip() };
-                let Memory { r_s, loss_error: v, inv_l_m: gamma, .. } = *memory;
-                o.filter.restore(f, &Learned { b, r_s, v, gamma });
-            }
-            (Observer::Enhanced(_), None) => {}
+        for (to, i) in self.i_off.iter_mut().zip(memory.i_off) {
+            *to = i.limit(R::from_f64(I_OFF_MAX));
         }
+        self.observer.restore(&self.config, memory);
     }
 
     /// Leaves a fault; the drive is stopped then.
@@ -336,44 +337,23 @@ impl<R: Real> Drive<R> {
             return self.blocked();
         };
         let running = likely(self.status == Status::Running && reference.is_admissible());
-        if !running && !self.sequence(measured, reference, &i_s) {
+        if !running && !self.sequence(measured, reference) {
+            self.observer.rest(&i_s);
             return self.blocked();
         }
         let u_dc = measured.u_dc;
         self.inv_u_dc = u_dc.recip_next(self.inv_u_dc).unwrap_or_else(|| u_dc.recip());
-        let u_max = u_dc * self.config.u_utilisation;
+        let u_max = u_dc * R::from_f64(U_UTILISATION);
         // Written two calls ago; this call's entry takes its place.
         let last = self.in_flight[self.slot()];
-        let u_s = last.ideal * u_dc - last.loss;
-        self.estimate.u_s = u_s;
-        if matches!(self.observer, Observer::Enhanced(_)) {
-            let [a, b, c] = measured.i_abc;
-            let sum = a - self.i_off[0] + (b - self.i_off[1]) + (c - self.i_off[2]);
-            let x = Applied { i_s, sum, u_s, u_l: last.loss };
-            return self.step_enhanced(&x, u_dc, u_max, reference, running);
-        }
-        let (u_ref, i_ref) =
-            if likely(running) { self.control(&i_s, &u_s, u_max) } else { self.magnetise(&i_s, &u_s, u_max) };
-        let duty = self.command(&u_ref, &i_ref, u_dc, R::ONE);
-        if likely(running) {
-            self.turn(reference, u_max);
-        }
-        Output { duty, gates_on: true }
-    }
-
-    /// The rest of a period of the enhanced scheme, under control or on the way to it.
-    // Apart, so that the published scheme's period stays straight.
-    #[inline(never)]
-    fn step_enhanced(
-        &mut self,
-        x: &Applied<R>,
-        u_dc: R,
-        u_max: R,
-        reference: &Reference<R>,
-        running: bool,
-    ) -> Output<R> {
-        let (u_ref, i_ref) = if likely(running) { self.control_enhanced(x, u_max) } else { self.build_up(x, u_max) };
-        let duty = self.command(&u_ref, &i_ref, u_dc, self.observer.loss_gain());
+        self.estimate.u_s = last.ideal * u_dc - last.loss;
+        let (u_ref, i_ref) = match &self.observer {
+            #[cfg(feature = "paper")]
+            Observer::Published(_) => self.published(&i_s, u_max, running),
+            #[cfg(feature = "enhanced")]
+            Observer::Enhanced(_) => self.enhanced(measured, &i_s, &last.loss, u_max, running),
+        };
+        let duty = self.command(&u_ref, &i_ref, u_dc);
         if likely(running) {
             self.turn(reference, u_max);
         }
@@ -386,11 +366,11 @@ impl<R: Real> Drive<R> {
         (self.period & 1) as usize
     }
 
-    /// Duties for a voltage and current reference; `gain` is what the inverter model has to be multiplied by.
+    /// Duties for a voltage and current reference.
     #[inline(always)]
-    fn command(&mut self, u_ref: &AlphaBeta<R>, i_ref: &AlphaBeta<R>, u_dc: R, gain: R) -> Duty<R> {
+    fn command(&mut self, u_ref: &AlphaBeta<R>, i_ref: &AlphaBeta<R>, u_dc: R) -> Duty<R> {
         // The inverter model sees the current that will flow then: the reference, free from noise.
-        let loss = self.config.inverter.distortion(i_ref, u_dc, gain);
+        let loss = self.config.inverter.distortion(i_ref, u_dc, self.observer.loss_gain());
         let u = u_ref.to_phases();
         let duty =
             modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], self.inv_u_dc, self.config.timer.as_ref());
@@ -398,11 +378,18 @@ impl<R: Real> Drive<R> {
         duty
     }
 
+    /// Phase currents less the offsets read at rest.
+    #[inline(always)]
+    fn without_offset(&self, m: &Measurement<R>) -> [R; 3] {
+        let ([a, b, c], off) = (m.i_abc, &self.i_off);
+        [a - off[0], b - off[1], c - off[2]]
+    }
+
     /// Checks the measurement; the current vector, if measurement and drive can be worked with.
     #[inline]
     fn acquire(&mut self, m: &Measurement<R>) -> Option<AlphaBeta<R>> {
         let c = &self.config;
-        let i = [m.i_abc[0] - self.i_off[0], m.i_abc[1] - self.i_off[1], m.i_abc[2] - self.i_off[2]];
+        let i = self.without_offset(m);
         // One comparison for four: no channel near its range, the vector below the trip level. Written so that
         // NaN fails it.
         let sum = i[0] * i[0] + i[1] * i[1] + i[2] * i[2];
@@ -417,8 +404,8 @@ impl<R: Real> Drive<R> {
     #[inline(never)]
     fn examine(&mut self, m: &Measurement<R>) -> Option<()> {
         let c = &self.config;
-        let i_s = AlphaBeta::<R>::from_phases([0, 1, 2].map(|k| m.i_abc[k] - self.i_off[k]));
-        let readable = m.i_abc.iter().all(|i| i.abs() < c.i_range) && m.u_dc.abs() < c.u_dc_range;
+        let i_s = AlphaBeta::<R>::from_phases(self.without_offset(m));
+        let readable = m.i_abc.iter().all(|i| i.abs() < c.i_range) && m.u_dc.abs() < R::from_f64(U_DC_RANGE);
         let cause = if !readable {
             Fault::Measurement
         } else if m.u_dc < c.u_dc_min {
@@ -437,8 +424,7 @@ impl<R: Real> Drive<R> {
     /// All states but `Running`: whether the bridge is to be driven in this period.
     #[cold]
     #[inline(never)]
-    fn sequence(&mut self, measured: &Measurement<R>, reference: &Reference<R>, i_s: &AlphaBeta<R>) -> bool {
-        self.estimate.i_s = *i_s;
+    fn sequence(&mut self, measured: &Measurement<R>, reference: &Reference<R>) -> bool {
         self.stage = self.stage.saturating_add(1);
         if !reference.is_admissible() && *reference != Reference::Stop {
             self.fault(Fault::Reference);
@@ -472,114 +458,15 @@ impl<R: Real> Drive<R> {
             return;
         }
         if c.calibrate_offset {
-            self.i_off = [0, 1, 2].map(|k| self.offset_sum[k].value());
-            if self.i_off.iter().any(|i| i.abs() > c.i_off_max) {
+            for (to, sum) in self.i_off.iter_mut().zip(&self.offset_sum) {
+                *to = sum.value();
+            }
+            if self.i_off.iter().any(|i| i.abs() > R::from_f64(I_OFF_MAX)) {
                 self.fault(Fault::CurrentOffset);
                 return;
             }
         }
         self.enter(Status::Magnetising);
-    }
-
-    /// Direct current along the a-axis; its last quarter gives `r̂_s`.
-    #[cold]
-    #[inline(never)]
-    fn magnetise(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
-        let c = &self.config;
-        let i_ref = self.magnetising_current();
-        let field = Rotator::default();
-        let i_dq = field.to_field(i_s);
-        let u = self.current_control.step(&c.current, &i_ref, &i_dq, &(i_ref * c.pu.r_s), u_max);
-
-        let left = c.magnetise_periods.saturating_sub(self.stage);
-        if left < c.r_s_periods {
-            // u_d / i_d*, averaged: no current offset is left in it, no threshold, and no dψ/dt.
-            self.r_s_sum.add(c.inv_r_s_periods * i_ref.re().recip(), u_s.re());
-        }
-        self.estimate.i_dq = i_dq;
-        self.estimate.i_dq_ref = i_ref;
-        if left == 0 {
-            let psi = AlphaBeta::new(c.flux_control.psi_rated, R::ZERO);
-            if let Observer::Published(o) = &mut self.observer {
-                if c.calibrate_offset {
-                    let r = c.pu.r_s;
-                    o.resistance.start(self.r_s_sum.value().clamp(r * R::HALF, r * R::from_f64(1.5)));
-                }
-                o.flux.start(psi, *i_s);
-                o.flux.follow(&c.flux, R::ZERO);
-                o.confidence.start();
-            }
-            self.speed.start(&psi, R::ZERO);
-            self.run();
-        }
-        (field.to_stator(&u), field.to_stator(&i_ref))
-    }
-
-    /// The enhanced scheme's way to its flux, at any speed. A current that stands still in space drives
-    /// `ψ_R` away from zero, and the rotor turns it: `ω = Σ ψ_R × (dψ_R - r_R i dτ) / Σ |ψ_R|² dτ` needs no more
-    /// than some milliseconds of it, at 1 pu half a turn. In a machine that turns the current follows `ψ̂_R` from
-    /// there on, and the flux builds up as it does at rest. In one at rest the current stays where it is (following
-    /// a flux that is a degree off would set a free shaft in motion) until the flux has settled, and then long
-    /// enough for the filter to find what resistance and inverter take together.
-    #[cold]
-    #[inline(never)]
-    fn build_up(&mut self, x: &Applied<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
-        let mut i_ref = self.magnetising_current();
-        let c = &self.config;
-        // Less current for a while: a resistance notices, a voltage that the inverter model has wrong does not.
-        if !self.turning && (9..12).contains(&(self.stage * 16 / c.magnetise_periods.max(1))) {
-            i_ref = i_ref * R::from_f64(REDUCED);
-        }
-        let e = &mut self.estimate;
-        let probing = self.stage <= c.probe_periods;
-        // At rest, the flux is waited for: then it is known by the current.
-        let settled = c.magnetise_periods / 2;
-        let before = e.speed.psi_r;
-        let mut seen = Seen::default();
-        if let (Observer::Enhanced(o), Some(f)) = (&mut self.observer, &c.filter) {
-            if self.stage <= 1 {
-                o.filter.start(f, &x.i_s);
-            } else if self.stage == settled && !self.turning {
-                o.filter.settle(f, c.flux_control.psi_rated);
-                self.speed.start(&o.filter.value(), R::ZERO);
-            }
-            seen = o.step(f, c, x, &i_ref, e.speed.omega_s, probing);
-        }
-        let psi_s = self.observer.psi_s();
-        e.i_s = seen.i_s;
-        let mut field = Rotator::default();
-        if probing {
-            let psi_r = psi_s - seen.i_s * c.speed.sigma_l_s;
-            // The rise of the current is over after a fifth of it.
-            if self.stage > c.probe_periods / 5 {
-                let turned = before.cross(&(psi_r - before)) - c.pu.t_s * c.pu.r_r * psi_r.cross(&seen.i_s);
-                self.probe[0] += turned;
-                self.probe[1] += c.pu.t_s * psi_r.norm_sq();
-            }
-            e.speed.psi_r = psi_r;
-            if self.stage == c.probe_periods {
-                let omega = (self.probe[0] * self.probe[1].recip()).limit(R::from_f64(1.5));
-                self.turning = omega.abs() > R::from_f64(TURNING);
-                self.speed.start(&psi_r, omega);
-                (e.speed.omega_m, e.speed.omega_s) = (omega, omega);
-            }
-        } else {
-            if self.period.is_multiple_of(SPEED_PERIODS) {
-                e.speed = self.speed.step(&c.speed, &psi_s, &seen.i_s);
-            }
-            if self.turning {
-                field = Rotator::of(&(psi_s - seen.i_s * c.speed.sigma_l_s)).0;
-            }
-        }
-        e.i_dq = field.to_field(&seen.i_s);
-        e.i_dq_ref = i_ref;
-        let u_ff = Dq::new(i_ref.re() * seen.r_s, e.speed.omega_s * seen.magnitude);
-        let u = self.current_control.step(&c.current, &i_ref, &e.i_dq, &u_ff, u_max);
-        let ahead = field.ahead(e.speed.omega_s * c.t_ahead);
-        if self.stage >= if self.turning { c.boost_periods } else { c.magnetise_periods } {
-            self.run();
-        }
-        (ahead.to_stator(&u), ahead.to_stator(&i_ref))
     }
 
     /// Boosted until the flux is there, then held.
@@ -598,35 +485,13 @@ impl<R: Real> Drive<R> {
         self.enter(Status::Running);
     }
 
-    /// What every period of the enhanced scheme needs: filter and current control.
-    #[inline(always)]
-    fn control_enhanced(&mut self, x: &Applied<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
-        let (c, e) = (&self.config, &self.estimate);
-        let mut seen = Seen::default();
-        if let (Observer::Enhanced(o), Some(f)) = (&mut self.observer, &c.filter) {
-            seen = o.period(f, c, x, &e.i_dq_ref, e.speed.omega_s, false);
-        }
-        self.follow(&seen, u_max)
-    }
-
-    /// What every period of the published scheme needs: flux estimator and current control.
-    #[inline(always)]
-    fn control(&mut self, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
-        let (c, e) = (&self.config, &self.estimate);
-        let mut seen = Seen::default();
-        if let Observer::Published(o) = &mut self.observer {
-            seen = o.step(c, i_s, u_s, e.psi_ref);
-        }
-        self.follow(&seen, u_max)
-    }
-
     /// Current control on what the observer has seen. Voltage and current references for the period in which the
     /// duties act.
     #[inline(always)]
     fn follow(&mut self, seen: &Seen<R>, u_max: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
         let c = &self.config;
         let e = &mut self.estimate;
-        (e.i_s, e.i_dq) = (seen.i_s, seen.i_dq);
+        e.i_dq = seen.i_dq;
         let i_ref = e.i_dq_ref;
         // The duties act from one to two periods after the sample: references are turned to their middle.
         let ahead = seen.field.ahead(e.speed.omega_s * c.t_ahead);
@@ -652,10 +517,8 @@ impl<R: Real> Drive<R> {
     fn track(&mut self) {
         let c = &self.config;
         let e = &mut self.estimate;
-        e.speed = self.speed.step(&c.speed, &self.observer.psi_s(), &e.i_s);
-        if let Observer::Published(o) = &mut self.observer {
-            o.flux.follow(&c.flux, e.speed.omega_s);
-        }
+        e.speed = self.speed.step(&c.speed, &self.observer.psi_s(), &self.observer.i_s());
+        self.observer.follow(c, e.speed.omega_s);
     }
 
     /// Current references: torque, i_q* within current limit and pull-out, i_d* of (12).
@@ -664,7 +527,7 @@ impl<R: Real> Drive<R> {
         let c = &self.config;
         let e = &mut self.estimate;
         let (omega_s, omega_m) = (e.speed.omega_s, e.speed.omega_m);
-        let mut psi_ref = c.flux_control.reference(omega_s, u_max * c.u_flux);
+        let mut psi_ref = c.flux_control.reference(omega_s, u_max * R::from_f64(U_FLUX));
         if let Some(shift) = &c.shift {
             let factor = self.shift.step(shift, omega_m, e.i_dq_ref.im() * e.psi_ref);
             psi_ref = psi_ref.min(c.flux_control.psi_rated * factor);
@@ -692,27 +555,14 @@ impl<R: Real> Drive<R> {
         e.i_dq_ref = Dq::new(i_d, i_q);
     }
 
-    /// Resistance (Fig. 12) and confidence of the published scheme, plausibility.
+    /// What the estimators adapt slowly, plausibility.
     #[inline(never)]
     fn adapt(&mut self) {
         let c = &self.config;
         let e = &self.estimate;
         let (omega_s, omega_m) = (e.speed.omega_s, e.speed.omega_m);
         let psi_s = self.observer.magnitude();
-        match &mut self.observer {
-            Observer::Published(o) => {
-                if let Some(resistance) = &c.resistance {
-                    o.resistance.step(resistance, psi_s, &e.i_dq, omega_s, omega_m);
-                }
-                let corrected = (o.flux.offset.updates() > 0).then(|| o.flux.offset.last_correction());
-                o.confidence.step(&c.confidence, omega_s, o.flux.effort(), corrected);
-            }
-            Observer::Enhanced(o) => {
-                if let Some(f) = &c.filter {
-                    o.filter.confine(f);
-                }
-            }
-        }
+        self.observer.adapt(c, &Slow { i_dq: e.i_dq, omega_s, omega_m });
 
         // Plausibility: the flux on its circle, the speed within reach.
         let plausible = (psi_s - e.psi_ref).within(c.psi_deviation) && omega_m.within(c.omega_trip);
@@ -735,11 +585,10 @@ impl<R: Real> Drive<R> {
         match status {
             Status::ReadingOffset => self.offset_sum = [Integrator::default(); 3],
             Status::Magnetising => {
-                self.r_s_sum = Integrator::default();
+                self.observer.begin();
                 self.current_control.start();
                 self.in_flight = [InFlight::default(); 2];
                 self.estimate.speed = SpeedEstimate::default();
-                (self.probe, self.turning) = ([R::ZERO; 2], false);
             }
             _ => {}
         }

@@ -11,6 +11,9 @@
 //! [`control`]. Parameters are SI and validated ([`params`], [`config`]); inside, everything is per unit
 //! ([`base`]).
 //!
+//! The features `paper` (the published scheme) and `enhanced` choose the estimators that a build of the drive holds;
+//! both are on by default, a product needs one.
+//!
 //! ```
 //! use stillflux::config::{DriveConfig, DriveParams};
 //! use stillflux::drive::{Drive, Measurement, Reference};
@@ -30,6 +33,9 @@
 #![no_std]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
+
+#[cfg(not(any(feature = "paper", feature = "enhanced")))]
+compile_error!("a drive needs a scheme: enable the feature `paper`, `enhanced` or both");
 
 pub mod base;
 pub mod config;

@@ -1,32 +1,24 @@
-//! The two schemes behind one face: what a drive asks of its estimators, whichever they are.
+//! The two schemes behind one face: what a drive asks of its estimators, whichever they are. A scheme that is left
+//! out of the build (feature `paper` or `enhanced`) is a variant that does not exist.
 
-use crate::config::DriveConfig;
-use crate::estimate::balance::Balance;
-use crate::estimate::confidence::Confidence;
-use crate::estimate::filter::{Filter, FilterConfig, Input};
-use crate::estimate::flux::{FluxEstimate, FluxEstimator};
-use crate::estimate::resistance::ResistanceEstimator;
+#[cfg(feature = "enhanced")]
+mod enhanced;
+#[cfg(feature = "paper")]
+mod published;
+
+#[cfg(feature = "enhanced")]
+pub(crate) use enhanced::{Applied, Enhanced, EnhancedConfig};
+#[cfg(feature = "paper")]
+pub(crate) use published::{Published, PublishedConfig};
+
+use crate::config::{DriveConfig, Scheme};
+use crate::drive::Memory;
+use crate::estimate::flux::FluxEstimate;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// The published scheme: Figs. 4, 7, 12, and the confidence model on top.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub(crate) struct Published<R: Real> {
-    pub flux: FluxEstimator<R>,
-    pub resistance: ResistanceEstimator<R>,
-    pub confidence: Confidence<R>,
-}
-
-/// The enhanced scheme: one filter, and the balance of the current sensors.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub(crate) struct Enhanced<R: Real> {
-    pub filter: Filter<R>,
-    pub balance: Balance<R>,
-}
+/// Largest offset voltage that is taken back, per unit.
+const U_OFF_MAX: f64 = 0.05;
 
 /// The estimators of a drive.
 #[derive(Clone, Copy, Debug)]
@@ -34,12 +26,14 @@ pub(crate) struct Enhanced<R: Real> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 #[allow(clippy::large_enum_variant)]
 pub(crate) enum Observer<R: Real> {
+    #[cfg(feature = "paper")]
     Published(Published<R>),
+    #[cfg(feature = "enhanced")]
     Enhanced(Enhanced<R>),
 }
 
 /// What the controllers need in every period.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Seen<R: Real> {
     /// Field angle.
     pub field: Rotator<R>,
@@ -47,171 +41,131 @@ pub(crate) struct Seen<R: Real> {
     pub magnitude: R,
     /// Stator resistance.
     pub r_s: R,
-    /// Current without the offset that the estimators have found, stator and field coordinates.
-    pub i_s: AlphaBeta<R>,
+    /// Current without the offset that the estimators have found, field coordinates.
     pub i_dq: Dq<R>,
 }
 
-/// A sample and what was applied before it.
+/// Slow inputs of what is adapted.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Applied<R: Real> {
-    /// Current vector and sum of the three currents, as measured.
-    pub i_s: AlphaBeta<R>,
-    pub sum: R,
-    /// Voltage between the last two samples, and the part that the inverter model took.
-    pub u_s: AlphaBeta<R>,
-    pub u_l: AlphaBeta<R>,
+#[cfg_attr(not(feature = "paper"), allow(dead_code, reason = "the published scheme adapts by them"))]
+pub(crate) struct Slow<R: Real> {
+    pub i_dq: Dq<R>,
+    pub omega_s: R,
+    pub omega_m: R,
+}
+
+/// What the estimators of the drive's scheme answer: both have the same questions.
+macro_rules! ask {
+    ($observer:expr, $o:ident => $answer:expr) => {
+        match $observer {
+            #[cfg(feature = "paper")]
+            Observer::Published($o) => $answer,
+            #[cfg(feature = "enhanced")]
+            Observer::Enhanced($o) => $answer,
+        }
+    };
 }
 
 impl<R: Real> Observer<R> {
     /// Estimators that know the priors: those of the configuration's scheme.
     pub fn new(c: &DriveConfig<R>) -> Self {
-        match &c.filter {
-            Some(f) => Self::Enhanced(Enhanced { filter: Filter::new(f), balance: Balance::default() }),
-            None => {
-                let mut resistance = ResistanceEstimator::default();
-                resistance.start(c.pu.r_s);
-                Self::Published(Published {
-                    flux: FluxEstimator::default(),
-                    resistance,
-                    confidence: Confidence::default(),
-                })
-            }
+        match c.scheme {
+            #[cfg(feature = "paper")]
+            Scheme::Paper => Self::Published(Published::new(c)),
+            #[cfg(feature = "enhanced")]
+            Scheme::Enhanced => Self::Enhanced(Enhanced::new(&c.enhanced)),
+            // No configuration is made for a scheme that is not there.
+            #[cfg(not(feature = "enhanced"))]
+            Scheme::Enhanced => Self::Published(Published::new(c)),
+            #[cfg(not(feature = "paper"))]
+            Scheme::Paper => Self::Enhanced(Enhanced::new(&c.enhanced)),
         }
+    }
+
+    /// A current sample without control.
+    pub fn rest(&mut self, i_s: &AlphaBeta<R>) {
+        ask!(self, o => o.rest(i_s));
+    }
+
+    /// Latest current without its offset.
+    #[inline(always)]
+    pub fn i_s(&self) -> AlphaBeta<R> {
+        ask!(self, o => o.i_s())
     }
 
     /// Stator flux.
     #[inline(always)]
     pub fn psi_s(&self) -> AlphaBeta<R> {
-        match self {
-            Self::Published(o) => o.flux.value(),
-            Self::Enhanced(o) => o.filter.value(),
-        }
+        ask!(self, o => o.psi_s())
     }
 
     /// `|ψ̂_s|`.
     #[inline(always)]
     pub fn magnitude(&self) -> R {
-        match self {
-            Self::Published(o) => o.flux.magnitude(),
-            Self::Enhanced(o) => o.filter.magnitude(),
-        }
+        ask!(self, o => o.magnitude())
     }
 
     /// What the inverter model's voltage has to be multiplied by.
     #[inline(always)]
     pub fn loss_gain(&self) -> R {
-        match self {
-            Self::Published(_) => R::ONE,
-            Self::Enhanced(o) => R::ONE + o.filter.v(),
-        }
+        ask!(self, o => o.loss_gain())
     }
 
     /// Flux estimator outputs.
     pub fn flux(&self) -> FluxEstimate<R> {
-        match self {
-            Self::Published(o) => o.flux.estimate(),
-            Self::Enhanced(o) => o.filter.estimate(),
-        }
+        ask!(self, o => o.flux())
     }
 
     /// Stator resistance.
     pub fn r_s(&self) -> R {
-        match self {
-            Self::Published(o) => o.resistance.r_s(),
-            Self::Enhanced(o) => o.filter.r_s(),
-        }
+        ask!(self, o => o.r_s())
     }
 
     /// Offset voltage; of a current offset `b` it is `-r_s b`.
     pub fn u_off(&self) -> AlphaBeta<R> {
-        match self {
-            Self::Published(o) => o.flux.offset.u_off(),
-            Self::Enhanced(o) => o.filter.b() * -o.filter.r_s(),
-        }
+        ask!(self, o => o.u_off())
     }
 
     /// Trajectory of the parallel path; the enhanced scheme has none and repeats the flux.
     pub fn psi_1(&self) -> AlphaBeta<R> {
-        match self {
-            Self::Published(o) => o.flux.offset.psi_1(),
-            Self::Enhanced(o) => o.filter.value(),
-        }
+        ask!(self, o => o.psi_1())
     }
 
     /// Residual: ε of (15), or that of the filter.
     pub fn residual(&self) -> R {
-        match self {
-            Self::Published(o) => o.resistance.epsilon(),
-            Self::Enhanced(o) => o.filter.residual(),
-        }
+        ask!(self, o => o.residual())
     }
 
     /// Confidence in the field angle.
     pub fn confidence(&self) -> R {
-        match self {
-            Self::Published(o) => o.confidence.value(),
-            Self::Enhanced(o) => o.filter.confidence(),
-        }
+        ask!(self, o => o.confidence())
     }
-}
 
-impl<R: Real> Published<R> {
-    /// One period under control.
+    /// Error of the inverter model and reciprocal of the inductance, both relative.
+    pub fn learned(&self) -> (R, R) {
+        ask!(self, o => o.learned())
+    }
+
+    /// Takes back what an earlier run stored.
+    pub fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>) {
+        let u_off = memory.u_off.limit_components(R::from_f64(U_OFF_MAX));
+        ask!(self, o => o.restore(c, memory, u_off));
+    }
+
+    /// A start is under way.
+    pub fn begin(&mut self) {
+        ask!(self, o => o.begin());
+    }
+
+    /// Tells the stator frequency, as often as the speed estimator runs.
     #[inline(always)]
-    pub fn step(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, u_s: &AlphaBeta<R>, psi_ref: R) -> Seen<R> {
-        let r_s = self.resistance.r_s();
-        self.flux.step(&c.flux, u_s, i_s, r_s, psi_ref);
-        let field = self.flux.field();
-        // What û_off stands for is first of all an offset of the current sensors, û_off = -r_s i_off. The flux
-        // estimator has it removed already; control and inverter model get the current without it.
-        let i_s = *i_s + self.flux.offset.u_off() * c.inv_r_s;
-        Seen { field, magnitude: self.flux.magnitude(), r_s, i_s, i_dq: field.to_field(&i_s) }
+    pub fn follow(&mut self, c: &DriveConfig<R>, omega_s: R) {
+        ask!(self, o => o.follow(c, omega_s));
     }
-}
 
-impl<R: Real> Enhanced<R> {
-    /// One period; `blind` while the machine has no flux.
+    /// What runs in every fourth period.
     #[inline(always)]
-    pub fn period(
-        &mut self,
-        f: &FilterConfig<R>,
-        c: &DriveConfig<R>,
-        x: &Applied<R>,
-        i_ref: &Dq<R>,
-        omega_s: R,
-        blind: bool,
-    ) -> Seen<R> {
-        let i_m = self.balance.step(&c.balance, &x.i_s, x.sum);
-        self.filter.step(f, &Input { u_s: x.u_s, u_l: x.u_l, i_m, i_ref: *i_ref, omega_s }, blind);
-        let o = &self.filter;
-        Seen { field: o.field(), magnitude: o.magnitude(), r_s: o.r_s(), i_s: o.i_s(), i_dq: o.i_dq() }
-    }
-
-    /// The same where instructions do not count.
-    #[cold]
-    #[inline(never)]
-    pub fn step(
-        &mut self,
-        f: &FilterConfig<R>,
-        c: &DriveConfig<R>,
-        x: &Applied<R>,
-        i_ref: &Dq<R>,
-        omega_s: R,
-        blind: bool,
-    ) -> Seen<R> {
-        self.period(f, c, x, i_ref, omega_s, blind)
-    }
-}
-
-impl<R: Real> Default for Seen<R> {
-    fn default() -> Self {
-        Self {
-            field: Rotator::default(),
-            magnitude: R::ZERO,
-            r_s: R::ZERO,
-            i_s: AlphaBeta::default(),
-            i_dq: Dq::default(),
-        }
+    pub fn adapt(&mut self, c: &DriveConfig<R>, x: &Slow<R>) {
+        ask!(self, o => o.adapt(c, x));
     }
 }

@@ -117,7 +117,8 @@ impl<R: Real, F> Space<R, F> {
     }
 
     /// Each component limited to `±bound`.
-    #[inline]
+    // A call: only starts need it, and flash is short.
+    #[inline(never)]
     pub fn limit_components(&self, bound: R) -> Self {
         Self::new(self.v.x.limit(bound), self.v.y.limit(bound))
     }

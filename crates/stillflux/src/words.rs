@@ -64,28 +64,32 @@ impl<T: Words, const N: usize> Words for [T; N] {
 }
 
 impl<T: Words> Words for Option<T> {
+    /// As long without a value as with one: every word has its place, so that reading takes no arithmetic.
     fn put(&self, out: &mut impl FnMut(u32)) {
         self.is_some().put(out);
-        if let Some(x) = self {
-            x.put(out);
+        match self {
+            Some(x) => x.put(out),
+            None => T::take(&mut || 0).put(out),
         }
     }
     fn take(from: &mut impl FnMut() -> u32) -> Self {
-        bool::take(from).then(|| T::take(from))
+        let is_some = bool::take(from);
+        let x = T::take(from);
+        is_some.then_some(x)
     }
 }
 
 /// [`Words`] of a struct over an arithmetic, field by field; a field that is forgotten does not compile.
 macro_rules! words {
-    ($name:ident: $($field:ident),* $(,)?) => {
+    ($name:ident: $($(#[$built:meta])* $field:ident),* $(,)?) => {
         impl<R: $crate::scalar::Real + $crate::words::Words> $crate::words::Words for $name<R> {
             fn put(&self, out: &mut impl FnMut(u32)) {
-                let Self { $($field),* } = self;
-                $($crate::words::Words::put($field, out);)*
+                let Self { $($(#[$built])* $field),* } = self;
+                $($(#[$built])* $crate::words::Words::put($field, out);)*
             }
             fn take(from: &mut impl FnMut() -> u32) -> Self {
-                $(let $field = $crate::words::Words::take(from);)*
-                Self { $($field),* }
+                $($(#[$built])* let $field = $crate::words::Words::take(from);)*
+                Self { $($(#[$built])* $field),* }
             }
         }
     };
@@ -116,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_configuration_survives_in_every_arithmetic_and_with_blocks_off() {
-        for scheme in [Scheme::Paper, Scheme::Enhanced] {
+        for &scheme in Scheme::ALL {
             round_trip::<f32>(|p| DriveParams { scheme, ..p });
             round_trip::<f64>(|p| DriveParams { scheme, ..p });
             round_trip::<Q>(|p| DriveParams { scheme, resistance_adaptation: false, offset_estimator: false, ..p });

@@ -7,7 +7,7 @@ use stillflux::drive::{Drive, Fault, Measurement, Reference, Status};
 use stillflux::params::{Inverter, Machine};
 use stillflux::scalar::{Q, Real};
 
-const SCHEMES: [Scheme; 2] = [Scheme::Paper, Scheme::Enhanced];
+const SCHEMES: &[Scheme] = Scheme::ALL;
 
 fn drive<R: Real>(scheme: Scheme) -> Drive<R> {
     let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
@@ -109,7 +109,7 @@ fn each_bad_measurement_gives_its_fault_blocks_the_gates_and_latches() {
         (Measurement { u_dc: 0.0, ..ok }, Fault::UnderVoltage),
         (Measurement { u_dc: 2.6, ..ok }, Fault::OverVoltage),
     ];
-    for ((bad, cause), scheme) in cases.into_iter().flat_map(|case| SCHEMES.map(|scheme| (case, scheme))) {
+    for ((bad, cause), scheme) in cases.into_iter().flat_map(|case| SCHEMES.iter().map(move |&scheme| (case, scheme))) {
         let mut d = running::<f32>(scheme);
         let period = d.period() + 1;
         let out = d.step(&bad, &Reference::Speed(0.0));
@@ -127,7 +127,7 @@ fn each_bad_measurement_gives_its_fault_blocks_the_gates_and_latches() {
 
 #[test]
 fn a_reference_that_is_not_finite_is_a_fault_of_its_own() {
-    for scheme in SCHEMES {
+    for &scheme in SCHEMES {
         let mut d = running::<f32>(scheme);
         d.step(&healthy(), &Reference::Torque(f32::NAN));
         assert!(matches!(d.status(), Status::Faulted { cause: Fault::Reference, .. }));
@@ -136,7 +136,7 @@ fn a_reference_that_is_not_finite_is_a_fault_of_its_own() {
 
 #[test]
 fn an_offset_at_rest_beyond_a_healthy_sensor_is_a_fault() {
-    for scheme in SCHEMES {
+    for &scheme in SCHEMES {
         let mut d = drive::<f64>(scheme);
         let biased = Measurement { i_abc: [0.3, 0.0, 0.0], ..healthy() };
         for _ in 0..30 {
@@ -148,7 +148,7 @@ fn an_offset_at_rest_beyond_a_healthy_sensor_is_a_fault() {
 
 #[test]
 fn a_stop_blocks_the_gates_at_once() {
-    for scheme in SCHEMES {
+    for &scheme in SCHEMES {
         let mut d = running::<f32>(scheme);
         let out = d.step(&healthy(), &Reference::Stop);
         assert!(!out.gates_on && d.status() == Status::Stopped);

@@ -8,10 +8,10 @@
 #![no_main]
 
 use cortex_m_rt::{entry, exception};
+#[cfg(feature = "si-page")]
+use stillflux::config::Scheme;
 use stillflux::drive::Reference;
 use stillflux::scalar::Real;
-#[cfg(feature = "si-page")]
-use stillflux_firmware::SCHEME;
 #[cfg(feature = "si-page")]
 use stillflux_firmware::blob::{Blob, Parameters};
 use stillflux_firmware::board::{self, File, Handover, Mailbox, print};
@@ -40,6 +40,9 @@ const PRESET: [u32; WORDS] = include!(concat!(env!("OUT_DIR"), "/page-q.rs"));
 #[unsafe(link_section = ".rodata.parameters")]
 #[used]
 static PAGE: Blob = Blob::seal(&Parameters::preset(SCHEME));
+/// As `Scheme::default` has it, for a constant.
+#[cfg(feature = "si-page")]
+const SCHEME: Scheme = if cfg!(feature = "enhanced") { Scheme::Enhanced } else { Scheme::Paper };
 
 /// The one drive; none until the page is read.
 static CONTROL: Handover<Option<Control<Arithmetic>>> = Handover::new(None);

@@ -14,6 +14,10 @@
 use crate::scalar::{Integrator, Real, likely};
 use crate::words::words;
 
+/// Stator frequency below which the PI part is off, and reciprocal of the width over which it fades in.
+const OMEGA_BEGIN: f64 = 0.02;
+const INV_FADE: f64 = 25.0;
+
 /// Settings of the flux controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -33,23 +37,16 @@ pub struct FluxControlConfig<R: Real> {
     pub root_i_q: R,
     /// `1 / (2 l_s σl_s)`.
     pub inv_two_l_product: R,
-    /// `(1 - σ) / (2 σl_s)`.
-    pub pull_out: R,
     /// Proportional gain.
     pub k_p: R,
     /// Integral gain times the time between two calls.
     pub k_i: R,
-    /// Stator frequency below which the PI part is off.
-    pub omega_begin: R,
-    /// Reciprocal of the width over which it fades in.
-    pub inv_fade: R,
     /// Largest correction of i_d.
     pub limit: R,
 }
 words! {
     FluxControlConfig:
-    psi_rated, inv_psi_rated, psi_min, l_sum, root_psi, root_i_q, inv_two_l_product, pull_out, k_p, k_i, omega_begin,
-    inv_fade, limit,
+    psi_rated, inv_psi_rated, psi_min, l_sum, root_psi, root_i_q, inv_two_l_product, k_p, k_i, limit,
 }
 
 /// State of the flux controller.
@@ -107,7 +104,7 @@ impl<R: Real> FluxController<R> {
     /// One period; returns `i_d*`.
     #[inline(always)]
     pub fn step(&mut self, c: &FluxControlConfig<R>, psi_ref: R, psi_s: R, i_q: R, omega_s: R) -> R {
-        let weight = ((omega_s.abs() - c.omega_begin) * c.inv_fade).clamp(R::ZERO, R::ONE);
+        let weight = ((omega_s.abs() - R::from_f64(OMEGA_BEGIN)) * R::from_f64(INV_FADE)).clamp(R::ZERO, R::ONE);
         let error = psi_ref - psi_s;
         let x = self.x.value();
         // With the weight gone the integrator forgets at the rate at which it learned.
@@ -133,11 +130,8 @@ mod tests {
             root_psi: (l_s - sl) * (l_s - sl),
             root_i_q: 4.0 * (l_s * sl) * (l_s * sl),
             inv_two_l_product: 0.5 / (l_s * sl),
-            pull_out: (1.0 - sl / l_s) / (2.0 * sl),
             k_p: 1.0,
             k_i: 0.003,
-            omega_begin: 0.02,
-            inv_fade: 25.0,
             limit: 0.2,
         }
     }
@@ -153,7 +147,9 @@ mod tests {
             assert!((i_d - rhs).abs() < 1e-12);
         }
         assert!((c.feedforward(1.0, 0.0) - 1.0 / 1.67).abs() < 1e-12);
-        assert!((c.root_psi - c.root_i_q * c.pull_out * c.pull_out).abs() < 1e-9);
+        let (l_s, sl) = (1.67, 0.143);
+        let pull_out = (1.0 - sl / l_s) / (2.0 * sl);
+        assert!((c.root_psi - c.root_i_q * pull_out * pull_out).abs() < 1e-9);
     }
 
     #[test]

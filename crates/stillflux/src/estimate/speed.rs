@@ -19,6 +19,9 @@ use crate::scalar::{QuickIntegrator, Real};
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
 
+/// Largest speed, per unit.
+const OMEGA_MAX: f64 = 3.0;
+
 /// Settings of the speed estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -34,10 +37,8 @@ pub struct SpeedConfig<R: Real> {
     pub k_p: R,
     /// Integral gain `ω_n²` times the time between two calls.
     pub k_i: R,
-    /// Largest speed.
-    pub omega_max: R,
 }
-words!(SpeedConfig: t_s, sigma_l_s, r_r, k_p, k_i, omega_max);
+words!(SpeedConfig: t_s, sigma_l_s, r_r, k_p, k_i);
 
 /// Speed, slip and rotor flux.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -83,7 +84,7 @@ impl<R: Real> SpeedEstimator<R> {
         let omega_r = (c.r_r * inv * (psi_r.cross(i_s) * inv)).limit(R::ONE);
         // The sine of an angle: within ±1 as it stands.
         let error = self.angle.axis().cross(&psi_r) * inv;
-        let omega_m = self.omega_m.add_limited(c.k_i, error, c.omega_max);
+        let omega_m = self.omega_m.add_limited(c.k_i, error, R::from_f64(OMEGA_MAX));
         let omega_s = omega_m + omega_r;
         self.angle = self.angle.turned((c.t_s * (omega_s + c.k_p * error)).limit(R::HALF));
         SpeedEstimate { psi_r, omega_m, omega_r, omega_s }
@@ -103,7 +104,7 @@ mod tests {
 
     #[test]
     fn follows_a_ramp_of_speed_and_tells_slip_from_speed() {
-        let c = SpeedConfig { t_s: 0.03, sigma_l_s: 0.1, r_r: 0.05, k_p: 0.8, k_i: 0.03 * 0.16, omega_max: 3.0 };
+        let c = SpeedConfig { t_s: 0.03, sigma_l_s: 0.1, r_r: 0.05, k_p: 0.8, k_i: 0.03 * 0.16 };
         let mut est = SpeedEstimator::<f64>::default();
         let (mut theta, i_q) = (0.0_f64, 0.5);
         let mut out = SpeedEstimate::default();

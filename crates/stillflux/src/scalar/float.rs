@@ -64,7 +64,8 @@ macro_rules! impl_real {
                     1.0 / $tiny
                 }
             }
-            #[inline]
+            // A call: hardly any period needs one, and flash is short.
+            #[inline(never)]
             fn rsqrt(self) -> Self {
                 let x = Real::max(self, $tiny);
                 let half = 0.5 * x;

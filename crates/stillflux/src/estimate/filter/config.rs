@@ -13,19 +13,29 @@ const BLOCK_TIME: f64 = 1e-3;
 pub(super) const BLOCK_MIN: u32 = 10;
 
 /// Scales of the states: with deviations of these sizes every covariance lies where fixed point resolves it.
-const SCALE_PSI: f64 = 0.05;
+pub(super) const SCALE_PSI: f64 = 0.05;
 const SCALE_B: f64 = 0.01;
 /// Relative to `r_s`.
 const SCALE_R: f64 = 0.05;
 const SCALE_V: f64 = 0.1;
-const SCALE_GAMMA: f64 = 0.05;
+pub(super) const SCALE_GAMMA: f64 = 0.05;
 const SCALE_C: f64 = 0.1;
 
-/// Standard deviation of the residual in one block, per unit. The ADC's noise alone would be a tenth of it;
-/// the rest stands for what the model has wrong for longer than a block (leakage, gains of the current sensors).
-const RESIDUAL: f64 = 0.01;
+/// Deviations at the start that no parameter changes: flux (remanence), inductance.
+const PRIOR_PSI: f64 = 5e-3;
+const PRIOR_GAMMA: f64 = 0.07;
+/// Step of the flux in a block whose residual is beyond its measure.
+const SURPRISE_PSI: f64 = 0.01;
+
+/// Variance of the residual in one block, scaled: of a deviation of 0.01 per unit. The ADC's noise alone would be a
+/// tenth of it; the rest stands for what the model has wrong for longer than a block (leakage, gains of the current
+/// sensors).
+pub(super) const RESIDUAL: f64 = 0.01 * 0.01 / (SCALE_PSI * SCALE_PSI);
+/// What a block adds along the axis of a phase whose current is near zero, scaled: a few tenths of the dead-time
+/// voltage for the fifth of a second that a slow field stays there.
+pub(super) const DRIFT_ZERO: f64 = 5e-3 * 5e-3 / (SCALE_PSI * SCALE_PSI);
 /// Part of the distance to the steady state of the current model that its saturation curve may have wrong.
-const TRANSIENT: f64 = 0.1;
+pub(super) const TRANSIENT: f64 = 0.1;
 
 /// Part of the rate of the current model that may be wrong, times the root of the blocks for which it stays so.
 const LAG: f64 = 3.0;
@@ -69,22 +79,18 @@ pub struct FilterConfig<R: Real> {
     pub(super) psi_b: R,
     pub(super) psi_r: R,
     pub(super) psi_v: R,
-    /// Sizes of the scaled states, and the reciprocal for fluxes.
-    pub(super) scale: Column<R>,
-    pub(super) inv_scale_psi: R,
-    /// Variances at the start and what each block adds, scaled.
-    pub(super) prior: Column<R>,
-    pub(super) drift: Column<R>,
-    /// What a block adds beside `drift` per unit of excess of the residuals.
-    pub(super) surprise: Column<R>,
+    /// Size of the scaled resistance.
+    scale_r_s: R,
+    /// Variances at the start, scaled: offset, resistance, inverter error, saturation.
+    prior: [R; 4],
+    /// What each block adds, scaled: flux, `m`, offset, resistance, inverter error, `γ`, `c`.
+    drift: [R; 7],
+    /// What a block adds beside `drift` per unit of excess of the residuals: offset, resistance.
+    surprise: [R; 2],
     /// Added to the flux per squared stator frequency.
     pub(super) drift_omega: R,
-    /// Added along the axis of a phase whose current is within `zero` of zero.
-    pub(super) drift_zero: R,
+    /// Current of a phase below which the voltage along its axis is known less.
     pub(super) zero: R,
-    /// Variance of the residual, and its growth in transients.
-    pub(super) residual: R,
-    pub(super) transient: R,
     /// Deviation that a block adds to `m` per distance from the steady state: a rotor resistance that is not
     /// the parameter.
     pub(super) lag: R,
@@ -94,7 +100,7 @@ pub struct FilterConfig<R: Real> {
 words! {
     FilterConfig:
     t_s, block, inv_block, sigma_l_s, r_s, l_m, r_r_block, decay, inv_m_rated, saturation, m_b, m_gamma, m_c, psi_b,
-    psi_r, psi_v, scale, inv_scale_psi, prior, drift, surprise, drift_omega, drift_zero, zero, residual, transient, lag,
+    psi_r, psi_v, scale_r_s, prior, drift, surprise, drift_omega, zero, lag,
     correct,
 }
 
@@ -126,27 +132,23 @@ impl<R: Real> FilterConfig<R> {
             Some(s) => ((1.0 - machine.L_s() / s.L_u).clamp(0.0, 0.5), 0.05),
             None => (0.15, 0.15),
         };
-        // Deviations at the start. Flux: remanence. Offset: 0.05 % of base current once read, a sensor's
-        // tolerance otherwise. Resistance: temperature. Bridge: dead time and threshold.
+        // Deviations at the start. Offset: 0.05 % of base current once read, a sensor's tolerance otherwise.
+        // Resistance: temperature. Bridge: dead time and threshold.
         let offset = if calibrated { 5e-4 } else { 0.05 };
-        let prior = by_state(5e-3, 5e-3, offset, 0.2 * r_s, 0.15, 0.07, c_deviation);
+        let prior = by_state(PRIOR_PSI, PRIOR_PSI, offset, 0.2 * r_s, 0.15, PRIOR_GAMMA, c_deviation);
         // Deviations that grow as the root of time, per √s. Flux: resolution of the duties and the rest of the
         // inverter model. Resistance: a winding at overload. Bridge: the temperature of the switches.
         let drift = by_state(2e-3, 1e-3, 5e-4, 3e-3 * r_s, 3e-3, 1e-4, 1e-4);
         // Steps that residuals beyond their measure stand for, per block.
-        let surprise = by_state(0.01, 0.0, 2e-3, 0.02 * r_s, 0.0, 0.0, 0.0);
+        let surprise = by_state(SURPRISE_PSI, 0.0, 2e-3, 0.02 * r_s, 0.0, 0.0, 0.0);
 
         let on = |k: usize| match k {
             B..RS => identified.offset,
             RS | V => identified.resistance,
             _ => true,
         };
-        let variance = |deviation: &[f64; N], seconds: f64| -> Column<R> {
-            core::array::from_fn(|k| {
-                let x = deviation[k] / scale[k];
-                r(if on(k) { x * x * seconds } else { 0.0 })
-            })
-        };
+        let variance =
+            |k: usize, x: &[f64; N], seconds: f64| r(if on(k) { scaled(x[k], scale[k]) * seconds } else { 0.0 });
         let flux_variance = |x: f64, seconds: f64| r(x * x * seconds / (SCALE_PSI * SCALE_PSI));
         Self {
             t_s: pu.t_s,
@@ -165,28 +167,52 @@ impl<R: Real> FilterConfig<R> {
             psi_b: r(delta * SCALE_B / SCALE_PSI),
             psi_r: r(delta * scale[RS] / SCALE_PSI),
             psi_v: r(delta * SCALE_V / SCALE_PSI),
-            scale: scale.map(r),
-            inv_scale_psi: r(1.0 / SCALE_PSI),
-            prior: variance(&prior, 1.0),
-            drift: variance(&drift, seconds),
-            surprise: variance(&surprise, 1.0),
+            scale_r_s: r(scale[RS]),
+            prior: [B, RS, V, C].map(|k| variance(k, &prior, 1.0)),
+            drift: [PSI, M, B, RS, V, GAMMA, C].map(|k| variance(k, &drift, seconds)),
+            surprise: [B, RS].map(|k| variance(k, &surprise, 1.0)),
             // 5 % of the induced voltage, uncorrelated from block to block.
             drift_omega: flux_variance(0.05, seconds),
-            // A few tenths of the dead-time voltage for the fifth of a second that a slow field stays there.
-            drift_zero: flux_variance(5e-3, 1.0),
             zero: r((2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / b.i).max(2e-3)),
-            residual: flux_variance(RESIDUAL, 1.0),
-            transient: r(TRANSIENT / SCALE_PSI),
             lag: r(LAG * r_r / l_m * delta / TRANSIENT),
             correct: identified.flux,
         }
     }
+
+    /// Sizes of the scaled states.
+    #[inline(always)]
+    pub(super) fn scale(&self) -> Column<R> {
+        let r = R::from_f64;
+        by_state(r(SCALE_PSI), r(SCALE_PSI), r(SCALE_B), self.scale_r_s, r(SCALE_V), r(SCALE_GAMMA), r(SCALE_C))
+    }
+
+    /// Variances at the start, scaled.
+    pub(super) fn prior(&self) -> Column<R> {
+        let [b, r_s, v, c] = self.prior;
+        let psi = R::from_f64(const { scaled(PRIOR_PSI, SCALE_PSI) });
+        by_state(psi, psi, b, r_s, v, R::from_f64(const { scaled(PRIOR_GAMMA, SCALE_GAMMA) }), c)
+    }
+
+    /// Variances that each block adds, scaled; `excess`: of the residuals over their measure.
+    #[inline(always)]
+    pub(super) fn drift(&self, excess: R) -> Column<R> {
+        let [psi, m, b, r_s, v, gamma, c] = self.drift;
+        let [of_b, of_r_s] = self.surprise.map(|x| x * excess);
+        let of_psi = R::from_f64(const { scaled(SURPRISE_PSI, SCALE_PSI) }) * excess;
+        by_state(psi + of_psi, m, b + of_b, r_s + of_r_s, v, gamma, c)
+    }
+}
+
+/// Variance of a scaled state.
+const fn scaled(deviation: f64, scale: f64) -> f64 {
+    let x = deviation / scale;
+    x * x
 }
 
 /// A value for each state.
-fn by_state(psi: f64, m: f64, b: f64, r_s: f64, v: f64, gamma: f64, c: f64) -> [f64; N] {
+#[inline(always)]
+fn by_state<T: Copy>(psi: T, m: T, b: T, r_s: T, v: T, gamma: T, c: T) -> [T; N] {
     let mut x = [psi; N];
-    x[PSI + 1] = psi;
     (x[M], x[B], x[B + 1], x[RS], x[V], x[GAMMA], x[C]) = (m, b, b, r_s, v, gamma, c);
     x
 }

@@ -1,5 +1,6 @@
 //! Covariance of the filter's states: symmetric, so the lower triangle is all there is.
 
+use super::state::{B, PSI, RS, V};
 use crate::scalar::Real;
 
 /// Number of states.
@@ -35,11 +36,12 @@ impl<R: Real> Default for Covariance<R> {
 }
 
 impl<R: Real> Covariance<R> {
-    /// Independent states with these variances.
-    pub fn diagonal(variance: &Column<R>) -> Self {
-        let mut p = Self::default();
-        p.add(variance);
-        p
+    /// Independent states with these variances. In place: no copy of a matrix on the stack.
+    #[cold]
+    #[inline(never)]
+    pub fn set_diagonal(&mut self, variance: &Column<R>) {
+        self.p.as_flattened_mut().fill(R::ZERO);
+        self.add(variance);
     }
 
     /// One element.
@@ -81,6 +83,32 @@ impl<R: Real> Covariance<R> {
         *self.get_mut(I, I) = variance;
     }
 
+    /// The same for a component of the flux, `ψ ← ψ + c_b b + c_r r_s + c_v v`. Both take this one code: their columns
+    /// lie side by side.
+    #[inline(always)]
+    pub fn advance_psi(&mut self, second: bool, [c_b, c_r, c_v]: [R; 3]) {
+        let b: Column<R> = if second { self.column::<{ B + 1 }>() } else { self.column::<B>() };
+        let (of_r, of_v) = (self.column::<RS>(), self.column::<V>());
+        let row: Column<R> = core::array::from_fn(|k| c_b * b[k] + c_r * of_r[k] + c_v * of_v[k]);
+        let (own, of_own, of_b) = if second {
+            (self.get(PSI + 1, PSI + 1), row[PSI + 1], row[B + 1])
+        } else {
+            (self.get(PSI, PSI), row[PSI], row[B])
+        };
+        let variance = own + of_own + of_own + c_b * of_b + c_r * row[RS] + c_v * row[V];
+        let from = usize::from(second);
+        for (k, r) in row.into_iter().enumerate() {
+            self.p.as_flattened_mut()[at(k, PSI) + from] += r;
+        }
+        *self.get_mut(PSI + from, PSI + from) = variance;
+    }
+
+    /// Covariances of a state with all of them.
+    #[inline(always)]
+    fn column<const J: usize>(&self) -> Column<R> {
+        core::array::from_fn(|k| self.get(J, k))
+    }
+
     /// `P h` for a sparse `h`.
     #[inline(always)]
     pub fn project<const T: usize>(&self, h: &[(usize, R); T]) -> Column<R> {
@@ -102,11 +130,11 @@ impl<R: Real> Covariance<R> {
         }
     }
 
-    /// What a measurement takes from row `I`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`.
+    /// What a measurement takes from row `I`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`, and `ph` of the row.
     #[inline(always)]
-    pub fn reduce<const I: usize>(&mut self, ph: &Column<R>, gain: &Column<R>, floor: R) {
+    pub fn reduce<const I: usize>(&mut self, ph: R, gain: &[R], floor: R) {
         for (j, &g) in gain.iter().enumerate().take(I + 1) {
-            *self.get_mut(I, j) -= ph[I] * g;
+            *self.get_mut(I, j) -= ph * g;
         }
         *self.get_mut(I, I) = self.get(I, I).max(floor);
     }
@@ -125,7 +153,8 @@ mod tests {
 
     /// A covariance with every element in use.
     fn sample() -> Covariance<f64> {
-        let mut p = Covariance::diagonal(&[1.0, 2.0, 0.5, 3.0, 1.5, 0.7, 0.9, 1.1, 0.4]);
+        let mut p = Covariance::default();
+        p.set_diagonal(&[1.0, 2.0, 0.5, 3.0, 1.5, 0.7, 0.9, 1.1, 0.4]);
         for i in 0..N {
             for j in 0..i {
                 p.add_at(i, j, 0.02 * (i as f64 - 0.7 * j as f64));
@@ -161,15 +190,15 @@ mod tests {
         let ph = p.project(&h);
         let s = (row * before * row.transpose())[0] + 0.1;
         let gain = ph.map(|x| x / s);
-        p.reduce::<0>(&ph, &gain, 0.0);
-        p.reduce::<1>(&ph, &gain, 0.0);
-        p.reduce::<2>(&ph, &gain, 0.0);
-        p.reduce::<3>(&ph, &gain, 0.0);
-        p.reduce::<4>(&ph, &gain, 0.0);
-        p.reduce::<5>(&ph, &gain, 0.0);
-        p.reduce::<6>(&ph, &gain, 0.0);
-        p.reduce::<7>(&ph, &gain, 0.0);
-        p.reduce::<8>(&ph, &gain, 0.0);
+        p.reduce::<0>(ph[0], &gain, 0.0);
+        p.reduce::<1>(ph[1], &gain, 0.0);
+        p.reduce::<2>(ph[2], &gain, 0.0);
+        p.reduce::<3>(ph[3], &gain, 0.0);
+        p.reduce::<4>(ph[4], &gain, 0.0);
+        p.reduce::<5>(ph[5], &gain, 0.0);
+        p.reduce::<6>(ph[6], &gain, 0.0);
+        p.reduce::<7>(ph[7], &gain, 0.0);
+        p.reduce::<8>(ph[8], &gain, 0.0);
         assert!((full(&p) - (before - before * row.transpose() * row * before / s)).norm() < 1e-12);
     }
 

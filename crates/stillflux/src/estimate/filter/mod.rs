@@ -63,6 +63,7 @@ mod state;
 
 pub use config::{FilterConfig, Identified};
 
+use self::config::{DRIFT_ZERO, RESIDUAL, SCALE_GAMMA, SCALE_PSI, TRANSIENT};
 use self::covariance::{Column, Covariance, N};
 use self::state::{B, C, GAMMA, M, PSI, RS, V};
 use super::confidence::SIGMA_HALF;
@@ -161,7 +162,6 @@ pub struct Filter<R: Real> {
     gamma: Integrator<R>,
     c: Integrator<R>,
     i_s: AlphaBeta<R>,
-    i_dq: Dq<R>,
     u_i: AlphaBeta<R>,
     /// Sum of the current over the block, field coordinates.
     sum: Dq<R>,
@@ -169,9 +169,8 @@ pub struct Filter<R: Real> {
     period: u32,
     point: Point<R>,
     p: Covariance<R>,
-    /// `P h` (and, before, a row of the transition), and the gain that the next innovation gets.
+    /// `P h`, of which `1/S` makes the gain that the next innovation gets; before, a row of the transition.
     ph: Column<R>,
-    gain: Column<R>,
     /// `1/S` of the last block.
     inv_s: R,
     /// Residual, and low-pass of its normalised square.
@@ -196,29 +195,38 @@ impl<R: Real> Filter<R> {
     /// A filter that knows the priors.
     #[must_use]
     pub fn new(c: &FilterConfig<R>) -> Self {
+        let (mut filter, prior) = (Self::empty(), c.prior());
+        filter.brought = Learned { b: AlphaBeta::default(), r_s: c.r_s, v: R::ZERO, gamma: R::ONE };
+        filter.brought_variance = [B, RS, V, GAMMA].map(|k| prior[k]);
+        filter.c = Integrator::new(c.saturation);
+        filter.rewind(c);
+        filter
+    }
+
+    /// A filter that knows nothing.
+    #[inline(always)]
+    fn empty() -> Self {
         Self {
             psi_s: FluxIntegral::default(),
             m: Integrator::default(),
             b: Default::default(),
-            r_s: Integrator::new(c.r_s),
+            r_s: Integrator::default(),
             v: Integrator::default(),
-            gamma: Integrator::new(R::ONE),
-            c: Integrator::new(c.saturation),
+            gamma: Integrator::default(),
+            c: Integrator::default(),
             i_s: AlphaBeta::default(),
-            i_dq: Dq::default(),
             u_i: AlphaBeta::default(),
             sum: Dq::default(),
             period: 0,
             point: Point::default(),
-            p: Covariance::diagonal(&c.prior),
+            p: Covariance::default(),
             ph: [R::ZERO; N],
-            gain: [R::ZERO; N],
             inv_s: R::ZERO,
             residual: R::ZERO,
             nis: R::ZERO,
             trial: TRIAL,
             sigma: R::ZERO,
-            brought: Learned { b: AlphaBeta::default(), r_s: c.r_s, v: R::ZERO, gamma: R::ONE },
+            brought: Learned { b: AlphaBeta::default(), r_s: R::ZERO, v: R::ZERO, gamma: R::ZERO },
             brought_variance: [R::ZERO; 4],
         }
     }
@@ -233,11 +241,11 @@ impl<R: Real> Filter<R> {
         self.v = Integrator::new(learned.v.limit(R::from_f64(V_MAX)));
         let (lo, hi) = GAMMA_RANGE;
         self.gamma = Integrator::new(learned.gamma.clamp(R::from_f64(lo), R::from_f64(hi)));
-        let mut variance = c.prior;
+        let mut variance = c.prior();
         for (k, v) in variance.iter_mut().enumerate().take(C).skip(B) {
             *v *= R::from_f64(known(k));
         }
-        self.p = Covariance::diagonal(&variance);
+        self.p.set_diagonal(&variance);
     }
 
     /// What is worth keeping.
@@ -249,31 +257,29 @@ impl<R: Real> Filter<R> {
     pub fn start(&mut self, c: &FilterConfig<R>, i_s: &AlphaBeta<R>) {
         // What was learned before the stop may have changed since: temperature, above all.
         self.brought = self.learned();
+        let prior = c.prior();
         self.brought_variance =
-            [B, RS, V, GAMMA].map(|k| self.p.get(k, k).clamp(c.prior[k] * R::from_f64(known(k)), c.prior[k]));
-        let bent = self.c;
-        *self = self.before(c);
-        self.c = bent;
+            [B, RS, V, GAMMA].map(|k| self.p.get(k, k).clamp(prior[k] * R::from_f64(known(k)), prior[k]));
+        self.rewind(c);
         self.i_s = *i_s - self.b();
     }
 
-    /// As the filter was before the start under way.
-    fn before(&self, c: &FilterConfig<R>) -> Self {
-        let Learned { b, r_s, v, gamma } = self.brought;
-        let mut variance = c.prior;
-        let [of_b, of_r_s, of_v, of_gamma] = self.brought_variance;
+    /// As the filter was before the start under way, but for the saturation.
+    #[cold]
+    #[inline(never)]
+    fn rewind(&mut self, c: &FilterConfig<R>) {
+        let (bent, brought, brought_variance) = (self.c, self.brought, self.brought_variance);
+        *self = Self::empty();
+        let Learned { b, r_s, v, gamma } = brought;
+        self.b = [Integrator::new(b.re()), Integrator::new(b.im())];
+        (self.r_s, self.v) = (Integrator::new(r_s), Integrator::new(v));
+        (self.gamma, self.c) = (Integrator::new(gamma), bent);
+        let mut variance = c.prior();
+        let [of_b, of_r_s, of_v, of_gamma] = brought_variance;
         (variance[B], variance[B + 1]) = (of_b, of_b);
         (variance[RS], variance[V], variance[GAMMA]) = (of_r_s, of_v, of_gamma);
-        Self {
-            b: [Integrator::new(b.re()), Integrator::new(b.im())],
-            r_s: Integrator::new(r_s),
-            v: Integrator::new(v),
-            gamma: Integrator::new(gamma),
-            p: Covariance::diagonal(&variance),
-            brought: self.brought,
-            brought_variance: self.brought_variance,
-            ..Self::new(c)
-        }
+        self.p.set_diagonal(&variance);
+        (self.brought, self.brought_variance) = (brought, brought_variance);
     }
 
     /// Begins anew with the flux `psi_s` that a direct current along the a-axis has built up in a machine at
@@ -282,17 +288,17 @@ impl<R: Real> Filter<R> {
     /// the integral of a wrong resistance.
     pub fn settle(&mut self, c: &FilterConfig<R>, psi_s: R) {
         let i_s = self.i_s;
-        let bent = self.c;
-        let variance = (self.p.get(C, C) * R::from_f64(4.0)).min(c.prior[C]);
-        *self = Self { i_s, i_dq: self.i_dq, ..self.before(c) };
-        self.c = bent;
-        self.p.add_at(C, C, variance - c.prior[C]);
+        let prior = c.prior()[C];
+        let variance = (self.p.get(C, C) * R::from_f64(4.0)).min(prior);
+        self.rewind(c);
+        self.i_s = i_s;
+        self.p.add_at(C, C, variance - prior);
         let m = psi_s - c.sigma_l_s * i_s.re();
         self.psi_s.set(AlphaBeta::new(psi_s, R::ZERO));
         self.m = Integrator::new(m);
         // At rated flux g = 1 and its slope 1 + 8c, whatever c is.
         let bent = R::ONE + R::from_f64(8.0) * self.c.value();
-        let per_gamma = m * bent.recip() * (c.scale[GAMMA] * c.inv_scale_psi);
+        let per_gamma = m * bent.recip() * (R::from_f64(SCALE_GAMMA) * R::from_f64(1.0 / SCALE_PSI));
         let gamma = self.p.get(GAMMA, GAMMA);
         let common = per_gamma * per_gamma * gamma;
         for (i, j, x) in [(PSI, PSI, common), (M, M, common), (PSI, M, common)] {
@@ -302,16 +308,18 @@ impl<R: Real> Filter<R> {
         self.p.add_at(M, GAMMA, -per_gamma * gamma);
     }
 
-    /// One period. With `blind` nothing is corrected: the machine has no flux yet.
+    /// One period; returns the current of its sample in field coordinates. With `blind` nothing is corrected: the
+    /// machine has no flux yet.
     #[inline(always)]
-    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<R>, blind: bool) {
+    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<R>, blind: bool) -> Dq<R> {
         let i_s = x.i_m - self.b();
         self.u_i = x.u_s - (self.i_s + i_s) * self.r_s().half();
         self.i_s = i_s;
         self.psi_s.add(c.t_s, &self.u_i);
-        self.i_dq = self.field().to_field(&i_s);
-        self.sum += self.i_dq;
+        let i_dq = self.field().to_field(&i_s);
+        self.sum += i_dq;
         self.work(c, x, blind);
+        i_dq
     }
 
     /// The part of a block's work that this period does.
@@ -326,25 +334,12 @@ impl<R: Real> Filter<R> {
         match self.period {
             1 => self.prepare_m(c),
             2 => self.advance_m(c),
-            3 => self.advance_psi::<0>(c),
-            4 => self.advance_psi::<1>(c),
+            3 | 4 => self.advance_psi(c, self.period == 4),
             5 => self.add_noise(c),
             6 => self.weigh(c),
-            7 => {
-                self.reduce::<0>();
-                self.reduce::<1>();
-                self.reduce::<2>();
-                self.reduce::<3>();
-                self.reduce::<4>();
-            }
-            8 => {
-                self.reduce::<5>();
-                self.reduce::<6>();
-            }
-            9 => {
-                self.reduce::<7>();
-                self.reduce::<8>();
-            }
+            7 => self.reduce_to_4(),
+            8 => self.reduce_to_6(),
+            9 => self.reduce_to_8(),
             _ => {}
         }
     }
@@ -382,7 +377,7 @@ impl<R: Real> Filter<R> {
             m_g,
             slope: gamma * (g + R::from_f64(8.0) * (bent * x8)),
             bend: x8 - R::ONE,
-            away: (i_d * c.l_m - m_steady) * c.transient,
+            away: (i_d * c.l_m - m_steady) * R::from_f64(TRANSIENT / SCALE_PSI),
             omega_s: input.omega_s,
             valid,
         };
@@ -391,7 +386,7 @@ impl<R: Real> Filter<R> {
             return;
         }
         let m = self.m.add(R::ONE, c.r_r_block * i_d - c.decay * m_steady);
-        let z = (m - psi_r) * c.inv_scale_psi;
+        let z = (m - psi_r) * R::from_f64(1.0 / SCALE_PSI);
         self.residual = z;
         if self.trial == 0 {
             let nis = (z * z * self.inv_s).min(R::from_f64(9.0));
@@ -405,7 +400,8 @@ impl<R: Real> Filter<R> {
     /// Every state takes its part of the residual.
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
-        let by: Column<R> = core::array::from_fn(|k| self.gain[k] * c.scale[k]);
+        let scale = c.scale();
+        let by: Column<R> = core::array::from_fn(|k| self.ph[k] * self.inv_s * scale[k]);
         self.psi_s.correct([by[PSI], by[PSI + 1]], z);
         self.m.add_clamped(by[M], z, R::ZERO, R::from_f64(3.0));
         let bound = R::from_f64(B_MAX);
@@ -446,15 +442,13 @@ impl<R: Real> Filter<R> {
         self.p.advance::<M, 6>(R::ONE - c.decay * self.point.slope, &terms, &self.ph);
     }
 
-    /// A component of the flux follows its offset, the resistance and the inverter error.
+    /// The first or the second component of the flux follows its offset, the resistance and the inverter error.
     #[inline(never)]
-    fn advance_psi<const I: usize>(&mut self, c: &FilterConfig<R>) {
+    fn advance_psi(&mut self, c: &FilterConfig<R>, second: bool) {
         let (i, u) = (&self.point.i_s, &self.point.u_l);
-        let (i, u) = if I == PSI { (i.re(), u.re()) } else { (i.im(), u.im()) };
+        let (i, u) = if second { (i.im(), u.im()) } else { (i.re(), u.re()) };
         let (i, u) = if self.point.held() { (R::ZERO, R::ZERO) } else { (i, u) };
-        let terms = [(B + I - PSI, c.psi_b * self.r_s()), (RS, -c.psi_r * i), (V, -c.psi_v * u)];
-        let row = self.p.project(&terms);
-        self.p.advance::<I, 3>(R::ONE, &terms, &row);
+        self.p.advance_psi(second, [c.psi_b * self.r_s(), -c.psi_r * i, -c.psi_v * u]);
     }
 
     /// What the states may have done by themselves.
@@ -462,16 +456,12 @@ impl<R: Real> Filter<R> {
     fn add_noise(&mut self, c: &FilterConfig<R>) {
         let q = &self.point;
         let omega = q.omega_s.abs();
-        let mut drift = c.drift;
+        let surprised = !q.held() && self.nis > R::from_f64(NIS_SURPRISE);
+        let mut drift = c.drift(if surprised { self.nis - R::from_f64(NIS_SURPRISE) } else { R::ZERO });
         if q.held() {
             (drift[RS], drift[V]) = (R::ZERO, R::ZERO);
             self.p.isolate(RS);
             self.p.isolate(V);
-        } else if self.nis > R::from_f64(NIS_SURPRISE) {
-            let excess = self.nis - R::from_f64(NIS_SURPRISE);
-            for (d, s) in drift.iter_mut().zip(&c.surprise) {
-                *d += *s * excess;
-            }
         }
         let lag = c.lag * q.away;
         drift[M] += lag * lag;
@@ -480,7 +470,7 @@ impl<R: Real> Filter<R> {
         drift[PSI + 1] += fast;
 
         let slow = (R::ONE - omega * R::from_f64(INV_OMEGA_ZERO)).max(R::ZERO);
-        let zero = c.drift_zero * slow * slow;
+        let zero = R::from_f64(DRIFT_ZERO) * slow * slow;
         // Products of the components of the phase axes: (1, 0), (-1/2, ±√3/2).
         let (three_quarters, mixed) = (R::from_f64(0.75), R::from_f64(0.433_012_7));
         for (k, i) in q.i_s.to_phases().into_iter().enumerate() {
@@ -507,26 +497,62 @@ impl<R: Real> Filter<R> {
         let mixed = sin * cos * p.get(PSI, PSI + 1);
         let across = sin * sin * p.get(PSI, PSI) + cos * cos * p.get(PSI + 1, PSI + 1) - (mixed + mixed);
         let across = across.max(R::ZERO);
-        self.sigma = across.sqrt() * c.scale[PSI] * q.inv_psi_r;
+        self.sigma = across.sqrt() * R::from_f64(SCALE_PSI) * q.inv_psi_r;
 
         if !(q.valid && c.correct) {
-            (self.ph, self.gain) = ([R::ZERO; N], [R::ZERO; N]);
+            self.ph = [R::ZERO; N];
             return;
         }
         self.ph = p.project(&[(PSI, cos), (PSI + 1, sin), (M, -R::ONE)]);
-        let second = across * c.scale[PSI] * q.inv_psi_r;
+        let residual = R::from_f64(RESIDUAL);
+        let second = across * R::from_f64(SCALE_PSI) * q.inv_psi_r;
         let s = cos * self.ph[PSI] + sin * self.ph[PSI + 1] - self.ph[M]
-            + c.residual
+            + residual
             + q.away * q.away
             + R::from_f64(SECOND_ORDER) * (second * second);
-        self.inv_s = s.max(c.residual).recip();
-        self.gain = self.ph.map(|x| x * self.inv_s);
+        self.inv_s = s.max(residual).recip();
+    }
+
+    // Row by row, the covariance loses what the residual has told.
+    #[inline(never)]
+    fn reduce_to_4(&mut self) {
+        let gain = self.gain::<5>();
+        self.reduce::<0>(&gain);
+        self.reduce::<1>(&gain);
+        self.reduce::<2>(&gain);
+        self.reduce::<3>(&gain);
+        self.reduce::<4>(&gain);
+    }
+
+    #[inline(never)]
+    fn reduce_to_6(&mut self) {
+        let gain = self.gain::<7>();
+        self.reduce::<5>(&gain);
+        self.reduce::<6>(&gain);
+    }
+
+    #[inline(never)]
+    fn reduce_to_8(&mut self) {
+        let gain = self.gain::<N>();
+        self.reduce::<7>(&gain);
+        self.reduce::<8>(&gain);
     }
 
     /// Row `I` of the covariance loses what the residual has told.
     #[inline(always)]
-    fn reduce<const I: usize>(&mut self) {
-        self.p.reduce::<I>(&self.ph, &self.gain, R::from_f64(FLOOR));
+    fn reduce<const I: usize>(&mut self, gain: &[R]) {
+        self.p.reduce::<I>(self.ph[I], gain, R::from_f64(FLOOR));
+    }
+
+    /// Gains of the first states.
+    #[inline(always)]
+    fn gain<const K: usize>(&self) -> [R; K] {
+        core::array::from_fn(|k| self.ph[k] * self.inv_s)
+    }
+
+    /// A current sample while nothing is estimated.
+    pub fn rest(&mut self, i_s: &AlphaBeta<R>) {
+        self.i_s = *i_s;
     }
 
     /// Present `ψ̂_s`.
@@ -571,12 +597,6 @@ impl<R: Real> Filter<R> {
         self.i_s
     }
 
-    /// The same in field coordinates.
-    #[inline]
-    pub fn i_dq(&self) -> Dq<R> {
-        self.i_dq
-    }
-
     /// Latest residual `m - |ψ̂_R|`, in units of the scale of fluxes (0.05).
     pub fn residual(&self) -> R {
         self.residual
@@ -612,11 +632,18 @@ impl<R: Real> Filter<R> {
     pub fn confine(&mut self, c: &FilterConfig<R>) {
         self.psi_s.confine();
         if !likely(self.sigma.within(R::from_f64(SIGMA_LOST))) {
-            let mut variance = c.prior;
-            let again = R::from_f64(SIGMA_AGAIN) * c.inv_scale_psi;
-            (variance[PSI], variance[PSI + 1]) = (again * again, again * again);
-            self.p = Covariance::diagonal(&variance);
+            self.forget(c);
         }
+    }
+
+    /// Nothing is known any more but what was known at the start, and of the flux not even that.
+    #[cold]
+    #[inline(never)]
+    fn forget(&mut self, c: &FilterConfig<R>) {
+        let mut variance = c.prior();
+        let again = R::from_f64(SIGMA_AGAIN) * R::from_f64(1.0 / SCALE_PSI);
+        (variance[PSI], variance[PSI + 1]) = (again * again, again * again);
+        self.p.set_diagonal(&variance);
     }
 }
 
@@ -721,6 +748,7 @@ mod tests {
         next.restore(&rig.c, &rig.filter.learned());
         next.start(&rig.c, &AlphaBeta::default());
         assert_eq!(next.r_s(), rig.filter.r_s());
-        assert!(next.p.get(RS, RS) <= rig.c.prior[RS] / 16.0 && next.p.get(B, B) <= rig.c.prior[B] / 256.0);
+        let prior = rig.c.prior();
+        assert!(next.p.get(RS, RS) <= prior[RS] / 16.0 && next.p.get(B, B) <= prior[B] / 256.0);
     }
 }

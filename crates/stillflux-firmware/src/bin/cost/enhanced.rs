@@ -1,0 +1,114 @@
+//! Blocks of the enhanced scheme beside the drive: its filter, each period of a block separately, and its balance.
+
+use super::{Cost, Input};
+use stillflux::drive::{Drive, Estimate};
+use stillflux::estimate::balance::{Balance, BalanceConfig};
+use stillflux::estimate::filter::{self, Filter, FilterConfig};
+use stillflux::space::AlphaBeta;
+use stillflux_firmware::exchange::Word;
+
+/// Name of the step in the report.
+pub const STEP: &str = "drive_step_enhanced";
+
+/// Control periods in a block of the filter at the preset's 10 kHz.
+const BLOCK: usize = 10;
+/// Names of the parts of the filter's work.
+const PARTS: [&str; BLOCK] = [
+    "filter_close",
+    "filter_1",
+    "filter_2",
+    "filter_3",
+    "filter_4",
+    "filter_5",
+    "filter_6",
+    "filter_7",
+    "filter_8",
+    "filter_9",
+];
+
+/// What is measured.
+#[derive(Clone, Copy, Default)]
+pub struct Costs {
+    filter: Cost,
+    /// The same by period of a block.
+    filter_part: [Cost; BLOCK],
+    balance: Cost,
+}
+
+impl Costs {
+    /// Each with its name.
+    pub fn each(&self, mut f: impl FnMut(&str, &Cost)) {
+        f("filter", &self.filter);
+        for (name, part) in PARTS.iter().zip(&self.filter_part) {
+            f(name, part);
+        }
+        f("balance", &self.balance);
+    }
+}
+
+/// Copies of the drive's blocks.
+pub struct Blocks<R: Word> {
+    filter: Filter<R>,
+    balance: Balance<R>,
+    /// Period within the filter's block.
+    part: usize,
+    /// Periods in which the copy's flux and the drive's were apart.
+    different: u32,
+}
+
+impl<R: Word> Blocks<R> {
+    /// As the drive starts them in a machine at rest.
+    pub fn start(drive: &Drive<R>, _: AlphaBeta<R>) -> Self {
+        let (c, e) = (drive.config(), drive.estimate());
+        let f = c.filter_config();
+        let mut filter = Filter::new(f);
+        filter.start(f, &e.i_s);
+        filter.settle(f, c.flux_control_config().psi_rated);
+        Self { filter, balance: Balance::default(), part: 0, different: 0 }
+    }
+
+    /// Periods in which the copy's flux and the drive's were apart.
+    pub fn apart(&self) -> u32 {
+        self.different
+    }
+
+    /// One period on the drive's own inputs, but for the voltage of the inverter model, which stays within the
+    /// drive: the one at the present current serves.
+    pub fn period(
+        &mut self,
+        costs: &mut Costs,
+        drive: &Drive<R>,
+        before: &Estimate<R>,
+        i_s: &AlphaBeta<R>,
+        input: &Input<R>,
+    ) {
+        let (c, e) = (drive.config(), drive.estimate());
+        let f = c.filter_config();
+        let i = input.measured.i_abc;
+        let sum = i[0] + i[1] + i[2];
+        let i_m = costs.balance.call(|| balance(&mut self.balance, c.balance_config(), i_s, sum));
+        let u_l = AlphaBeta::from_phases(c.inverter_model().distortion(&e.i_s, input.measured.u_dc, R::ONE));
+        let x = filter::Input { u_s: e.u_s, u_l, i_m, i_ref: before.i_dq_ref, omega_s: before.speed.omega_s };
+        let n = costs.filter.sum;
+        costs.filter.call(|| predict(&mut self.filter, f, &x));
+        let n = costs.filter.sum - n;
+        self.part = (self.part + 1) % BLOCK;
+        let part = &mut costs.filter_part[self.part];
+        part.calls += 1;
+        part.sum += n;
+        part.worst = part.worst.max(n as u32);
+        let apart = self.filter.value() - e.flux.psi_s;
+        self.different += u32::from(!apart.norm_sq().within(R::from_f64(0.01)));
+    }
+}
+
+// Calls that the optimiser leaves where they are.
+
+#[inline(never)]
+fn predict<R: Word>(s: &mut Filter<R>, c: &FilterConfig<R>, x: &filter::Input<R>) {
+    s.step(c, x, false);
+}
+#[inline(never)]
+fn balance<R: Word>(s: &mut Balance<R>, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) -> AlphaBeta<R> {
+    s.step(c, i, sum)
+}
