@@ -4,7 +4,6 @@
 use crate::base::{Base, PerUnit, rounded};
 use crate::control::current::CurrentConfig;
 use crate::control::flux::FluxControlConfig;
-use crate::control::shift::ShiftConfig;
 use crate::control::speed::SpeedControlConfig;
 use crate::estimate::speed::SpeedConfig;
 use crate::inverter::InverterModel;
@@ -26,9 +25,6 @@ pub(crate) const I_OFF_MAX: f64 = 0.15;
 pub const SPEED_PERIODS: u32 = 2;
 /// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
 pub const SLOW_PERIODS: u32 = 4;
-
-/// Rate of the flux shift in units of rated flux, 1/s: flux control follows without a lag that torque would show.
-const SHIFT_RATE: f64 = 0.5;
 
 /// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -251,7 +247,6 @@ pub struct DriveConfig<R: Real> {
     pub(crate) current: CurrentConfig<R>,
     pub(crate) flux_control: FluxControlConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
-    pub(crate) shift: Option<ShiftConfig<R>>,
     pub(crate) low_confidence: LowConfidence,
     /// From a sample to the middle of the duties' effect.
     pub(crate) t_ahead: R,
@@ -278,7 +273,7 @@ words! {
     t_s, inverter, timer, scheme,
     #[cfg(feature = "paper")] published,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, speed_control, shift, low_confidence, t_ahead, i_range, i_plain_sq,
+    speed, current, flux_control, speed_control, low_confidence, t_ahead, i_range, i_plain_sq,
     i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max, omega_trip, psi_deviation,
     implausible_max, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
@@ -314,11 +309,6 @@ impl<R: Real> DriveConfig<R> {
         &self.speed_control
     }
 
-    /// Settings of the flux shift, if it is on.
-    pub fn shift_config(&self) -> Option<&ShiftConfig<R>> {
-        self.shift.as_ref()
-    }
-
     /// Per-unit configuration of validated settings.
     ///
     /// # Errors
@@ -352,10 +342,6 @@ impl<R: Real> DriveConfig<R> {
         let j = machine.J * b.omega_m * b.omega / b.torque;
         let speed_gain = j * hz(p.speed_bandwidth);
         let omega_n = hz(p.pll_bandwidth);
-        let torque_n = machine.T_N / b.torque;
-        // At the rotor flux of no load; under load it is a little less, and the slip more.
-        let psi_r = p.psi_ref * machine.L_M / machine.L_s();
-        let slip = machine.R_R / b.z / (psi_r * psi_r);
         let magnetise_periods = periods(p.magnetise_time);
         // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
@@ -372,7 +358,7 @@ impl<R: Real> DriveConfig<R> {
             #[cfg(feature = "paper")]
             published: PublishedConfig::new(machine, inverter, &pu, p, magnetise_periods),
             #[cfg(feature = "enhanced")]
-            enhanced: EnhancedConfig::new(machine, inverter, &pu, p),
+            enhanced: EnhancedConfig::new(machine, inverter, &pu, p, i_q_max),
             speed: SpeedConfig {
                 t_s: r(t_speed),
                 sigma_l_s: pu.sigma_l_s,
@@ -402,15 +388,6 @@ impl<R: Real> DriveConfig<R> {
                 k_i: r(t_slow * speed_gain * hz(p.speed_bandwidth) / 4.0),
                 torque_max: r(p.torque_max / b.torque),
             },
-            shift: (p.scheme == Scheme::Enhanced && p.omega_s_min > 0.0).then(|| ShiftConfig {
-                omega_s_min: r(p.omega_s_min / b.omega),
-                slip: r(slip),
-                torque_begin: r(0.1 * torque_n),
-                inv_torque_fade: r(5.0 / torque_n),
-                // A tenth of the torque that the current allows is kept in reserve.
-                inv_torque: r(1.0 / (0.9 * i_q_max * p.psi_ref)),
-                step: r(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
-            }),
             low_confidence: p.low_confidence,
             t_ahead: r(1.5 * t_s),
             i_range: r(p.i_range / b.i),

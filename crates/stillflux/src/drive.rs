@@ -35,7 +35,6 @@ use crate::config::{BOOST, DriveConfig, I_OFF_MAX, LowConfidence};
 use crate::control::current::CurrentController;
 use crate::control::flux::FluxController;
 use crate::control::modulator::{Duty, applied, modulate, zero_duty};
-use crate::control::shift::FluxShift;
 use crate::control::speed::SpeedController;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
@@ -241,7 +240,6 @@ pub struct Drive<R: Real> {
     current_control: CurrentController<R>,
     flux_control: FluxController<R>,
     speed_control: SpeedController<R>,
-    shift: FluxShift<R>,
     estimate: Latest<R>,
 }
 
@@ -264,7 +262,6 @@ impl<R: Real> Drive<R> {
             current_control: CurrentController::default(),
             flux_control: FluxController::default(),
             speed_control: SpeedController::default(),
-            shift: FluxShift::default(),
             estimate: Latest::default(),
         }
     }
@@ -481,7 +478,6 @@ impl<R: Real> Drive<R> {
         self.estimate.psi_ref = self.config.flux_control.psi_rated;
         self.flux_control.start();
         self.speed_control.start(R::ZERO);
-        self.shift = FluxShift::default();
         self.enter(Status::Running);
     }
 
@@ -527,11 +523,9 @@ impl<R: Real> Drive<R> {
         let c = &self.config;
         let e = &mut self.estimate;
         let (omega_s, omega_m) = (e.speed.omega_s, e.speed.omega_m);
-        let mut psi_ref = c.flux_control.reference(omega_s, u_max * R::from_f64(U_FLUX));
-        if let Some(shift) = &c.shift {
-            let factor = self.shift.step(shift, omega_m, e.i_dq_ref.im() * e.psi_ref);
-            psi_ref = psi_ref.min(c.flux_control.psi_rated * factor);
-        }
+        let factor = self.observer.flux_factor(c, omega_m, e.i_dq_ref.im() * e.psi_ref);
+        let psi_ref = c.flux_control.reference(omega_s, u_max * R::from_f64(U_FLUX));
+        let psi_ref = psi_ref.min(c.flux_control.psi_rated * factor);
         e.psi_ref = psi_ref;
         let i_q_max = (c.pull_out_use * psi_ref).min(c.i_q_max);
         let mut torque_max = i_q_max * psi_ref;

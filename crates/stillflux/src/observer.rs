@@ -157,6 +157,12 @@ impl<R: Real> Observer<R> {
         ask!(self, o => o.begin());
     }
 
+    /// Part of the rated flux that the scheme asks for at a speed and a torque reference.
+    #[inline(always)]
+    pub fn flux_factor(&mut self, c: &DriveConfig<R>, omega_m: R, torque: R) -> R {
+        ask!(self, o => o.flux_factor(c, omega_m, torque))
+    }
+
     /// Tells the stator frequency, as often as the speed estimator runs.
     #[inline(always)]
     pub fn follow(&mut self, c: &DriveConfig<R>, omega_s: R) {

@@ -24,20 +24,18 @@ pub const FACTOR_MIN: f64 = 0.7;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct ShiftConfig<R: Real> {
-    /// Stator frequency `a` to keep.
+    /// Stator frequency `a` to keep; 0: the flux stays.
     pub omega_s_min: R,
     /// Slip per torque at rated flux.
     pub slip: R,
-    /// Torque below which there is no slip to work with.
-    pub torque_begin: R,
-    /// Reciprocal of the width over which the shift fades in above it.
+    /// Reciprocal of twice the torque below which there is no slip to work with, over which the shift then fades in.
     pub inv_torque_fade: R,
     /// Reciprocal of the torque that takes all of the rated flux.
     pub inv_torque: R,
     /// Largest change of the factor from call to call.
     pub step: R,
 }
-words!(ShiftConfig: omega_s_min, slip, torque_begin, inv_torque_fade, inv_torque, step);
+words!(ShiftConfig: omega_s_min, slip, inv_torque_fade, inv_torque, step);
 
 /// State of the flux shift.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,7 +65,7 @@ impl<R: Real> FluxShift<R> {
         self.ahead = if self.ahead { omega_s > -a } else { omega_s > -a.half() };
 
         let wanted = if self.ahead && omega_s < a {
-            let weight = ((load - c.torque_begin) * c.inv_torque_fade).clamp(R::ZERO, R::ONE);
+            let weight = (load * c.inv_torque_fade - R::HALF).clamp(R::ZERO, R::ONE);
             let least = R::ONE - weight * R::from_f64(1.0 - FACTOR_MIN * FACTOR_MIN);
             // The divisor lies between ω_r0 and ω_r0 + 2a, and the quotient is needed where it exceeds `least`.
             let square =
@@ -87,14 +85,8 @@ mod tests {
 
     const A: f64 = 0.01;
     const SLIP: f64 = 0.016;
-    const CONFIG: ShiftConfig<f64> = ShiftConfig {
-        omega_s_min: A,
-        slip: SLIP,
-        torque_begin: 0.1,
-        inv_torque_fade: 5.0,
-        inv_torque: 0.6,
-        step: 1e-3,
-    };
+    const CONFIG: ShiftConfig<f64> =
+        ShiftConfig { omega_s_min: A, slip: SLIP, inv_torque_fade: 5.0, inv_torque: 0.6, step: 1e-3 };
 
     /// Factor and stator frequency once they stand.
     fn settled(shift: &mut FluxShift<f64>, omega_m: f64, torque: f64) -> (f64, f64) {
@@ -129,6 +121,15 @@ mod tests {
                 let (_, omega_s) = settled(&mut shift, omega_m, 1.0);
                 assert!(!(-0.5 * A..0.6 * A).contains(&omega_s), "{omega_s} at {omega_m}");
             }
+        }
+    }
+
+    #[test]
+    fn nothing_to_keep_leaves_the_flux_alone() {
+        let off = ShiftConfig { omega_s_min: 0.0, ..CONFIG };
+        let mut shift = FluxShift::default();
+        for k in -50..50 {
+            assert_eq!(shift.step(&off, f64::from(k) * 1e-3, 1.0), 1.0);
         }
     }
 

@@ -1,8 +1,10 @@
-//! Estimators of the enhanced scheme: one filter, and the balance of the current sensors.
+//! Estimators of the enhanced scheme: one filter, and the balance of the current sensors. Where even they do not see, at
+//! `ω_s = 0` under load, the scheme asks for less flux.
 
 use super::{Seen, Slow};
-use crate::base::{PerUnit, rounded};
-use crate::config::{DriveConfig, DriveParams};
+use crate::base::{Base, PerUnit, rounded};
+use crate::config::{DriveConfig, DriveParams, SLOW_PERIODS};
+use crate::control::shift::{FluxShift, ShiftConfig};
 use crate::drive::Memory;
 use crate::estimate::balance::{Balance, BalanceConfig};
 use crate::estimate::filter::{Filter, FilterConfig, Identified, Input, Learned};
@@ -19,6 +21,8 @@ const TURNING: f64 = 0.03;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
 const BALANCE_RATE: f64 = 17.0;
 const BALANCE_OFFSET_RATE: f64 = 0.34;
+/// Rate of the flux shift in units of rated flux, 1/s: flux control follows without a lag that torque would show.
+const SHIFT_RATE: f64 = 0.5;
 
 /// Settings of the estimators.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,13 +31,17 @@ const BALANCE_OFFSET_RATE: f64 = 0.34;
 pub(crate) struct EnhancedConfig<R: Real> {
     pub filter: FilterConfig<R>,
     pub balance: BalanceConfig<R>,
+    pub shift: ShiftConfig<R>,
     pub probe_periods: u32,
 }
-words!(EnhancedConfig: filter, balance, probe_periods);
+words!(EnhancedConfig: filter, balance, shift, probe_periods);
 
 impl<R: Real> EnhancedConfig<R> {
-    /// Settings for validated parameters.
-    pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit<R>, p: &DriveParams) -> Self {
+    /// Settings for validated parameters; `i_q_max`: the largest torque current.
+    pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit<R>, p: &DriveParams, i_q_max: f64) -> Self {
+        let b = Base::new(machine);
+        // At the rotor flux of no load; under load it is a little less, and the slip more.
+        let psi_r = p.psi_ref * machine.L_M / machine.L_s();
         let identified =
             Identified { offset: p.offset_estimator, resistance: p.resistance_adaptation, flux: p.noise_compensator };
         Self {
@@ -41,6 +49,15 @@ impl<R: Real> EnhancedConfig<R> {
             balance: BalanceConfig {
                 step: rounded(BALANCE_RATE / inverter.f_s),
                 step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),
+            },
+            shift: ShiftConfig {
+                omega_s_min: rounded(p.omega_s_min / b.omega),
+                slip: rounded(machine.R_R / b.z / (psi_r * psi_r)),
+                // From 0.1 to 0.3 of rated torque.
+                inv_torque_fade: rounded(5.0 * b.torque / machine.T_N),
+                // A tenth of the torque that the current allows is kept in reserve.
+                inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
+                step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
             },
             probe_periods: (PROBE_TIME * inverter.f_s + 0.5) as u32,
         }
@@ -51,6 +68,11 @@ impl<R: Real> DriveConfig<R> {
     /// Settings of the filter, for its use alone.
     pub fn filter_config(&self) -> &FilterConfig<R> {
         &self.enhanced.filter
+    }
+
+    /// Settings of the flux shift.
+    pub fn shift_config(&self) -> &ShiftConfig<R> {
+        &self.enhanced.shift
     }
 
     /// Settings of the fit of the current sensors' gains.
@@ -77,6 +99,7 @@ pub(crate) struct Applied<R: Real> {
 pub(crate) struct Enhanced<R: Real> {
     filter: Filter<R>,
     balance: Balance<R>,
+    shift: FluxShift<R>,
     /// Sums of `ψ_R × dψ_R` without its slip part and of `|ψ_R|²`: their ratio is the speed, which takes their place.
     probe: [R; 2],
 }
@@ -84,7 +107,12 @@ pub(crate) struct Enhanced<R: Real> {
 impl<R: Real> Enhanced<R> {
     /// Estimators that know the priors.
     pub fn new(c: &EnhancedConfig<R>) -> Self {
-        Self { filter: Filter::new(&c.filter), balance: Balance::default(), probe: [R::ZERO; 2] }
+        Self {
+            filter: Filter::new(&c.filter),
+            balance: Balance::default(),
+            shift: FluxShift::default(),
+            probe: [R::ZERO; 2],
+        }
     }
 
     /// One period; `blind` while the machine has no flux.
@@ -185,6 +213,12 @@ impl<R: Real> Enhanced<R> {
 
     pub fn begin(&mut self) {
         self.probe = [R::ZERO; 2];
+        self.shift = FluxShift::default();
+    }
+
+    #[inline(always)]
+    pub fn flux_factor(&mut self, c: &DriveConfig<R>, omega_m: R, torque: R) -> R {
+        self.shift.step(&c.enhanced.shift, omega_m, torque)
     }
 
     /// The filter gets the stator frequency with every period.

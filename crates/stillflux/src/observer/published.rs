@@ -234,6 +234,12 @@ impl<R: Real> Published<R> {
         self.r_s_sum = Integrator::default();
     }
 
+    /// The published scheme keeps its flux.
+    #[inline(always)]
+    pub fn flux_factor(&mut self, _: &DriveConfig<R>, _: R, _: R) -> R {
+        R::ONE
+    }
+
     #[inline(always)]
     pub fn follow(&mut self, c: &DriveConfig<R>, omega_s: R) {
         self.flux.follow(&c.published.flux, omega_s);

@@ -65,22 +65,14 @@ pub struct FilterConfig<R: Real> {
     pub(super) r_s: R,
     /// Inductance `l_M` at rated flux.
     pub(super) l_m: R,
-    /// `r_R Δ` and `Δ/τ_r` with `Δ` the length of a block.
+    /// Length `Δ` of a block, `r_R Δ` and `Δ/τ_r`.
+    pub(super) delta: R,
     pub(super) r_r_block: R,
     pub(super) decay: R,
     /// Reciprocal of the rated rotor flux.
     pub(super) inv_m_rated: R,
     /// Saturation of the main inductance: prior of `c`.
     pub(super) saturation: R,
-    /// Transition coefficients between scaled states, see [`super::Filter`].
-    pub(super) m_b: R,
-    pub(super) m_gamma: R,
-    pub(super) m_c: R,
-    pub(super) psi_b: R,
-    pub(super) psi_r: R,
-    pub(super) psi_v: R,
-    /// Size of the scaled resistance.
-    scale_r_s: R,
     /// Variances at the start, scaled: offset, resistance, inverter error, saturation.
     prior: [R; 4],
     /// What each block adds, scaled: flux, `m`, offset, resistance, inverter error, `γ`, `c`.
@@ -99,9 +91,8 @@ pub struct FilterConfig<R: Real> {
 }
 words! {
     FilterConfig:
-    t_s, block, inv_block, sigma_l_s, r_s, l_m, r_r_block, decay, inv_m_rated, saturation, m_b, m_gamma, m_c, psi_b,
-    psi_r, psi_v, scale_r_s, prior, drift, surprise, drift_omega, zero, lag,
-    correct,
+    t_s, block, inv_block, sigma_l_s, r_s, l_m, delta, r_r_block, decay, inv_m_rated, saturation, prior, drift, surprise,
+    drift_omega, zero, lag, correct,
 }
 
 impl<R: Real> FilterConfig<R> {
@@ -157,17 +148,11 @@ impl<R: Real> FilterConfig<R> {
             sigma_l_s: pu.sigma_l_s,
             r_s: r(r_s),
             l_m: r(l_m),
+            delta: r(delta),
             r_r_block: r(r_r * delta),
             decay: r(r_r / l_m * delta),
             inv_m_rated: r(machine.L_s() / (machine.L_M * psi_ref)),
             saturation: r(c),
-            m_b: r(r_r * delta * SCALE_B / SCALE_PSI),
-            m_gamma: r(r_r / l_m * delta * SCALE_GAMMA / SCALE_PSI),
-            m_c: r(r_r / l_m * delta * SCALE_C / SCALE_PSI),
-            psi_b: r(delta * SCALE_B / SCALE_PSI),
-            psi_r: r(delta * scale[RS] / SCALE_PSI),
-            psi_v: r(delta * SCALE_V / SCALE_PSI),
-            scale_r_s: r(scale[RS]),
             prior: [B, RS, V, C].map(|k| variance(k, &prior, 1.0)),
             drift: [PSI, M, B, RS, V, GAMMA, C].map(|k| variance(k, &drift, seconds)),
             surprise: [B, RS].map(|k| variance(k, &surprise, 1.0)),
@@ -183,7 +168,24 @@ impl<R: Real> FilterConfig<R> {
     #[inline(always)]
     pub(super) fn scale(&self) -> Column<R> {
         let r = R::from_f64;
-        by_state(r(SCALE_PSI), r(SCALE_PSI), r(SCALE_B), self.scale_r_s, r(SCALE_V), r(SCALE_GAMMA), r(SCALE_C))
+        let r_s = self.r_s * r(SCALE_R);
+        by_state(r(SCALE_PSI), r(SCALE_PSI), r(SCALE_B), r_s, r(SCALE_V), r(SCALE_GAMMA), r(SCALE_C))
+    }
+
+    /// Transition of `m` by a unit of offset, of `γ` and of `c`, scaled.
+    #[inline(always)]
+    pub(super) fn of_m(&self) -> [R; 3] {
+        let r = R::from_f64;
+        let (gamma, c) = (r(SCALE_GAMMA / SCALE_PSI), r(SCALE_C / SCALE_PSI));
+        [self.r_r_block * r(SCALE_B / SCALE_PSI), self.decay * gamma, self.decay * c]
+    }
+
+    /// Transition of the flux by a unit of offset (times `r_s`), of resistance and of inverter error, scaled.
+    #[inline(always)]
+    pub(super) fn of_psi(&self) -> [R; 3] {
+        let r = R::from_f64;
+        let by_r_s = self.delta * self.r_s * r(SCALE_R / SCALE_PSI);
+        [self.delta * r(SCALE_B / SCALE_PSI), by_r_s, self.delta * r(SCALE_V / SCALE_PSI)]
     }
 
     /// Variances at the start, scaled.

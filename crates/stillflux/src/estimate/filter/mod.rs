@@ -419,13 +419,14 @@ impl<R: Real> Filter<R> {
     #[inline(always)]
     fn terms_of_m(&self, c: &FilterConfig<R>) -> [(usize, R); 6] {
         let q = &self.point;
+        let [by_b, by_gamma, by_c] = c.of_m();
         [
             (PSI, -q.turn * q.n.sin),
             (PSI + 1, q.turn * q.n.cos),
-            (B, -c.m_b * q.n.cos),
-            (B + 1, -c.m_b * q.n.sin),
-            (GAMMA, -c.m_gamma * q.m_g),
-            (C, -c.m_c * (self.gamma.value() * q.m * q.bend)),
+            (B, -by_b * q.n.cos),
+            (B + 1, -by_b * q.n.sin),
+            (GAMMA, -by_gamma * q.m_g),
+            (C, -by_c * (self.gamma.value() * q.m * q.bend)),
         ]
     }
 
@@ -448,7 +449,8 @@ impl<R: Real> Filter<R> {
         let (i, u) = (&self.point.i_s, &self.point.u_l);
         let (i, u) = if second { (i.im(), u.im()) } else { (i.re(), u.re()) };
         let (i, u) = if self.point.held() { (R::ZERO, R::ZERO) } else { (i, u) };
-        self.p.advance_psi(second, [c.psi_b * self.r_s(), -c.psi_r * i, -c.psi_v * u]);
+        let [by_b, by_r_s, by_v] = c.of_psi();
+        self.p.advance_psi(second, [by_b * self.r_s(), -by_r_s * i, -by_v * u]);
     }
 
     /// What the states may have done by themselves.
