@@ -159,7 +159,7 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
 #: of one interrupt whatever it calls. The enhanced scheme in fixed point does not meet the others' 16 KiB.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (16 * 1024, 16 * 1024), "ram_drive": (1024, 1024), "stack_step": (512, 512)},
-    "enhanced": {"flash_library": (16 * 1024, 22_528), "ram_drive": (1024, 1024), "stack_step": (512, 512)},
+    "enhanced": {"flash_library": (16 * 1024, 23_040), "ram_drive": (1024, 1024), "stack_step": (512, 512)},
 }
 
 #: Mean instructions a call.

@@ -39,7 +39,7 @@ use crate::control::speed::SpeedController;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use crate::observer::{Observer, Seen, Slow};
-use crate::scalar::{Integrator, Real, likely};
+use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::space::{AlphaBeta, Dq};
 use crate::words::words;
 
@@ -315,7 +315,7 @@ impl<R: Real> Drive<R> {
     #[inline(never)]
     pub fn restore(&mut self, memory: &Memory<R>) {
         for (to, i) in self.i_off.iter_mut().zip(memory.i_off) {
-            *to = i.limit(R::from_f64(I_OFF_MAX));
+            *to = clamp_seldom(i, R::from_f64(-I_OFF_MAX), R::from_f64(I_OFF_MAX));
         }
         self.observer.restore(&self.config, memory);
     }

@@ -11,7 +11,7 @@
 //! towards zero stator frequency, where the amplitude of the estimate is held by the noise compensator and
 //! says nothing. There the feedforward alone keeps the true flux.
 
-use crate::scalar::{Integrator, Real, likely};
+use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::words::words;
 
 /// Stator frequency below which the PI part is off, and reciprocal of the width over which it fades in.
@@ -67,7 +67,7 @@ impl<R: Real> FluxControlConfig<R> {
         if omega * self.psi_rated <= u_max {
             self.psi_rated
         } else {
-            (u_max * omega.recip()).clamp(self.psi_min, self.psi_rated)
+            clamp_seldom(u_max * omega.recip(), self.psi_min, self.psi_rated)
         }
     }
 

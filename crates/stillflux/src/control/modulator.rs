@@ -5,7 +5,7 @@
 //! duties are limited to [0, 1] always, and what the limited and quantised duties really apply is
 //! returned to the flux estimator.
 
-use crate::scalar::{Real, Timer, likely};
+use crate::scalar::{Real, Timer, clamp_seldom, likely};
 use crate::space::AlphaBeta;
 
 /// Duties of the three legs, in [0, 1].
@@ -34,7 +34,9 @@ pub fn modulate<R: Real>(u: [R; 3], inv_u_dc: R, timer: Option<&Timer>) -> Duty<
     let mut duty = [leg(a), leg(b), R::HALF - common * inv_u_dc];
     // The duties lie at half ± span/4: one comparison for all six limits.
     if !likely(span * inv_u_dc <= R::from_f64(1.9999)) {
-        duty = duty.map(|d| d.clamp(R::ZERO, R::ONE));
+        for d in &mut duty {
+            *d = clamp_seldom(*d, R::ZERO, R::ONE);
+        }
     }
     match timer {
         Some(t) => [duty[0].quantise(t).1, duty[1].quantise(t).1, duty[2].quantise(t).1],

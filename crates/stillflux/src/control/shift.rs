@@ -13,7 +13,7 @@
 //! torque instead, and jumps from there to `-a`, when the load or the speed has taken it so far.
 //! The price is current: `1/κ` of the torque current, and what the torque does while the flux changes.
 
-use crate::scalar::{Real, likely};
+use crate::scalar::{Real, clamp_seldom, likely};
 use crate::words::words;
 
 /// Smallest flux, of rated: doubles the slip.
@@ -56,7 +56,7 @@ impl<R: Real> Default for FluxShift<R> {
 
 impl<R: Real> FluxShift<R> {
     /// One call at a speed and a torque reference; returns `κ`, the flux reference in units of the rated one.
-    #[inline]
+    #[inline(never)]
     pub fn step(&mut self, c: &ShiftConfig<R>, omega_m: R, torque: R) -> R {
         let a = c.omega_s_min;
         let load = torque.abs();
@@ -65,7 +65,7 @@ impl<R: Real> FluxShift<R> {
         self.ahead = if self.ahead { omega_s > -a } else { omega_s > -a.half() };
 
         let wanted = if self.ahead && omega_s < a {
-            let weight = (load * c.inv_torque_fade - R::HALF).clamp(R::ZERO, R::ONE);
+            let weight = clamp_seldom(load * c.inv_torque_fade - R::HALF, R::ZERO, R::ONE);
             let least = R::ONE - weight * R::from_f64(1.0 - FACTOR_MIN * FACTOR_MIN);
             // The divisor lies between ω_r0 and ω_r0 + 2a, and the quotient is needed where it exceeds `least`.
             let square =

@@ -10,7 +10,7 @@ use crate::estimate::balance::{Balance, BalanceConfig};
 use crate::estimate::filter::{Filter, FilterConfig, Identified, Input, Learned};
 use crate::estimate::flux::FluxEstimate;
 use crate::params::{Inverter, Machine};
-use crate::scalar::Real;
+use crate::scalar::{Real, clamp_seldom};
 use crate::space::{AlphaBeta, Dq};
 use crate::words::words;
 
@@ -142,7 +142,8 @@ impl<R: Real> Enhanced<R> {
 
     /// The speed that was seen.
     pub fn probed(&mut self) -> R {
-        let omega = (self.probe[0] * self.probe[1].recip()).limit(R::from_f64(1.5));
+        let omega = self.probe[0] * self.probe[1].recip();
+        let omega = clamp_seldom(omega, R::from_f64(-1.5), R::from_f64(1.5));
         self.probe = [omega, R::ZERO];
         omega
     }

@@ -184,6 +184,13 @@ fn outside<R: Real>(x: R, lo: R, hi: R) -> R {
     if x > hi { hi } else { lo }
 }
 
+/// [`Real::clamp`] where it seldom runs: one copy in the code for all.
+#[cold]
+#[inline(never)]
+pub(crate) fn clamp_seldom<R: Real>(x: R, lo: R, hi: R) -> R {
+    x.clamp(lo, hi)
+}
+
 /// Tells the compiler which way a branch nearly always goes.
 #[inline(always)]
 pub(crate) fn likely(condition: bool) -> bool {

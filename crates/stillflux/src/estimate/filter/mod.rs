@@ -69,7 +69,7 @@ use self::state::{B, C, GAMMA, M, PSI, RS, V};
 use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
-use crate::scalar::{Integrator, Real, likely};
+use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Limits of what is identified.
@@ -234,18 +234,16 @@ impl<R: Real> Filter<R> {
     /// Takes back what an earlier run has learned, each within its limits. What is restored counts as known to
     /// a quarter of its prior deviation, an offset to a sixteenth.
     pub fn restore(&mut self, c: &FilterConfig<R>, learned: &Learned<R>) {
-        let b = learned.b.limit_components(R::from_f64(B_MAX));
-        self.b = [Integrator::new(b.re()), Integrator::new(b.im())];
-        let (lo, hi) = R_S_RANGE;
-        self.r_s = Integrator::new(learned.r_s.clamp(c.r_s * R::from_f64(lo), c.r_s * R::from_f64(hi)));
-        self.v = Integrator::new(learned.v.limit(R::from_f64(V_MAX)));
-        let (lo, hi) = GAMMA_RANGE;
-        self.gamma = Integrator::new(learned.gamma.clamp(R::from_f64(lo), R::from_f64(hi)));
-        let mut variance = c.prior();
-        for (k, v) in variance.iter_mut().enumerate().take(C).skip(B) {
-            *v *= R::from_f64(known(k));
-        }
-        self.p.set_diagonal(&variance);
+        let r = R::from_f64;
+        self.brought = Learned {
+            b: learned.b.limit_components(r(B_MAX)),
+            r_s: clamp_seldom(learned.r_s, c.r_s * r(R_S_RANGE.0), c.r_s * r(R_S_RANGE.1)),
+            v: clamp_seldom(learned.v, r(-V_MAX), r(V_MAX)),
+            gamma: clamp_seldom(learned.gamma, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1)),
+        };
+        let prior = c.prior();
+        self.brought_variance = [B, RS, V, GAMMA].map(|k| prior[k] * r(known(k)));
+        self.rewind(c);
     }
 
     /// What is worth keeping.
@@ -259,9 +257,15 @@ impl<R: Real> Filter<R> {
         self.brought = self.learned();
         let prior = c.prior();
         self.brought_variance =
-            [B, RS, V, GAMMA].map(|k| self.p.get(k, k).clamp(prior[k] * R::from_f64(known(k)), prior[k]));
+            [self.kept::<B>(&prior), self.kept::<RS>(&prior), self.kept::<V>(&prior), self.kept::<GAMMA>(&prior)];
         self.rewind(c);
         self.i_s = *i_s - self.b();
+    }
+
+    /// Variance with which a state comes out of a stop.
+    #[inline(always)]
+    fn kept<const K: usize>(&self, prior: &Column<R>) -> R {
+        clamp_seldom(self.p.get(K, K), prior[K] * R::from_f64(known(K)), prior[K])
     }
 
     /// As the filter was before the start under way, but for the saturation.
@@ -402,17 +406,15 @@ impl<R: Real> Filter<R> {
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
         let scale = c.scale();
         let by: Column<R> = core::array::from_fn(|k| self.ph[k] * self.inv_s * scale[k]);
+        let r = R::from_f64;
         self.psi_s.correct([by[PSI], by[PSI + 1]], z);
-        self.m.add_clamped(by[M], z, R::ZERO, R::from_f64(3.0));
-        let bound = R::from_f64(B_MAX);
-        self.b[0].add_limited(by[B], z, bound);
-        self.b[1].add_limited(by[B + 1], z, bound);
-        let (lo, hi) = R_S_RANGE;
-        self.r_s.add_clamped(by[RS], z, c.r_s * R::from_f64(lo), c.r_s * R::from_f64(hi));
-        self.v.add_limited(by[V], z, R::from_f64(V_MAX));
-        let (lo, hi) = GAMMA_RANGE;
-        self.gamma.add_clamped(by[GAMMA], z, R::from_f64(lo), R::from_f64(hi));
-        self.c.add_clamped(by[C], z, R::ZERO, R::from_f64(C_MAX));
+        nudge(&mut self.m, by[M], z, R::ZERO, r(3.0));
+        nudge(&mut self.b[0], by[B], z, r(-B_MAX), r(B_MAX));
+        nudge(&mut self.b[1], by[B + 1], z, r(-B_MAX), r(B_MAX));
+        nudge(&mut self.r_s, by[RS], z, c.r_s * r(R_S_RANGE.0), c.r_s * r(R_S_RANGE.1));
+        nudge(&mut self.v, by[V], z, r(-V_MAX), r(V_MAX));
+        nudge(&mut self.gamma, by[GAMMA], z, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
+        nudge(&mut self.c, by[C], z, R::ZERO, r(C_MAX));
     }
 
     /// `m` follows flux direction, offset, inductance and saturation.
@@ -611,6 +613,7 @@ impl<R: Real> Filter<R> {
 
     /// Confidence in the field angle, 0 to 1, as of [`super::confidence`]: one half where 15° must be expected.
     /// Residuals beyond their measure count as an angle, too.
+    #[inline(never)]
     pub fn confidence(&self) -> R {
         let x = self.sigma * R::from_f64(1.0 / SIGMA_HALF);
         let y = self.nis * R::from_f64(1.0 / NIS_SURPRISE);
@@ -647,6 +650,12 @@ impl<R: Real> Filter<R> {
         (variance[PSI], variance[PSI + 1]) = (again * again, again * again);
         self.p.set_diagonal(&variance);
     }
+}
+
+/// A state takes its part of a residual, once in the code for all of them.
+#[inline(never)]
+fn nudge<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
+    x.add_clamped(gain, z, lo, hi);
 }
 
 /// What a filter has learned of machine, bridge and sensors.
