@@ -166,7 +166,7 @@ SIZES: dict[str, dict[str, tuple[int, int]]] = {
 BUDGET = {
     "flux_estimator": {"f32": 150, "q": 200},
     "drive_step": {"f32": 580, "q": 955},
-    "drive_step_enhanced": {"f32": 765, "q": 1450},
+    "drive_step_enhanced": {"f32": 790, "q": 1510},
 }
 
 

@@ -215,7 +215,8 @@ def metrics_table(outcomes: Sequence[Judged], before: Sequence[dict[str, str]] =
     """CSV of what every claim measured, to two digits.
 
     The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A value that
-    agrees with that of `before` (see `agree`) is left as it stands there: only real changes show in a diff.
+    meets its limit and agrees with that of `before` (see `agree`) is left as it stands there: only real changes
+    show in a diff.
     """
     known = {(row["figure"], row["machine"], row["quantity"]): row for row in before}
     text = io.StringIO()
@@ -227,7 +228,7 @@ def metrics_table(outcomes: Sequence[Judged], before: Sequence[dict[str, str]] =
         for claim in o.claims:
             row = metrics_row(o, claim)
             old = known.get((row["figure"], row["machine"], row["quantity"]))
-            rows.append(old if old is not None and agree(old, row, claim) else row)
+            rows.append(old if old is not None and claim.ok and agree(old, row, claim) else row)
     # What was not run stays.
     for row in before:
         if (row["figure"], row["machine"]) not in {(o.figure, o.machine) for o in outcomes}:

@@ -128,7 +128,8 @@ impl<R: Real> FilterConfig<R> {
         let offset = if calibrated { 5e-4 } else { 0.05 };
         let prior = by_state(PRIOR_PSI, PRIOR_PSI, offset, 0.2 * r_s, 0.15, PRIOR_GAMMA, c_deviation);
         // Deviations that grow as the root of time, per √s. Flux: resolution of the duties and the rest of the
-        // inverter model. Resistance: a winding at overload. Bridge: the temperature of the switches.
+        // inverter model. Offset: four times what a sensor drifts by (0.1 % a minute), for one that does more. Resistance:
+        // a winding at overload. Bridge: the temperature of the switches.
         let drift = by_state(2e-3, 1e-3, 5e-4, 3e-3 * r_s, 3e-3, 1e-4, 1e-4);
         // Steps that residuals beyond their measure stand for, per block.
         let surprise = by_state(SURPRISE_PSI, 0.0, 2e-3, 0.02 * r_s, 0.0, 0.0, 0.0);

@@ -32,7 +32,7 @@
 //! * an error of `r_s` or `v` moves the flux along the current, one of `b` along a direction fixed in the
 //!   stator: rotation tells them apart;
 //! * at exactly `ω_s = 0` one direction remains unseen. Its variance grows, and with it the confidence signal
-//!   drops: persistence there is memory.
+//!   drops: persistence there is memory. Under load a drive need not stay there ([`crate::control::shift`]).
 //!
 //! An extended Kalman filter in error-state form weighs all this in every quadrant alike; there is nothing to
 //! gate and no sign to choose. States: `ψ_s` (2), `m`, `b` (2), `r_s`, `v`, `γ`, `c`, each in units of a
