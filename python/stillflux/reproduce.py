@@ -214,9 +214,9 @@ class Judged(Protocol):
 def metrics_table(outcomes: Sequence[Judged], before: Sequence[dict[str, str]] = ()) -> str:
     """CSV of what every claim measured, to two digits.
 
-    The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A value that
-    meets its limit and agrees with that of `before` (see `agree`) is left as it stands there: only real changes
-    show in a diff.
+    The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A value
+    that meets its limit and agrees with that of `before` (see `agree`) is left as it stands there: only real
+    changes show in a diff.
     """
     known = {(row["figure"], row["machine"], row["quantity"]): row for row in before}
     text = io.StringIO()

@@ -235,9 +235,9 @@ fn f32_and_fixed_point_stay_with_f64_over_a_minute_at_zero_frequency() {
     }
 }
 
-/// Nothing here is tuned: the defaults derive from the machine's data.
-#[test]
-fn defaults_serve_other_machines_frequencies_and_dead_times() {
+/// Machines, switching frequencies, dead times and dc links that nothing was tuned for: the defaults derive from the
+/// machine's data.
+fn others() -> [(Machine, Inverter); 8] {
     let rating = |n_p, j, u, i, f, t| Rating { n_p, J: j, U_N: u, I_N: i, f_N: f, T_N: t };
     let t_model = |r_s, r_r, l_l, l_m| TModel { R_s: r_s, R_r: r_r, L_ls: l_l, L_lr: l_l, L_m: l_m };
     let inverter = |u_dc, f_s, u_th, r_d, dead_time| Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk: 170e6 };
@@ -245,7 +245,7 @@ fn defaults_serve_other_machines_frequencies_and_dead_times() {
         Machine::from_t_model(t_model(0.013, 0.01, 60e-6, 1.5e-3), rating(2, 0.02, 34.0, 120.0, 100.0, 16.0));
     let large = Machine::from_t_model(t_model(0.03, 0.018, 0.26e-3, 14e-3), rating(2, 0.9, 400.0, 135.0, 50.0, 480.0));
     let (small, preset) = (Machine::preset_2k2(), Inverter::preset_2k2());
-    for (machine, inverter) in [
+    [
         (traction, inverter(56.0, 16e3, 0.05, 0.002, 0.8e-6)),
         (large, inverter(560.0, 5e3, 1.2, 0.008, 3e-6)),
         (small, Inverter { f_s: 4e3, ..preset }),
@@ -254,7 +254,12 @@ fn defaults_serve_other_machines_frequencies_and_dead_times() {
         (small, Inverter { dead_time: 0.0, f_clk: 0.0, ..preset }),
         (small, Inverter { u_dc: 320.0, ..preset }),
         (Machine { J: 5.0 * small.J, ..small }, preset),
-    ] {
+    ]
+}
+
+#[test]
+fn defaults_serve_other_machines_frequencies_and_dead_times() {
+    for (machine, inverter) in others() {
         let o = Bench::new(machine, inverter, 12.0)
             .with(|s| s.plant.adc.noise = 0.004 * machine.I_N)
             .speed(&[(0.0, 0.0), (2.0, 0.0), (2.5, 0.02), (5.0, 0.02), (6.0, 0.0)])
@@ -263,6 +268,26 @@ fn defaults_serve_other_machines_frequencies_and_dead_times() {
         o.assert_running();
         assert!(o.angle(2.0, 12.0) < 15.0, "{}", o.angle(2.0, 12.0));
         assert!(o.speed_error(9.5, 12.0, 0.0) < 0.002, "{}", o.speed_error(9.5, 12.0, 0.0));
+    }
+}
+
+/// In motoring, in regeneration, and where the stator frequency would be zero.
+#[test]
+fn other_machines_hold_torque_at_low_speed_in_every_quadrant() {
+    for (machine, inverter) in others() {
+        let base = Base::new(&machine);
+        let torque = machine.T_N / base.torque;
+        let slip = torque * (machine.R_R / base.z) * (machine.L_s() / machine.L_M).powi(2);
+        for (omega, load) in [(0.05, 1.0), (0.05, -1.0), (0.0, 0.8), (-slip, 1.0), (slip, -1.0)] {
+            let o = Bench::new(machine, inverter, 12.0)
+                .with(|s| s.plant.adc.noise = 0.004 * machine.I_N)
+                .speed(&[(0.0, 0.0), (2.0, 0.0), (3.5, omega)])
+                .load(&[(0.0, 0.0), (4.0, 0.0), (5.0, load)])
+                .run();
+            o.assert_running();
+            assert!(o.angle(7.0, 12.0) < 3.0, "{omega}, {load}: {}", o.angle(7.0, 12.0));
+            assert!(o.speed_error(7.0, 12.0, omega) < 0.003, "{omega}, {load}: {}", o.speed_error(7.0, 12.0, omega));
+        }
     }
 }
 
