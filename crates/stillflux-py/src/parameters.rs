@@ -168,23 +168,15 @@ pub fn arithmetic(name: &str) -> PyResult<Arithmetic> {
     }
 }
 
-/// Scheme of that name.
-fn scheme_of(name: &str) -> PyResult<Scheme> {
-    match name {
-        "enhanced" => Ok(Scheme::Enhanced),
-        "paper" => Ok(Scheme::Paper),
-        _ => Err(PyValueError::new_err(format!("scheme = '{name}' is not one of 'enhanced', 'paper'"))),
-    }
-}
-
+const SCHEMES: [(&str, Scheme); 2] = [("enhanced", Scheme::Enhanced), ("paper", Scheme::Paper)];
 const LOW_CONFIDENCE: [(&str, LowConfidence); 3] =
     [("keep", LowConfidence::Keep), ("limit", LowConfidence::LimitTorque), ("fault", LowConfidence::Fault)];
 
-/// What to do at low confidence, by name.
-fn low_confidence_of(value: &Bound<'_, PyAny>) -> PyResult<LowConfidence> {
-    let name: String = extract("low_confidence", value)?;
-    LOW_CONFIDENCE.iter().find(|(n, _)| *n == name).map(|&(_, what)| what).ok_or_else(|| {
-        PyValueError::new_err(format!("low_confidence = '{name}' is not one of 'keep', 'limit', 'fault'"))
+/// The choice of that name.
+fn one_of<T: Copy>(field: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
+    choices.iter().find(|(n, _)| *n == name).map(|&(_, choice)| choice).ok_or_else(|| {
+        let names: Vec<_> = choices.iter().map(|(n, _)| format!("'{n}'")).collect();
+        PyValueError::new_err(format!("{field} = '{name}' is not one of {}", names.join(", ")))
     })
 }
 
@@ -193,7 +185,9 @@ macro_rules! drive_settings {
         fn set(p: &mut DriveParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bool> {
             match name {
                 $(stringify!($field) => p.$field = extract(name, value)?,)*
-                "low_confidence" => p.low_confidence = low_confidence_of(value)?,
+                "low_confidence" => {
+                    p.low_confidence = one_of(name, &extract::<String>(name, value)?, &LOW_CONFIDENCE)?;
+                }
                 _ => return Ok(false),
             }
             Ok(true)
@@ -226,7 +220,7 @@ pub fn drive_params(
     scheme: &str,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<DriveParams> {
-    let mut p = DriveParams { scheme: scheme_of(scheme)?, ..DriveParams::new(machine, inverter) };
+    let mut p = DriveParams { scheme: one_of("scheme", scheme, &SCHEMES)?, ..DriveParams::new(machine, inverter) };
     each_keyword(settings, "the drive", |name, value| set(&mut p, name, value))?;
     p.validate(machine, inverter).map_err(value_error)?;
     Ok(p)

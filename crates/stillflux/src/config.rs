@@ -321,7 +321,7 @@ impl<R: Real> DriveConfig<R> {
         let b = Base::new(machine);
         let r = rounded::<R>;
         let hz = |f: f64| core::f64::consts::TAU * f / b.omega;
-        let periods = |t: f64| (t * inverter.f_s + 0.5) as u32;
+        let periods = |t: f64| inverter.periods(t);
 
         let t_s = b.omega / inverter.f_s;
         let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));

@@ -277,6 +277,12 @@ impl Inverter {
         Self { r_d: 0.05, ..Self::preset_2k2() }
     }
 
+    /// Control periods in a time, s, to the nearest.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub(crate) fn periods(&self, time: f64) -> u32 {
+        (time * self.f_s + 0.5) as u32
+    }
+
     /// Checks every field against its admissible range.
     ///
     /// # Errors

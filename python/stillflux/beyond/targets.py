@@ -15,7 +15,6 @@ from stillflux.claims import Claim, at_least, at_most
 from stillflux.metrics import settled_after, speed_error
 from stillflux.result import Result
 from stillflux.scenario import Scenario
-from stillflux.scenarios import motor_of
 
 __all__ = ["KNOWN", "STEPPED", "TARGETS", "Case", "Target", "choose"]
 
@@ -180,16 +179,22 @@ def _persistence(case: Case, result: Result, m: Measured) -> list[Claim]:
 
 def _line_cases(machine: str, scheme: str, arithmetic: str) -> list[Case]:
     return [
-        _case(
-            "persistence-rated",
-            s.rated_at_line(machine, scheme, arithmetic, torque=torque),
-            f"T = {torque:g} T_N",
-            (s.REACHED, s.REACHED + 120.0),
-            point=(s.line_speed(motor_of(machine), torque), torque),
-            traced=True,
-        )
+        _line_case("persistence-rated", s.rated_at_line(machine, scheme, arithmetic, torque=torque), torque)
         for torque in (1.0, -1.0)
     ]
+
+
+def _line_case(target: str, scenario: Scenario, torque: float, settled: Window | None = None) -> Case:
+    """A stay at the speed at which ω_s would be zero at rated flux."""
+    return _case(
+        target,
+        scenario,
+        f"T = {torque:g} T_N",
+        (s.REACHED, scenario.duration),
+        settled,
+        (s.line_speed(scenario.motor, torque), torque),
+        traced=True,
+    )
 
 
 def _line(case: Case, result: Result, m: Measured) -> list[Claim]:
@@ -201,19 +206,12 @@ def _line(case: Case, result: Result, m: Measured) -> list[Claim]:
 
 def _shifted_cases(machine: str, scheme: str, arithmetic: str) -> list[Case]:
     # The published scheme has no flux shift.
-    torques = (1.0, -1.0) if scheme == "enhanced" else ()
-    return [
-        _case(
-            "persistence-shifted",
-            s.shifted(machine, scheme, arithmetic, torque=torque).replace(record_every=100),
-            f"T = {torque:g} T_N",
-            (s.REACHED, s.REACHED + 600.0 + s.LEAVE_TIME + s.LEAVE_REST),
-            (s.REACHED + 5.0, s.REACHED + 600.0),
-            point=(s.line_speed(motor_of(machine), torque), torque),
-            traced=True,
-        )
-        for torque in torques
-    ]
+    cases = []
+    for torque in (1.0, -1.0) if scheme == "enhanced" else ():
+        scenario = s.shifted(machine, scheme, arithmetic, torque=torque).replace(record_every=100)
+        stay = (s.REACHED + 5.0, scenario.duration - s.LEAVE_TIME - s.LEAVE_REST)
+        cases.append(_line_case("persistence-shifted", scenario, torque, stay))
+    return cases
 
 
 def _shifted(case: Case, result: Result, m: Measured) -> list[Claim]:

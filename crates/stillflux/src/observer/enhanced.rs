@@ -59,7 +59,7 @@ impl<R: Real> EnhancedConfig<R> {
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
                 step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
             },
-            probe_periods: (PROBE_TIME * inverter.f_s + 0.5) as u32,
+            probe_periods: inverter.periods(PROBE_TIME),
         }
     }
 }

@@ -77,7 +77,7 @@ impl<R: Real> PublishedConfig<R> {
                 omega_max: r(0.1),
                 transient: r(0.05),
                 corner: r(t_slow * hz(2.0)),
-                hold: (0.2 / f64::from(SLOW_PERIODS) * inverter.f_s + 0.5) as u32,
+                hold: inverter.periods(0.2 / f64::from(SLOW_PERIODS)),
             }),
             confidence: ConfidenceConfig {
                 t_s: r(t_slow),

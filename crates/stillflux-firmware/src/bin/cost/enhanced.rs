@@ -93,10 +93,7 @@ impl<R: Word> Blocks<R> {
         costs.filter.call(|| predict(&mut self.filter, f, &x));
         let n = costs.filter.sum - n;
         self.part = (self.part + 1) % BLOCK;
-        let part = &mut costs.filter_part[self.part];
-        part.calls += 1;
-        part.sum += n;
-        part.worst = part.worst.max(n as u32);
+        costs.filter_part[self.part].add(n as u32);
         let apart = self.filter.value() - e.flux.psi_s;
         self.different += u32::from(!apart.norm_sq().within(R::from_f64(0.01)));
     }

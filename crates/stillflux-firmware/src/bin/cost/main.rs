@@ -44,10 +44,15 @@ impl Cost {
         let (end, rest) = Clock::until_edge();
         let ticks = begin.wrapping_sub(end) & 0x00FF_FFFF;
         let n = (ticks * Clock::TICK).saturating_sub(rest);
+        self.add(n);
+        result
+    }
+
+    /// Counts a call of so many instructions.
+    fn add(&mut self, n: u32) {
         self.calls += 1;
         self.sum += u64::from(n);
         self.worst = self.worst.max(n);
-        result
     }
 }
 

@@ -99,7 +99,6 @@ impl<R: Real> FilterConfig<R> {
     /// Settings for validated parameters at a flux reference `psi_ref`; `calibrated`: the offsets of the
     /// current sensors are read before each start.
     #[must_use]
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn new(
         machine: &Machine,
         inverter: &Inverter,
@@ -110,7 +109,7 @@ impl<R: Real> FilterConfig<R> {
     ) -> Self {
         let r = rounded::<R>;
         let b = Base::new(machine);
-        let block = ((BLOCK_TIME * inverter.f_s + 0.5) as u32).clamp(BLOCK_MIN, 64);
+        let block = inverter.periods(BLOCK_TIME).clamp(BLOCK_MIN, 64);
         let seconds = f64::from(block) / inverter.f_s;
         let delta = b.omega * seconds;
         let r_s = (machine.R_s + inverter.r_d) / b.z;
