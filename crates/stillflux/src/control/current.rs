@@ -73,15 +73,50 @@ mod tests {
     use super::*;
 
     #[test]
-    fn limits_the_vector_and_does_not_wind_up() {
+    fn in_saturation_integrator_and_feedforward_add_up_to_the_limited_voltage() {
         let c = CurrentConfig { k_p: 1.0, k_i: 0.03, inv_k_p: 1.0 };
         let mut ctrl = CurrentController::<f32>::default();
+        let u_ff = Dq::new(0.3, -0.2);
         for _ in 0..10_000 {
-            let u = ctrl.step(&c, &Dq::new(3.0, 4.0), &Dq::default(), &Dq::default(), 1.0);
+            let u = ctrl.step(&c, &Dq::new(3.0, 4.0), &Dq::default(), &u_ff, 1.0);
             assert!(u.norm_sq() < 1.0 + 1e-5);
         }
-        let u = ctrl.step(&c, &Dq::new(-0.1, 0.0), &Dq::new(0.5, 0.0), &Dq::default(), 1.0);
-        assert!(u.re() < 0.7, "the integrator is not far beyond the limit: {u:?}");
+        let u = ctrl.step(&c, &Dq::default(), &Dq::default(), &u_ff, 1.0);
+        assert!((u - Dq::new(0.6, 0.8)).norm_sq() < 1e-8, "control goes on from where the limit was: {u:?}");
+    }
+
+    #[test]
+    fn the_integrator_never_holds_more_than_the_voltage_there_is() {
+        let c = CurrentConfig { k_p: 1.0, k_i: 0.03, inv_k_p: 1.0 };
+        for sign in [1.0, -1.0] {
+            let mut ctrl = CurrentController::<f64>::default();
+            // A voltage fed forward that the limit cannot follow; both axes.
+            for _ in 0..1000 {
+                let i_ref = Dq::new(sign, -sign);
+                ctrl.step(&c, &i_ref, &Dq::default(), &Dq::new(-4.0 * sign, 4.0 * sign), 1.0);
+            }
+            let u = ctrl.step(&c, &Dq::new(-0.5 * sign, 0.5 * sign), &Dq::default(), &Dq::default(), 1.0);
+            assert!(sign * u.re() < 0.501 && -sign * u.im() < 0.501, "{u:?}");
+        }
+    }
+
+    #[test]
+    fn the_current_recovers_from_saturation_as_fast_as_the_integrator_acts() {
+        // σl_s di/dτ = u - r i - e, with an induced voltage that leaves no voltage for the current asked for.
+        let (r, l, t_s, e) = (0.08, 0.143, 0.03, Dq::new(0.0, 0.9));
+        let c = CurrentConfig { k_p: 0.8, k_i: t_s * 0.9, inv_k_p: 1.25 };
+        let integrator_time = (c.k_p / c.k_i) as u32;
+        let mut ctrl = CurrentController::<f64>::default();
+        let (mut i, mut settled) = (Dq::new(0.6, 0.0), None);
+        for k in 0..4000 {
+            let i_ref = Dq::new(0.6, if k < 3000 { 1.5 } else { 0.2 });
+            let u = ctrl.step(&c, &i_ref, &i, &(i_ref * r + e), 1.0);
+            i += (u - i * r - e) * (t_s / l);
+            let away = (i - i_ref).norm_sq() > 0.02 * 0.02;
+            assert!(away || k >= 3000, "in saturation");
+            settled = if away { None } else { settled.or(Some(k - 3000)) };
+        }
+        assert!(settled.is_some_and(|n| n < 3 * integrator_time), "{settled:?} of {integrator_time} periods");
     }
 
     #[test]
