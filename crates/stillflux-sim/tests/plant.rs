@@ -276,6 +276,41 @@ fn leg_without_current_stays_clamped() {
     }
 }
 
+/// No current runs backwards through a diode or against a switch's threshold, however short: near the zero of an
+/// induced voltage a phase current can come down to zero and rise again while no gate switches. All lower switches
+/// are on, so that segments are as long as they get; a plant with a tenth of the period and of the segments cannot step far over it.
+#[test]
+fn a_current_that_only_touches_zero_between_two_events_stops_there() {
+    let at = |f_s: f64, psi_b: f64, i_a: f64| {
+        let mut p = held(linear(), 157.0);
+        p.inverter = Inverter { f_s, u_th: 5.0, dead_time: 0.0, f_clk: 0.0, ..p.inverter };
+        let mut plant = plant(p);
+        for _ in 0..2 {
+            plant.step([0.0; 3], true, 0.0);
+        }
+        let (psi_r, i) = ([0.9, psi_b], [i_a, 3.0]);
+        plant.set_state([0, 1].map(|x| psi_r[x] + p.machine.L_sigma * i[x]), psi_r, 157.0);
+        let mut touched = false;
+        for _ in 0..(T_S * f_s).round() as u32 {
+            plant.step([0.0; 3], true, 0.0);
+            touched |= plant.phase_currents()[0] == 0.0;
+        }
+        (plant.phase_currents(), touched)
+    };
+    let mut seen = 0;
+    for k in 0..200 {
+        // The zero of phase a's voltage a little later from case to case, its current just above zero.
+        let (psi_b, i_a) = (-0.02 - 0.0005 * f64::from(k / 10), 2e-4 * f64::from(1 + k % 10));
+        let (want, touched) = at(1e5, psi_b, i_a);
+        let (i, _) = at(1.0 / T_S, psi_b, i_a);
+        for (i, want) in i.iter().zip(want) {
+            assert!((i - want).abs() < 1e-7, "{psi_b} {i_a}: {i} instead of {want} A");
+        }
+        seen += u32::from(touched && want[0] > 0.0);
+    }
+    assert!(seen >= 10, "cases in which the current stops at zero and rises again: {seen}");
+}
+
 /// The bridge once more, by brute force: 4-ns Heun steps, a leg without current as a steep conductance.
 fn brute_force(p: &PlantParams, x0: [f64; 4], omega: f64, run: &[([f64; 3], bool)]) -> Vec<[f64; 2]> {
     let (m, inv) = (p.machine, p.inverter);

@@ -3,9 +3,10 @@
 use proptest::prelude::*;
 use proptest::sample::select;
 use stillflux::config::{DriveConfig, DriveParams, Scheme};
-use stillflux::drive::{Drive, Fault, Measurement, Reference, Status};
+use stillflux::drive::{Drive, Fault, Measurement, Memory, Reference, Status};
 use stillflux::params::{Inverter, Machine};
 use stillflux::scalar::{Q, Real};
+use stillflux::space::AlphaBeta;
 
 const SCHEMES: &[Scheme] = Scheme::ALL;
 
@@ -152,5 +153,39 @@ fn a_stop_blocks_the_gates_at_once() {
         let mut d = running::<f32>(scheme);
         let out = d.step(&healthy(), &Reference::Stop);
         assert!(!out.gates_on && d.status() == Status::Stopped);
+    }
+}
+
+/// What a drive holds after it was handed `x` for everything that a memory stores.
+fn restored<R: Real>(scheme: Scheme, x: R) -> [f64; 6] {
+    let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+    let params = DriveParams { scheme, calibrate_offset: false, ..DriveParams::new(&machine, &inverter) };
+    let mut d = Drive::<R>::new(DriveConfig::new(&machine, &inverter, &params).unwrap());
+    let r_s = d.memory().r_s.to_f64();
+    d.restore(&Memory { u_off: AlphaBeta::new(x, -x), r_s: x, i_off: [x; 3], loss_error: x, inv_l_m: x });
+    let m = d.memory();
+    [m.u_off.re(), m.u_off.im(), m.r_s * R::from_f64(1.0 / r_s), m.i_off[0], m.loss_error, m.inv_l_m].map(R::to_f64)
+}
+
+fn assert_limited<R: Real>(scheme: Scheme, x: R) {
+    // An offset voltage of 5 % is that of a sensor offset beyond any healthy one; r_s relative to the parameter.
+    let limits = [(-0.05, 0.05), (-0.05, 0.05), (0.4, 2.0), (-0.15, 0.15), (-0.8, 0.8), (0.6, 1.6)];
+    let found = restored(scheme, x);
+    for (k, (value, (lo, hi))) in found.iter().zip(limits).enumerate() {
+        assert!((lo - 1e-6..=hi + 1e-6).contains(value), "{scheme:?} {}: {x:?} became {value} at {k}", R::NAME);
+    }
+}
+
+#[test]
+fn whatever_a_memory_holds_a_drive_takes_no_more_than_its_limits() {
+    for &scheme in SCHEMES {
+        for x in [0.06, -0.06, 1.0, -1.0, 100.0, -100.0] {
+            assert_limited(scheme, x as f32);
+            assert_limited(scheme, x);
+            assert_limited(scheme, Q::from_f64(x));
+        }
+        for x in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert_limited(scheme, x);
+        }
     }
 }
