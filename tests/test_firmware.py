@@ -93,7 +93,7 @@ def test_a_planted_violation_is_noticed(chain: Any, feature: str, kind: str) -> 
 def test_an_image_holds_the_code_of_its_scheme_alone(built: tuple[str, Path]) -> None:
     name, elf = built
     code = " ".join(f.name for f in image.Image(elf).functions.values())
-    assert ("estimate::filter::" in code) == ("paper" not in name)
+    assert ("estimate::kalman::" in code) == ("paper" not in name)
     assert ("estimate::offset::" in code) == ("paper" in name)
 
 

@@ -15,7 +15,7 @@
 //! and after the duties are known: their bandwidths leave room for that, and no period carries all of them.
 //!
 //! **Observer.** Figs. 4, 7 and 12 in the published scheme, one filter in the enhanced one
-//! ([`crate::estimate::filter`]).
+//! ([`crate::estimate::kalman`]).
 //!
 //! **Sequence.** `Stopped` → offset reading with gates off → magnetisation → `Running`. Any fault blocks the
 //! gates and latches with its cause until [`Drive::reset`].

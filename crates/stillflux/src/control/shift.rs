@@ -1,7 +1,7 @@
 //! Flux shift: a way off the line `ω_s = 0` under load.
 //!
 //! At `ω_s = 0` one direction of the flux error stays unseen, whatever the estimator (see
-//! [`crate::estimate::filter`]). Speed and load are the user's, the slip is not: at a torque `T` it is
+//! [`crate::estimate::kalman`]). Speed and load are the user's, the slip is not: at a torque `T` it is
 //! `ω_r = r_R T/|ψ_R|²`, and less flux makes it larger. With `s` the sign of the torque, `κ = ψ_s*/ψ_s,rated` and
 //! the slip `ω_r0` at rated flux,
 //!

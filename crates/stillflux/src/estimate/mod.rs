@@ -4,9 +4,9 @@
 
 pub mod balance;
 pub mod confidence;
-pub mod filter;
 pub mod flux;
 pub mod integral;
+pub mod kalman;
 pub mod offset;
 pub mod resistance;
 pub mod speed;

@@ -3,7 +3,7 @@
 use super::{Cost, Input};
 use stillflux::drive::{Drive, Estimate};
 use stillflux::estimate::balance::{Balance, BalanceConfig};
-use stillflux::estimate::filter::{self, Filter, FilterConfig};
+use stillflux::estimate::kalman::{self, Filter, FilterConfig};
 use stillflux::space::AlphaBeta;
 use stillflux_firmware::exchange::Word;
 

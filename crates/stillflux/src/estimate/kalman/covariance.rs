@@ -1,6 +1,10 @@
-//! Covariance of the filter's states: symmetric, so the lower triangle is all there is.
+//! Packed symmetric matrix: the covariance's algebra, without the names of the states.
+//!
+//! Of `P = Pᵀ` the lower triangle is all there is, row after row. The operations are those of a Kalman filter whose
+//! transition is sparse: one row of `F` at a time (`P ← F P Fᵀ` where `F` differs from the identity in one row),
+//! independent noise (`P ← P + Q`), and the update by a scalar measurement
+//! (`P ← P - (P hᵀ)(P hᵀ)ᵀ/S`), row by row.
 
-use super::state::{B, PSI, RS, V};
 use crate::scalar::Real;
 
 /// Number of states.
@@ -83,30 +87,29 @@ impl<R: Real> Covariance<R> {
         *self.get_mut(I, I) = variance;
     }
 
-    /// The same for a component of the flux, `ψ ← ψ + c_b b + c_r r_s + c_v v`. Both take this one code: their columns
-    /// lie side by side.
+    /// The same for one of the first two states, a vector whose components have rows of the same shape:
+    /// `x_0 ← x_0 + own x_O + Σ c_j x_j`, or with `x_1` and `x_(O+1)` (`second`). Both take this one code.
     #[inline(always)]
-    pub fn advance_psi(&mut self, second: bool, [c_b, c_r, c_v]: [R; 3]) {
-        let b: Column<R> = if second { self.column::<{ B + 1 }>() } else { self.column::<B>() };
-        let (of_r, of_v) = (self.column::<RS>(), self.column::<V>());
-        let row: Column<R> = core::array::from_fn(|k| c_b * b[k] + c_r * of_r[k] + c_v * of_v[k]);
-        let (own, of_own, of_b) = if second {
-            (self.get(PSI + 1, PSI + 1), row[PSI + 1], row[B + 1])
-        } else {
-            (self.get(PSI, PSI), row[PSI], row[B])
-        };
-        let variance = own + of_own + of_own + c_b * of_b + c_r * row[RS] + c_v * row[V];
+    pub fn advance_pair<const O: usize, const T: usize>(&mut self, second: bool, own: R, terms: &[(usize, R); T]) {
         let from = usize::from(second);
-        for (k, r) in row.into_iter().enumerate() {
-            self.p.as_flattened_mut()[at(k, PSI) + from] += r;
+        let row: Column<R> = core::array::from_fn(|k| {
+            let mut sum = own * if second { self.get(O + 1, k) } else { self.get(O, k) };
+            for &(j, c) in terms {
+                sum += c * self.get(j, k);
+            }
+            sum
+        });
+        let (before, of_self, of_own) =
+            if second { (self.get(1, 1), row[1], row[O + 1]) } else { (self.get(0, 0), row[0], row[O]) };
+        let mut variance = before + of_self + of_self + own * of_own;
+        for &(j, c) in terms {
+            variance += c * row[j];
         }
-        *self.get_mut(PSI + from, PSI + from) = variance;
-    }
-
-    /// Covariances of a state with all of them.
-    #[inline(always)]
-    fn column<const J: usize>(&self) -> Column<R> {
-        core::array::from_fn(|k| self.get(J, k))
+        for (k, r) in row.into_iter().enumerate() {
+            // Columns 0 and 1 lie side by side, also where the element is (0, 1) = (1, 0).
+            self.p.as_flattened_mut()[at(k, 0) + from] += r;
+        }
+        *self.get_mut(from, from) = variance;
     }
 
     /// `P h` for a sparse `h`.

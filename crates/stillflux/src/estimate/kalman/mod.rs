@@ -1,0 +1,487 @@
+//! One estimator for flux, offset, resistance and inverter error, over the whole torque-speed plane.
+//!
+//! # What is known without a speed
+//!
+//! The voltage model is a pure integrator. With the offset `b` of the current sensors (`i_m = i + b`), the
+//! resistance `r_s` and the relative error `v` of the inverter model's voltage `u_l` as unknowns,
+//!
+//! ```text
+//! dψ_s/dτ = u - v u_l - r_s (i_m - b),        ψ_R = ψ_s - σl_s (i_m - b)
+//! ```
+//!
+//! The rotor equation `dψ_R/dτ = -(1/τ_r) ψ_R + r_R i + jω ψ_R` contains the unknown speed, but only in its
+//! tangential component. Along `n = ψ_R/|ψ_R|` the speed drops out, and what is left says how the *magnitude*
+//! of the rotor flux follows the current:
+//!
+//! ```text
+//! dm/dτ = r_R (i·n - i_μ(m)),     i_μ(m) = γ m/l_M (1 - c + c (m/m_N)⁸)
+//! |ψ_R| - m = 0
+//! ```
+//!
+//! with `γ` for an inductance that is not `l_M` and `c` for its saturation: at the small-signal level
+//! saturation makes the magnitude follow the current `1 + 8c` times faster, and a model without it loses
+//! stability near `ω_s = 0`. Differentiated once, the second line is the speed-independent residual of
+//! reduced-order observers, `ψ_R·dψ_R/dτ + (|ψ_R|² - l_M i·ψ_R)/τ_r`; in this form nothing has to be
+//! differentiated, and the noise of the ADC enters as `σl_s` times it.
+//!
+//! # What one number can tell
+//!
+//! Let `δ` be the flux error in rotor field coordinates. The residual is `δ_d` less the current model's own
+//! answer to it, and that model sees `i·n` change by `i_q δ_q/|ψ_R|`. So
+//! * at no load only the radial error shows, under load a combination with the angle (weight `i_q/i_d`);
+//! * an error of `r_s` or `v` moves the flux along the current, one of `b` along a direction fixed in the
+//!   stator: rotation tells them apart;
+//! * at exactly `ω_s = 0` one direction remains unseen. Its variance grows, and with it the confidence signal
+//!   drops: persistence there is memory. Under load a drive need not stay there ([`crate::control::shift`]).
+//!
+//! An extended Kalman filter in error-state form weighs all this in every quadrant alike; there is nothing to
+//! gate and no sign to choose. States: `ψ_s` (2), `m`, `b` (2), `r_s`, `v`, `γ`, `c`, each in units of a
+//! typical deviation, so that the covariance fits fixed point.
+//!
+//! # In blocks
+//!
+//! Prediction runs every control period, the rest once per block of about 1 ms: averages, one scalar
+//! innovation, one correction. The covariance of a block is worked out during the next one, a part in each
+//! period; the gain is a block old, against time constants of many blocks.
+//!
+//! # Where linearisation ends
+//!
+//! * `|ψ_R|` of a vector turned by `δ` is larger than its projection by `δ²/2`: the variance of that is added
+//!   to the residual's, or a large angle variance would turn a small residual into a false correction.
+//! * Near the zero of a phase current the bridge's voltage is known least (see [`crate::inverter`]): noise
+//!   along that phase's axis while the field is slow.
+//! * Above `ω_s = 0.2` neither `r_s` nor `v` can be seen beside the error of the voltage itself: they are
+//!   held, with the variance they have, and that error takes their place in the flux.
+//! * `m` is driven by `r_R`, which is known to some 20 %: where the current is away from the steady state, `m`
+//!   collects noise. Otherwise a change of current would tell the stator resistance from the rotor's.
+//! * A residual beyond its measure for some ten blocks means that something has stepped: flux, offset and
+//!   resistance may then have moved by more than they do by themselves.
+
+mod covariance;
+mod model;
+mod noise;
+#[cfg(test)]
+mod reference;
+mod schedule;
+mod start;
+
+pub use noise::Identified;
+
+use self::covariance::{Column, Covariance};
+use self::model::{B, C, GAMMA, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
+use self::noise::{Noise, TRANSIENT};
+use self::schedule::{SLOTS, Scratch};
+use self::start::Initial;
+use super::confidence::SIGMA_HALF;
+use super::flux::FluxEstimate;
+use super::integral::FluxIntegral;
+use crate::base::{PerUnit, rounded};
+use crate::params::{Inverter, Machine};
+use crate::scalar::{Integrator, Real, likely};
+use crate::space::{AlphaBeta, Dq, Rotator};
+use crate::words::words;
+
+/// Length of a block, s: long against the control period, short against the rotor time constant.
+const BLOCK_TIME: f64 = 1e-3;
+
+/// Limits of what is identified.
+const B_MAX: f64 = 0.2;
+const V_MAX: f64 = 0.8;
+const GAMMA_RANGE: (f64, f64) = (0.6, 1.6);
+const C_MAX: f64 = 0.5;
+/// Of the prior: a winding is not colder than at commissioning by more, nor hotter.
+const R_S_RANGE: (f64, f64) = (0.4, 2.0);
+/// Rotor flux below which its direction says nothing.
+const M_MIN: f64 = 0.1;
+/// Low-pass of the normalised innovation squared (NIS), per block, and its value from which on something must have
+/// stepped.
+const NIS_CORNER: f64 = 0.05;
+const NIS_SURPRISE: f64 = 0.3;
+/// Deviation of the angle, rad, from which on the covariance begins anew: nothing is known of it any more.
+const SIGMA_LOST: f64 = 3.0;
+
+/// Settings of the filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct FilterConfig<R: Real> {
+    t_s: R,
+    /// Control periods in a block.
+    block: u32,
+    inv_block: R,
+    model: Model<R>,
+    noise: Noise<R>,
+    /// Saturation of the main inductance: prior of `c`.
+    saturation: R,
+    /// Whether the innovation corrects anything.
+    correct: bool,
+}
+words!(FilterConfig: t_s, block, inv_block, model, noise, saturation, correct);
+
+impl<R: Real> FilterConfig<R> {
+    /// Settings for validated parameters at a flux reference `psi_ref`; `calibrated`: the offsets of the
+    /// current sensors are read before each start.
+    #[must_use]
+    pub fn new(
+        machine: &Machine,
+        inverter: &Inverter,
+        pu: &PerUnit<R>,
+        psi_ref: f64,
+        calibrated: bool,
+        identified: Identified,
+    ) -> Self {
+        let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
+        let seconds = f64::from(block) / inverter.f_s;
+        let (saturation, c_known) = noise::saturation(machine);
+        Self {
+            t_s: pu.t_s,
+            block,
+            inv_block: rounded(1.0 / f64::from(block)),
+            model: Model::new(machine, inverter, pu, psi_ref, seconds),
+            noise: Noise::new(machine, inverter, seconds, calibrated, c_known, identified),
+            saturation: rounded(saturation),
+            correct: identified.flux,
+        }
+    }
+}
+
+/// What the filter sees of one period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input<R: Real> {
+    /// Voltage applied since the last call.
+    pub u_s: AlphaBeta<R>,
+    /// The part of it that the inverter model took.
+    pub u_l: AlphaBeta<R>,
+    /// Current sample at the end.
+    pub i_m: AlphaBeta<R>,
+    /// Current reference, field coordinates.
+    pub i_ref: Dq<R>,
+    /// Stator frequency.
+    pub omega_s: R,
+}
+
+/// State of the filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Filter<R: Real> {
+    psi_s: FluxIntegral<R>,
+    m: Integrator<R>,
+    b: [Integrator<R>; 2],
+    r_s: Integrator<R>,
+    v: Integrator<R>,
+    gamma: Integrator<R>,
+    c: Integrator<R>,
+    i_s: AlphaBeta<R>,
+    u_i: AlphaBeta<R>,
+    /// Sum of the current over the block, field coordinates.
+    sum: Dq<R>,
+    /// Period within the block.
+    period: u32,
+    point: OperatingPoint<R>,
+    p: Covariance<R>,
+    scratch: Scratch<R>,
+    /// `1/S` of the last block.
+    inv_s: R,
+    /// Innovation, and low-pass of its normalised square.
+    residual: R,
+    nis: R,
+    /// Blocks for which no innovation counts as a step yet.
+    trial: u32,
+    /// Standard deviation of the field angle, rad.
+    sigma: R,
+    initial: Initial<R>,
+}
+
+impl<R: Real> Filter<R> {
+    /// One period; returns the current of its sample in field coordinates. With `blind` nothing is corrected: the
+    /// machine has no flux yet.
+    #[inline(always)]
+    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<R>, blind: bool) -> Dq<R> {
+        let i_s = x.i_m - self.b();
+        self.u_i = x.u_s - (self.i_s + i_s) * self.r_s().half();
+        self.i_s = i_s;
+        self.psi_s.add(c.t_s, &self.u_i);
+        let i_dq = self.field().to_field(&i_s);
+        self.sum += i_dq;
+        self.advance(c, x, blind);
+        i_dq
+    }
+
+    /// Closes the block or does this period's part of its work.
+    #[inline(never)]
+    fn advance(&mut self, c: &FilterConfig<R>, x: &Input<R>, blind: bool) {
+        self.period += 1;
+        if self.period >= c.block {
+            self.period = 0;
+            self.close(c, x, blind);
+        } else {
+            self.work(c);
+        }
+    }
+
+    /// End of a block: current model, innovation, correction, and the next operating point.
+    #[inline(never)]
+    fn close(&mut self, c: &FilterConfig<R>, input: &Input<R>, blind: bool) {
+        let model = &c.model;
+        let i_dq = self.sum * c.inv_block;
+        self.sum = Dq::default();
+        let psi_s = self.value();
+        let psi_r = psi_s - self.i_s * model.sigma_l_s;
+        let (n, psi_r, inv) = Rotator::near(&psi_r, self.point.inv_psi_r);
+        let valid = !blind && psi_r > R::from_f64(M_MIN);
+        let inv = inv.min(R::from_f64(1.0 / M_MIN));
+
+        // The mean current seen from the rotor flux: ψ_R·i = ψ_s i_d - σl_s i², ψ_R×i = ψ_s i_q.
+        let i_d = (self.magnitude() * i_dq.re() - model.sigma_l_s * i_dq.norm_sq()) * inv;
+        let i_q = self.magnitude() * i_dq.im() * inv;
+
+        let m = self.m.value();
+        let gamma = self.gamma.value();
+        let curve = model.curve(m, self.c.value());
+        let m_steady = gamma * curve.m_g;
+        self.point = OperatingPoint {
+            n,
+            inv_psi_r: inv,
+            i_s: self.field().to_stator(&input.i_ref),
+            u_l: input.u_l,
+            turn: model.r_r_block * (i_q * inv).limit(R::TWO),
+            m,
+            m_g: curve.m_g,
+            slope: gamma * curve.slope,
+            bend: curve.bend,
+            transient: (i_d * model.l_m - m_steady) * R::from_f64(TRANSIENT / SCALE_PSI),
+            omega_s: input.omega_s,
+            valid,
+        };
+        if !valid {
+            self.m.set(psi_r);
+            return;
+        }
+        let m = self.m.add(R::ONE, model.rotor_increment(i_d, m_steady));
+        let z = Model::innovation(m, psi_r);
+        self.residual = z;
+        if self.trial == 0 {
+            let nis = (z * z * self.inv_s).min(R::from_f64(9.0));
+            self.nis += R::from_f64(NIS_CORNER) * (nis - self.nis);
+        } else {
+            self.trial -= 1;
+        }
+        self.correct(c, z.limit(R::from_f64(20.0)));
+    }
+
+    /// Every state takes its part of the innovation.
+    #[inline(always)]
+    fn correct(&mut self, c: &FilterConfig<R>, z: R) {
+        let Some(by) = self.gain(&c.model.scale()) else { return };
+        let r = R::from_f64;
+        self.psi_s.correct([by[PSI], by[PSI + 1]], z);
+        let r_s = c.model.r_s;
+        nudge(&mut self.m, by[M], z, R::ZERO, r(3.0));
+        nudge(&mut self.b[0], by[B], z, r(-B_MAX), r(B_MAX));
+        nudge(&mut self.b[1], by[B + 1], z, r(-B_MAX), r(B_MAX));
+        nudge(&mut self.r_s, by[RS], z, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
+        nudge(&mut self.v, by[V], z, r(-V_MAX), r(V_MAX));
+        nudge(&mut self.gamma, by[GAMMA], z, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
+        nudge(&mut self.c, by[C], z, R::ZERO, r(C_MAX));
+    }
+
+    /// A current sample while nothing is estimated.
+    pub fn rest(&mut self, i_s: &AlphaBeta<R>) {
+        self.i_s = *i_s;
+    }
+
+    /// Present `ψ̂_s`.
+    #[inline]
+    pub fn value(&self) -> AlphaBeta<R> {
+        self.psi_s.value()
+    }
+
+    /// Field angle as `e^{jδ̂}`.
+    #[inline]
+    pub fn field(&self) -> Rotator<R> {
+        self.psi_s.field()
+    }
+
+    /// `|ψ̂_s|`.
+    #[inline]
+    pub fn magnitude(&self) -> R {
+        self.psi_s.magnitude()
+    }
+
+    /// Stator resistance.
+    #[inline]
+    pub fn r_s(&self) -> R {
+        self.r_s.value()
+    }
+
+    /// Offset of the current sensors.
+    #[inline]
+    pub fn b(&self) -> AlphaBeta<R> {
+        AlphaBeta::new(self.b[0].value(), self.b[1].value())
+    }
+
+    /// Relative error of the inverter model's voltage.
+    #[inline]
+    pub fn v(&self) -> R {
+        self.v.value()
+    }
+
+    /// Current of the latest sample without its offset.
+    #[inline]
+    pub fn i_s(&self) -> AlphaBeta<R> {
+        self.i_s
+    }
+
+    /// Latest residual `m - |ψ̂_R|`, in units of the scale of fluxes (0.05).
+    pub fn residual(&self) -> R {
+        self.residual
+    }
+
+    /// Expected deviation of the field angle, rad.
+    pub fn sigma(&self) -> R {
+        self.sigma
+    }
+
+    /// Confidence in the field angle, 0 to 1, as of [`super::confidence`]: one half where 15° must be expected.
+    /// Residuals beyond their measure count as an angle, too.
+    #[inline(never)]
+    pub fn confidence(&self) -> R {
+        let x = self.sigma * R::from_f64(1.0 / SIGMA_HALF);
+        let y = self.nis * R::from_f64(1.0 / NIS_SURPRISE);
+        (R::ONE + x * x + y * y).recip()
+    }
+
+    /// Flux estimator outputs of the latest period.
+    pub fn estimate(&self) -> FluxEstimate<R> {
+        FluxEstimate {
+            psi_s: self.value(),
+            field: self.field(),
+            magnitude: self.magnitude(),
+            u_i: self.u_i,
+            u_hf: AlphaBeta::default(),
+        }
+    }
+
+    /// Brings back what has left its range: the flux, and a covariance that rounding or a lost estimate has driven
+    /// out of it.
+    #[inline]
+    pub fn confine(&mut self, c: &FilterConfig<R>) {
+        self.psi_s.confine();
+        if !likely(self.sigma.within(R::from_f64(SIGMA_LOST))) {
+            self.forget(c);
+        }
+    }
+}
+
+/// A state takes its part of an innovation, once in the code for all of them.
+#[inline(never)]
+fn nudge<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
+    x.add_clamped(gain, z, lo, hi);
+}
+
+/// What a filter has learned of machine, bridge and sensors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Learned<R: Real> {
+    /// Offset of the current sensors beyond the one read at rest.
+    pub b: AlphaBeta<R>,
+    /// Stator resistance.
+    pub r_s: R,
+    /// Relative error of the inverter model.
+    pub v: R,
+    /// Reciprocal of the main inductance, relative to its prior.
+    pub gamma: R,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::{Base, PerUnit};
+    use crate::params::{Inverter, Machine};
+
+    /// A linear machine under impressed current, exact in every period, as the filter sees it.
+    struct Rig {
+        c: FilterConfig<f64>,
+        filter: Filter<f64>,
+        psi_s: AlphaBeta<f64>,
+    }
+
+    const OMEGA: f64 = 0.05;
+    const B_TRUE: (f64, f64) = (0.01, -0.006);
+
+    /// Runs `seconds` at a torque current, with a resistance that is `r_s` times the parameter.
+    fn run(correct: bool, i_q: f64, r_s: f64, seconds: f64) -> Rig {
+        let machine = Machine { saturation: None, ..Machine::preset_11k() };
+        let inverter = Inverter::preset_11k();
+        let pu = PerUnit::new(&machine, &inverter).unwrap();
+        let b = Base::new(&machine);
+        let identified = Identified { offset: true, resistance: true, flux: correct };
+        let c = FilterConfig::new(&machine, &inverter, &pu, 1.0, false, identified);
+        let (l_m, r_r) = (machine.L_M / b.l, machine.R_R / b.z);
+        let (t_s, steps): (f64, usize) = (pu.t_s, (seconds * inverter.f_s) as usize);
+        let m = 0.95;
+        let (i_d, omega_s): (f64, f64) = (m / l_m, OMEGA + r_r * i_q / m);
+        let offset = AlphaBeta::new(B_TRUE.0, B_TRUE.1);
+        // The current turns with the flux that it keeps: both are known at every instant.
+        let at = |k: usize| {
+            let (sin, cos) = (omega_s * t_s * k as f64).sin_cos();
+            let e = Rotator { cos, sin };
+            let i = e.to_stator(&Dq::new(i_d, i_q));
+            (i, e.axis() * m + i * pu.sigma_l_s)
+        };
+        let mut filter = Filter::new(&c);
+        filter.start(&c, &(at(0).0 + offset));
+        let (i, psi_s) = at(0);
+        filter.psi_s.set(psi_s);
+        filter.m = Integrator::new(m);
+        filter.i_s = i + offset;
+        for k in 1..=steps {
+            let ((i, psi), (i_last, psi_last)) = (at(k), at(k - 1));
+            let u_s = (i + i_last) * (0.5 * c.model.r_s * r_s) + (psi - psi_last) * (1.0 / t_s);
+            let i_ref = filter.field().to_field(&i);
+            let x = Input { u_s, u_l: AlphaBeta::default(), i_m: i + offset, i_ref, omega_s };
+            filter.step(&c, &x, false);
+        }
+        Rig { c, filter, psi_s: at(steps).1 }
+    }
+
+    impl Rig {
+        fn angle(&self) -> f64 {
+            let psi = self.filter.value();
+            self.psi_s.cross(&psi).atan2(self.psi_s.dot(&psi)).to_degrees()
+        }
+    }
+
+    #[test]
+    fn offset_and_resistance_are_found_in_motoring_and_regeneration() {
+        for i_q in [0.6, -0.6, -0.9] {
+            let rig = run(true, i_q, 1.2, 20.0);
+            let (f, c) = (&rig.filter, &rig.c);
+            assert!(rig.angle().abs() < 0.3, "{i_q}: {}°", rig.angle());
+            assert!((f.r_s() / c.model.r_s - 1.2).abs() < 0.02, "{i_q}: {}", f.r_s() / c.model.r_s);
+            let b = f.b();
+            assert!((b.re() - B_TRUE.0).abs() < 5e-4 && (b.im() - B_TRUE.1).abs() < 5e-4, "{i_q}: {b:?}");
+            assert!(f.sigma().to_degrees() < 2.0 && f.confidence() > 0.9);
+        }
+    }
+
+    #[test]
+    fn without_the_residual_the_flux_drifts_away() {
+        let rig = run(false, -0.6, 1.2, 20.0);
+        assert!(rig.angle().abs() > 10.0 || (rig.filter.magnitude() - 1.0).abs() > 0.3);
+        assert!(rig.filter.confidence() < 0.5, "and the filter knows it");
+    }
+
+    #[test]
+    fn what_was_learned_makes_the_next_start_confident() {
+        let rig = run(true, 0.6, 1.2, 20.0);
+        let mut next = Filter::new(&rig.c);
+        next.restore(&rig.c, &rig.filter.learned());
+        next.start(&rig.c, &AlphaBeta::default());
+        assert_eq!(next.r_s(), rig.filter.r_s());
+        let prior = rig.c.noise.prior();
+        assert!(next.p.get(RS, RS) <= prior[RS] / 16.0 && next.p.get(B, B) <= prior[B] / 256.0);
+    }
+}

@@ -1,0 +1,213 @@
+//! Noise of the filter: every standard deviation, with its unit, its source, and what it is.
+//!
+//! *Physical* values follow from the machine, the bridge or the sensor. *Allowances* cover what the model of
+//! [`super::model`] does not contain; they are chosen larger than the effect they stand for and cost accuracy, not
+//! stability.
+//!
+//! | state | at the start (1 σ) | per √s while running | |
+//! |---|---|---|---|
+//! | `ψ_s` | 0.005 pu (remanence) | 2e-3 pu | physical: duty resolution, remaining inverter error |
+//! | `m` | as `ψ_s` | 1e-3 pu | allowance: magnetising curve |
+//! | `b` | 5e-4 pu once read with gates off, else 0.05 pu | 5e-4 pu | physical: drift of a sensor (0.1 % a minute), four times |
+//! | `r_s` | 20 % | 0.3 % | physical: winding temperature, an overload |
+//! | `v` | 0.15 | 3e-3 | physical: dead time and threshold by tolerance, switch temperature |
+//! | `γ` | 0.07 | 1e-4 | physical: tolerance of `L_M` |
+//! | `c` | 0.05 with a curve, 0.15 without | 1e-4 | allowance |
+//!
+//! Further terms, each beside its constant below: the residual's variance, the voltage near a current zero, the
+//! voltage error that grows with frequency, the lag of the current model while it is not steady, the second-order
+//! term of `|ψ_R|`, and what a step is assumed to have changed.
+
+use super::covariance::{Column, N};
+use super::model::{B, C, GAMMA, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_PSI, SCALE_R, SCALE_V, V, by_state};
+use crate::base::{Base, rounded};
+use crate::params::{Inverter, Machine};
+use crate::scalar::Real;
+use crate::words::words;
+
+/// Flux at the start, per unit. Physical: remanence.
+const PRIOR_PSI: f64 = 5e-3;
+/// Relative deviation of the magnetising inductance. Physical: tolerance of the parameter.
+const PRIOR_GAMMA: f64 = 0.07;
+/// Relative deviation of the resistance. Physical: temperature of the winding, 50 K.
+const PRIOR_R_S: f64 = 0.2;
+/// Relative deviation of the inverter model's voltage. Physical: dead time and threshold.
+const PRIOR_V: f64 = 0.15;
+/// Saturated part of the magnetising current: its deviation with and without a saturation curve among the
+/// parameters, and its value without one. Allowance: what machines of this kind have.
+const PRIOR_C: (f64, f64) = (0.05, 0.15);
+const TYPICAL_C: f64 = 0.15;
+/// Offset of the current sensors, per unit, after a reading with gates off and without one. Physical.
+const PRIOR_B: (f64, f64) = (5e-4, 0.05);
+
+/// Random walks, per √s: flux, `m`, offset (per unit), `r_s` (relative), `v`, `γ`, `c`. See the table above.
+const WALK_PSI: f64 = 2e-3;
+const WALK_M: f64 = 1e-3;
+const WALK_B: f64 = 5e-4;
+const WALK_R_S: f64 = 3e-3;
+const WALK_V: f64 = 3e-3;
+const WALK_GAMMA: f64 = 1e-4;
+const WALK_C: f64 = 1e-4;
+/// Part of the induced voltage that may be wrong, uncorrelated from block to block. Allowance.
+const INDUCED: f64 = 0.05;
+
+/// Deviation of the innovation in one block, per unit. Allowance: the converters' noise alone is a tenth of it and
+/// the innovation of an undisturbed drive a sixtieth; the rest covers what the model has wrong for longer than a
+/// block (leakage inductance, gains of the current sensors).
+const RESIDUAL_PU: f64 = 0.01;
+/// The same as scaled variance.
+pub(super) const RESIDUAL: f64 = scaled(RESIDUAL_PU, SCALE_PSI);
+/// Weight of the variance of the second-order term: `|ψ_R|` of a vector turned by `δ` exceeds its projection by
+/// `δ²/2 |ψ_R|`, whose variance for Gaussian `δ` is `σ⁴/2`; four times that. Allowance.
+pub(super) const SECOND_ORDER: f64 = 2.0;
+/// Part of the distance between current model and steady state that the magnetising curve may have wrong.
+/// Allowance.
+pub(super) const TRANSIENT: f64 = 0.1;
+/// Part of the rate of the current model that may be wrong (tolerance of `r_R`), times the root of the number of
+/// blocks for which it stays so. Physical.
+const LAG: f64 = 3.0;
+/// Flux error that a block adds along the axis of a phase whose current is near zero, per unit. Physical: a few
+/// tenths of the dead-time voltage for the fifth of a second that a slow field stays there.
+const ZERO_PU: f64 = 5e-3;
+/// Stator frequency up to which that counts, reciprocal: a faster field passes the zero within a block or two.
+const INV_OMEGA_ZERO: f64 = 10.0;
+/// Least half-width of that zone, per unit.
+const ZERO_MIN: f64 = 2e-3;
+
+/// Step of a block while innovations exceed their measure, per unit of excess: flux, offset (per unit),
+/// resistance (relative). Allowance: something has stepped that the random walks do not contain.
+const STEP_PSI: f64 = 0.01;
+const STEP_B: f64 = 2e-3;
+const STEP_R_S: f64 = 0.02;
+
+/// Least variance of a scaled state: rounding must not make one negative.
+pub(super) const FLOOR: f64 = 1e-7;
+/// Angle deviation with which the flux begins anew after a loss, rad: fixed point resolves it.
+pub(super) const SIGMA_AGAIN: f64 = 0.5;
+
+/// Which effects the filter is to identify; those left out stay what they are at the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identified {
+    /// Current-sensor offset.
+    pub offset: bool,
+    /// Stator resistance and inverter error.
+    pub resistance: bool,
+    /// Flux by the innovation at all; without it the filter is a pure integrator.
+    pub flux: bool,
+}
+
+/// Noise of a configuration, scaled variances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub(super) struct Noise<R: Real> {
+    /// At the start: offset, resistance, inverter error, saturation.
+    prior: [R; 4],
+    /// What each block adds: flux, `m`, offset, resistance, inverter error, `γ`, `c`.
+    walk: [R; 7],
+    /// What a block adds per unit of excess of the innovations: offset, resistance.
+    step: [R; 2],
+    /// Added to the flux per squared stator frequency.
+    induced: R,
+    /// Current of a phase, per unit, below which the voltage along its axis is known less.
+    zero: R,
+    /// Deviation that a block adds to `m` per [`super::model::OperatingPoint::transient`].
+    lag: R,
+}
+words!(Noise: prior, walk, step, induced, zero, lag);
+
+impl<R: Real> Noise<R> {
+    /// For validated parameters and blocks of `seconds`; `calibrated`: the offsets of the current sensors are read
+    /// before each start; `c_known`: the saturation is that of the machine's curve.
+    pub fn new(
+        machine: &Machine,
+        inverter: &Inverter,
+        seconds: f64,
+        calibrated: bool,
+        c_known: bool,
+        identified: Identified,
+    ) -> Self {
+        let r = rounded::<R>;
+        let b = Base::new(machine);
+        let r_s = (machine.R_s + inverter.r_d) / b.z;
+        let scale = by_state(SCALE_PSI, SCALE_PSI, SCALE_B, SCALE_R * r_s, SCALE_V, SCALE_GAMMA, SCALE_C);
+        let prior_b = if calibrated { PRIOR_B.0 } else { PRIOR_B.1 };
+        let prior_c = if c_known { PRIOR_C.0 } else { PRIOR_C.1 };
+        let prior = by_state(PRIOR_PSI, PRIOR_PSI, prior_b, PRIOR_R_S * r_s, PRIOR_V, PRIOR_GAMMA, prior_c);
+        let walk = by_state(WALK_PSI, WALK_M, WALK_B, WALK_R_S * r_s, WALK_V, WALK_GAMMA, WALK_C);
+        let step = by_state(STEP_PSI, 0.0, STEP_B, STEP_R_S * r_s, 0.0, 0.0, 0.0);
+        let on = |k: usize| match k {
+            B..RS => identified.offset,
+            RS | V => identified.resistance,
+            _ => true,
+        };
+        let variance =
+            |k: usize, x: &[f64; N], seconds: f64| r(if on(k) { scaled(x[k], scale[k]) * seconds } else { 0.0 });
+        let swing = 2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / b.i;
+        Self {
+            prior: [B, RS, V, C].map(|k| variance(k, &prior, 1.0)),
+            walk: [PSI, M, B, RS, V, GAMMA, C].map(|k| variance(k, &walk, seconds)),
+            step: [B, RS].map(|k| variance(k, &step, 1.0)),
+            induced: r(INDUCED * INDUCED * seconds / (SCALE_PSI * SCALE_PSI)),
+            zero: r(swing.max(ZERO_MIN)),
+            lag: r(LAG * (machine.R_R / b.z) / (machine.L_M / b.l) * (b.omega * seconds) / TRANSIENT),
+        }
+    }
+
+    /// Variances at the start.
+    pub fn prior(&self) -> Column<R> {
+        let [b, r_s, v, c] = self.prior;
+        let psi = R::from_f64(const { scaled(PRIOR_PSI, SCALE_PSI) });
+        by_state(psi, psi, b, r_s, v, R::from_f64(const { scaled(PRIOR_GAMMA, SCALE_GAMMA) }), c)
+    }
+
+    /// Variances that each block adds; `excess`: of the innovations over their measure.
+    #[inline(always)]
+    pub fn walk(&self, excess: R) -> Column<R> {
+        let [psi, m, b, r_s, v, gamma, c] = self.walk;
+        let [of_b, of_r_s] = self.step.map(|x| x * excess);
+        let of_psi = R::from_f64(const { scaled(STEP_PSI, SCALE_PSI) }) * excess;
+        by_state(psi + of_psi, m, b + of_b, r_s + of_r_s, v, gamma, c)
+    }
+
+    /// Variance added to each component of the flux at a stator frequency.
+    #[inline(always)]
+    pub fn induced(&self, omega: R) -> R {
+        self.induced * omega * omega
+    }
+
+    /// Variance added to `m` away from its steady state.
+    #[inline(always)]
+    pub fn lag(&self, transient: R) -> R {
+        let lag = self.lag * transient;
+        lag * lag
+    }
+
+    /// Variance added along the axis of a phase whose current is near zero ([`Noise::near_zero`]).
+    #[inline(always)]
+    pub fn zero(omega: R) -> R {
+        let slow = (R::ONE - omega * R::from_f64(INV_OMEGA_ZERO)).max(R::ZERO);
+        R::from_f64(const { scaled(ZERO_PU, SCALE_PSI) }) * slow * slow
+    }
+
+    /// Whether the voltage along a phase's axis is uncertain at its current.
+    #[inline(always)]
+    pub fn near_zero(&self, i: R) -> bool {
+        i.within(self.zero)
+    }
+}
+
+/// Prior of the saturated part of the magnetising current: that of the machine's curve, if it has one, and
+/// whether it has.
+pub(super) fn saturation(machine: &Machine) -> (f64, bool) {
+    match &machine.saturation {
+        Some(s) => ((1.0 - machine.L_s() / s.L_u).clamp(0.0, 0.5), true),
+        None => (TYPICAL_C, false),
+    }
+}
+
+/// Variance of a scaled state.
+const fn scaled(deviation: f64, scale: f64) -> f64 {
+    let x = deviation / scale;
+    x * x
+}

@@ -1,0 +1,240 @@
+//! The work of a block, spread over its control periods.
+//!
+//! Integration of the flux runs in every period. The rest runs once per block of about 1 ms (at least
+//! [`SLOTS`] periods), and no period can carry all of it: the closing period takes averages, the innovation, the
+//! correction and the next operating point, and each of the following ones a part of the covariance prediction and
+//! update. The gain is therefore a block old, against time constants of many blocks.
+//!
+//! A slot works only on what an earlier slot of the *same* covariance has left for it ([`Scratch`]): after a
+//! re-initialisation within a block the covariance stays what it was set to, and the block ends without a
+//! correction.
+
+use super::covariance::{Column, N};
+use super::model::{B, C, GAMMA, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
+use super::noise::{FLOOR, Noise, RESIDUAL, SECOND_ORDER};
+use super::{Filter, FilterConfig, NIS_SURPRISE};
+use crate::scalar::Real;
+use crate::space::Rotator;
+
+/// Control periods that the work of a block needs, the closing one included.
+pub(super) const SLOTS: u32 = 10;
+
+/// Stator frequency above which resistance and inverter error are held (consider states): their voltage is
+/// smaller than the error of the voltage itself.
+const OMEGA_HELD: f64 = 0.2;
+
+/// What a control period does for the covariance. The closing period of a block has number zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Slot {
+    /// Prediction, row of `m`: its product with the covariance.
+    RotorRow,
+    /// Prediction, row of `m`: takes its place.
+    RotorAdvance,
+    /// Prediction, a component of the flux; `true`: the second.
+    Flux(bool),
+    /// Process noise.
+    Noise,
+    /// Innovation variance and gain.
+    Gain,
+    /// Update of the first, the middle and the last rows.
+    UpdateFirst,
+    UpdateMiddle,
+    UpdateLast,
+    /// A block may have more periods than there is work.
+    Idle,
+}
+
+impl Slot {
+    /// That of a period of the block.
+    #[inline(always)]
+    fn of(period: u32) -> Self {
+        match period {
+            1 => Self::RotorRow,
+            2 => Self::RotorAdvance,
+            3 => Self::Flux(false),
+            4 => Self::Flux(true),
+            5 => Self::Noise,
+            6 => Self::Gain,
+            7 => Self::UpdateFirst,
+            8 => Self::UpdateMiddle,
+            9 => Self::UpdateLast,
+            _ => Self::Idle,
+        }
+    }
+}
+
+/// What one slot leaves for the next ones. Both need a column, at different times: they share its memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub(super) enum Scratch<R: Real> {
+    /// Nothing.
+    #[default]
+    Empty,
+    /// `F_m P` without the element of `m` itself.
+    Row(Column<R>),
+    /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
+    Gain(Column<R>),
+}
+
+impl<R: Real> OperatingPoint<R> {
+    /// Too fast for resistance and inverter error to be seen.
+    fn held(&self) -> bool {
+        self.omega_s.abs() > R::from_f64(OMEGA_HELD)
+    }
+}
+
+impl<R: Real> Filter<R> {
+    /// The part of a block's work that a period does.
+    #[inline(always)]
+    pub(super) fn work(&mut self, c: &FilterConfig<R>) {
+        match Slot::of(self.period) {
+            Slot::RotorRow => self.rotor_row(c),
+            Slot::RotorAdvance => self.rotor_advance(c),
+            Slot::Flux(second) => self.flux_advance(c, second),
+            Slot::Noise => self.add_noise(c),
+            Slot::Gain => self.weigh(c),
+            Slot::UpdateFirst => self.update_first(),
+            Slot::UpdateMiddle => self.update_middle(),
+            Slot::UpdateLast => self.update_last(),
+            Slot::Idle => {}
+        }
+    }
+
+    #[inline(never)]
+    fn rotor_row(&mut self, c: &FilterConfig<R>) {
+        self.scratch = Scratch::Row(self.p.project(&c.model.rotor_row(&self.point, self.gamma.value())));
+    }
+
+    #[inline(never)]
+    fn rotor_advance(&mut self, c: &FilterConfig<R>) {
+        if let Scratch::Row(row) = &self.scratch {
+            let terms = c.model.rotor_row(&self.point, self.gamma.value());
+            self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, row);
+        }
+        self.scratch = Scratch::Empty;
+    }
+
+    #[inline(never)]
+    fn flux_advance(&mut self, c: &FilterConfig<R>, second: bool) {
+        let (i, u) = (&self.point.i_s, &self.point.u_l);
+        let (i, u) = if second { (i.im(), u.im()) } else { (i.re(), u.re()) };
+        let (i, u) = if self.point.held() { (R::ZERO, R::ZERO) } else { (i, u) };
+        let [by_b, by_r_s, by_v] = c.model.flux_row(i, u, self.r_s());
+        self.p.advance_pair::<B, 2>(second, by_b, &[(RS, by_r_s), (V, by_v)]);
+    }
+
+    /// What the states may have done by themselves.
+    #[inline(never)]
+    fn add_noise(&mut self, c: &FilterConfig<R>) {
+        let q = &self.point;
+        let omega = q.omega_s.abs();
+        let surprised = !q.held() && self.nis > R::from_f64(NIS_SURPRISE);
+        let mut walk = c.noise.walk(if surprised { self.nis - R::from_f64(NIS_SURPRISE) } else { R::ZERO });
+        if q.held() {
+            // Held at their values and variances, and decorrelated: no innovation moves them, and what they were
+            // correlated with is told by the voltage error that grows with frequency.
+            (walk[RS], walk[V]) = (R::ZERO, R::ZERO);
+            self.p.isolate(RS);
+            self.p.isolate(V);
+        }
+        walk[M] += c.noise.lag(q.transient);
+        let induced = c.noise.induced(omega);
+        walk[PSI] += induced;
+        walk[PSI + 1] += induced;
+
+        let zero = Noise::zero(omega);
+        // Products of the components of the phase axes: (1, 0), (-1/2, ±√3/2).
+        let (three_quarters, mixed) = (R::from_f64(0.75), R::from_f64(0.433_012_7));
+        for (k, i) in q.i_s.to_phases().into_iter().enumerate() {
+            if c.noise.near_zero(i) {
+                if k == 0 {
+                    walk[PSI] += zero;
+                } else {
+                    walk[PSI] += zero.quarter();
+                    walk[PSI + 1] += zero * three_quarters;
+                    let mixed = zero * mixed;
+                    self.p.add_at(PSI, PSI + 1, if k == 1 { -mixed } else { mixed });
+                }
+            }
+        }
+        self.p.add(&walk);
+    }
+
+    /// Variance of the angle, innovation variance, gain.
+    #[inline(never)]
+    fn weigh(&mut self, c: &FilterConfig<R>) {
+        let q = &self.point;
+        let Rotator { cos, sin } = q.n;
+        let p = &self.p;
+        let mixed = sin * cos * p.get(PSI, PSI + 1);
+        let across = sin * sin * p.get(PSI, PSI) + cos * cos * p.get(PSI + 1, PSI + 1) - (mixed + mixed);
+        let across = across.max(R::ZERO);
+        let scale = R::from_f64(SCALE_PSI);
+        self.sigma = across.sqrt() * scale * q.inv_psi_r;
+
+        if !(q.valid && c.correct) {
+            self.scratch = Scratch::Empty;
+            return;
+        }
+        let row = Model::measurement_row(q);
+        let ph = p.project(&row);
+        let residual = R::from_f64(RESIDUAL);
+        let second = across * scale * q.inv_psi_r;
+        let mut s = R::ZERO;
+        for (k, h) in row {
+            s += h * ph[k];
+        }
+        let s = s + residual + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
+        self.inv_s = s.max(residual).recip();
+        self.scratch = Scratch::Gain(ph);
+    }
+
+    #[inline(never)]
+    fn update_first(&mut self) {
+        self.update::<5>(|p, ph, gain| {
+            p.reduce::<0>(ph[0], gain, R::from_f64(FLOOR));
+            p.reduce::<1>(ph[1], gain, R::from_f64(FLOOR));
+            p.reduce::<2>(ph[2], gain, R::from_f64(FLOOR));
+            p.reduce::<3>(ph[3], gain, R::from_f64(FLOOR));
+            p.reduce::<4>(ph[4], gain, R::from_f64(FLOOR));
+        });
+    }
+
+    #[inline(never)]
+    fn update_middle(&mut self) {
+        self.update::<7>(|p, ph, gain| {
+            p.reduce::<5>(ph[5], gain, R::from_f64(FLOOR));
+            p.reduce::<6>(ph[6], gain, R::from_f64(FLOOR));
+        });
+    }
+
+    #[inline(never)]
+    fn update_last(&mut self) {
+        self.update::<N>(|p, ph, gain| {
+            p.reduce::<7>(ph[7], gain, R::from_f64(FLOOR));
+            p.reduce::<8>(ph[8], gain, R::from_f64(FLOOR));
+        });
+    }
+
+    /// Some rows of the covariance lose what the innovation has told; `K` gains are needed for them.
+    #[inline(always)]
+    fn update<const K: usize>(&mut self, rows: impl Fn(&mut super::covariance::Covariance<R>, &Column<R>, &[R])) {
+        if let Scratch::Gain(ph) = &self.scratch {
+            let gain: [R; K] = core::array::from_fn(|k| ph[k] * self.inv_s);
+            rows(&mut self.p, ph, &gain);
+        }
+    }
+
+    /// Gain of the correction in units of the states, if this block has one.
+    #[inline(always)]
+    pub(super) fn gain(&self, scale: &Column<R>) -> Option<Column<R>> {
+        match &self.scratch {
+            Scratch::Gain(ph) => Some(core::array::from_fn(|k| ph[k] * self.inv_s * scale[k])),
+            _ => None,
+        }
+    }
+}
+
+/// The scheduler relies on the order of the states: the flux is first, and pairs are neighbours.
+const _: () = assert!(PSI == 0 && C == N - 1 && GAMMA < N);
