@@ -14,12 +14,12 @@
 //! of the rotor flux follows the current:
 //!
 //! ```text
-//! dm/dτ = r_R (i·n - i_μ(m)),     i_μ(m) = γ m/l_M (1 - c + c (m/m_N)⁸)
+//! dm/dτ = r_R (i·n - i_μ(m)),     i_μ(m) = γ m/l_M (1 - c + c (m/m_N)^S)
 //! |ψ_R| - m = 0
 //! ```
 //!
 //! with `γ` for an inductance that is not `l_M` and `c` for its saturation: at the small-signal level
-//! saturation makes the magnitude follow the current `1 + 8c` times faster, and a model without it loses
+//! saturation makes the magnitude follow the current `1 + S c` times faster, and a model without it loses
 //! stability near `ω_s = 0`. Differentiated once, the second line is the speed-independent residual of
 //! reduced-order observers, `ψ_R·dψ_R/dτ + (|ψ_R|² - l_M i·ψ_R)/τ_r`; in this form nothing has to be
 //! differentiated, and the noise of the ADC enters as `σl_s` times it.
@@ -67,9 +67,11 @@ mod start;
 
 pub use noise::Identified;
 
+#[cfg(test)]
+use self::covariance::N;
 use self::covariance::{Column, Covariance};
-use self::model::{B, C, GAMMA, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
-use self::noise::{Noise, TRANSIENT};
+use self::model::{B, BlockMeans, C, C_MAX, GAMMA, M, Model, OperatingPoint, PSI, RS, Saturated, V};
+use self::noise::Noise;
 use self::schedule::{SLOTS, Scratch};
 use self::start::Initial;
 use super::confidence::SIGMA_HALF;
@@ -88,7 +90,6 @@ const BLOCK_TIME: f64 = 1e-3;
 const B_MAX: f64 = 0.2;
 const V_MAX: f64 = 0.8;
 const GAMMA_RANGE: (f64, f64) = (0.6, 1.6);
-const C_MAX: f64 = 0.5;
 /// Of the prior: a winding is not colder than at commissioning by more, nor hotter.
 const R_S_RANGE: (f64, f64) = (0.4, 2.0);
 /// Rotor flux below which its direction says nothing.
@@ -132,14 +133,14 @@ impl<R: Real> FilterConfig<R> {
     ) -> Self {
         let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
         let seconds = f64::from(block) / inverter.f_s;
-        let (saturation, c_known) = noise::saturation(machine);
+        let saturated = Saturated::of(machine);
         Self {
             t_s: pu.t_s,
             block,
             inv_block: rounded(1.0 / f64::from(block)),
             model: Model::new(machine, inverter, pu, psi_ref, seconds),
-            noise: Noise::new(machine, inverter, seconds, calibrated, c_known, identified),
-            saturation: rounded(saturation),
+            noise: Noise::new(machine, inverter, seconds, calibrated, saturated.known, identified),
+            saturation: rounded(saturated.c),
             correct: identified.flux,
         }
     }
@@ -236,29 +237,23 @@ impl<R: Real> Filter<R> {
         let i_d = (self.magnitude() * i_dq.re() - model.sigma_l_s * i_dq.norm_sq()) * inv;
         let i_q = self.magnitude() * i_dq.im() * inv;
 
-        let m = self.m.value();
-        let gamma = self.gamma.value();
-        let curve = model.curve(m, self.c.value());
-        let m_steady = gamma * curve.m_g;
-        self.point = OperatingPoint {
+        let means = BlockMeans {
             n,
             inv_psi_r: inv,
+            i_d,
+            i_q,
             i_s: self.field().to_stator(&input.i_ref),
             u_l: input.u_l,
-            turn: model.r_r_block * (i_q * inv).limit(R::TWO),
-            m,
-            m_g: curve.m_g,
-            slope: gamma * curve.slope,
-            bend: curve.bend,
-            transient: (i_d * model.l_m - m_steady) * R::from_f64(TRANSIENT / SCALE_PSI),
             omega_s: input.omega_s,
             valid,
         };
+        let (point, increment) = model.operating_point(&means, self.m.value(), self.gamma.value(), self.c.value());
+        self.point = point;
         if !valid {
             self.m.set(psi_r);
             return;
         }
-        let m = self.m.add(R::ONE, model.rotor_increment(i_d, m_steady));
+        let m = self.m.add(R::ONE, increment);
         let z = Model::innovation(m, psi_r);
         self.residual = z;
         if self.trial == 0 {

@@ -17,16 +17,18 @@
 //! ```text
 //! F:   ∂ψ_s⁺/∂b = Δ r_s I,   ∂ψ_s⁺/∂r_s = -Δ i,   ∂ψ_s⁺/∂v = -Δ u_l
 //!      ∂m⁺/∂ψ_s = r_R Δ (i_q/|ψ_R|) tᵀ                              the flux turns, i·n changes
-//!      ∂m⁺/∂b   = -r_R Δ nᵀ
+//!      ∂m⁺/∂b   = -r_R Δ nᵀ + σl_s ∂m⁺/∂ψ_s                         b moves i and, through σl_s, ψ_R
 //!      ∂m⁺/∂m   = 1 - (r_R Δ/l_M) γ d(m g)/dm,   d(m g)/dm = g + S c (m/m_N)^S
 //!      ∂m⁺/∂γ   = -(r_R Δ/l_M) m g,   ∂m⁺/∂c = -(r_R Δ/l_M) γ m ((m/m_N)^S - 1)
-//! H:   ∂h/∂ψ_s  = nᵀ,   ∂h/∂m = -1
+//! H:   ∂h/∂ψ_s  = nᵀ,   ∂h/∂m = -1,   ∂h/∂b = σl_s nᵀ
 //! ```
 //!
 //! The covariance is that of *scaled* states, each in units of a typical deviation ([`Model::scale`]), so that it
 //! fits fixed point; the rows below are scaled accordingly.
 
 use super::covariance::{Column, N};
+use super::noise::TRANSIENT;
+
 use crate::base::{Base, PerUnit, rounded};
 use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
@@ -47,6 +49,9 @@ pub(super) const V: usize = 6;
 pub(super) const GAMMA: usize = 7;
 /// Saturated part `c` of the magnetising current.
 pub(super) const C: usize = 8;
+
+/// Largest saturated part of the magnetising current.
+pub(super) const C_MAX: f64 = 0.5;
 
 /// Scales of the states, per unit; that of `r_s` is relative to `r_s`.
 pub(super) const SCALE_PSI: f64 = 0.05;
@@ -81,8 +86,52 @@ pub(super) struct Model<R: Real> {
     pub decay: R,
     /// Reciprocal of the rated rotor flux.
     pub inv_m_rated: R,
+    /// Exponent `S` of the magnetising curve, the flux over rated up to which the curve is followed, and `S` again
+    /// as a factor.
+    exponent: u32,
+    x_max: R,
+    s: R,
 }
-words!(Model: sigma_l_s, r_s, l_m, delta, r_r_block, decay, inv_m_rated);
+words!(Model: sigma_l_s, r_s, l_m, delta, r_r_block, decay, inv_m_rated, exponent, x_max, s);
+
+/// The magnetising curve `i_μ = (m/L_M) (1 - c + c (m/m_N)^S)` of a machine.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Saturated {
+    /// Saturated part of the magnetising current at rated flux.
+    pub c: f64,
+    /// Exponent, a whole number.
+    pub exponent: f64,
+    /// Whether both are of the machine's own curve.
+    pub known: bool,
+}
+
+impl Saturated {
+    /// Of machines without a curve among their parameters.
+    const TYPICAL: Self = Self { c: 0.15, exponent: 8.0, known: false };
+
+    /// From the curve of the Γ form, `i = ψ_s (1 + k (ψ_s/ψ_N)^S)/L_u`, with `1 + k = L_u/L_s` at rated flux.
+    ///
+    /// The filter's curve is one over the *rotor* flux `m = ψ_s - L_σ i`. It has the same inductance without
+    /// saturation, `L_u - L_σ`, which gives `c`, and the same elasticity `E = (di/dm)(m/i)` at rated flux, which is
+    /// `1 + S c`. Since `m` grows more slowly than `ψ_s`, its exponent is larger than that of the Γ form.
+    pub fn of(machine: &Machine) -> Self {
+        let Some(s) = &machine.saturation else { return Self::TYPICAL };
+        let k = s.L_u / machine.L_s() - 1.0;
+        let unsaturated = s.L_u - machine.L_sigma;
+        let di = (1.0 + (s.S + 1.0) * k) / s.L_u;
+        let dm = 1.0 - machine.L_sigma * di;
+        let c = 1.0 - machine.L_M / unsaturated;
+        // A curve beyond what the fit can follow, or none at all: a weak one that the filter corrects.
+        if !(k > 0.0 && c > 0.01 && dm > 0.1) {
+            return Self { c: c.clamp(0.0, C_MAX), ..Self::TYPICAL };
+        }
+        let exponent = libm::round((di / dm * machine.L_M - 1.0) / c);
+        Self { c: c.min(C_MAX), exponent: exponent.clamp(1.0, 20.0), known: true }
+    }
+}
+
+/// Largest `(m/m_N)^S` that the curve follows: keeps it within fixed point.
+const SATURATED_MAX: f64 = 8.0;
 
 /// The magnetising curve at one flux.
 #[derive(Clone, Copy, Debug)]
@@ -95,7 +144,26 @@ pub(super) struct Curve<R: Real> {
     pub bend: R,
 }
 
-/// Where a block is linearised: averages and model values of the block before.
+/// What a block has seen: means and values at its end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BlockMeans<R: Real> {
+    /// Direction of the rotor flux and `1/|ψ_R|`.
+    pub n: Rotator<R>,
+    pub inv_psi_r: R,
+    /// Mean current in coordinates of the rotor flux.
+    pub i_d: R,
+    pub i_q: R,
+    /// Current reference, stator coordinates.
+    pub i_s: AlphaBeta<R>,
+    /// Voltage of the inverter model.
+    pub u_l: AlphaBeta<R>,
+    /// Stator frequency.
+    pub omega_s: R,
+    /// The rotor flux is large enough for its direction to mean something.
+    pub valid: bool,
+}
+
+/// Where the next block is linearised.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -117,7 +185,7 @@ pub(super) struct OperatingPoint<R: Real> {
     pub slope: R,
     /// `(m/m_N)^S - 1`.
     pub bend: R,
-    /// Distance from the steady state, `l_M (i·n - i_μ)`, times [`super::noise::TRANSIENT`], scaled as a flux.
+    /// Distance from the steady state, `l_M (i·n - i_μ)`, times [`TRANSIENT`], scaled as a flux.
     pub transient: R,
     pub omega_s: R,
     /// The rotor flux is large enough for its direction to mean something.
@@ -132,6 +200,7 @@ impl<R: Real> Model<R> {
         let delta = b.omega * seconds;
         let r_r = machine.R_R / b.z;
         let l_m = machine.L_M / b.l;
+        let exponent = Saturated::of(machine).exponent;
         Self {
             sigma_l_s: pu.sigma_l_s,
             r_s: r((machine.R_s + inverter.r_d) / b.z),
@@ -140,6 +209,9 @@ impl<R: Real> Model<R> {
             r_r_block: r(r_r * delta),
             decay: r(r_r / l_m * delta),
             inv_m_rated: r(machine.L_s() / (machine.L_M * psi_ref)),
+            exponent: exponent as u32,
+            x_max: r(libm::pow(SATURATED_MAX, 1.0 / exponent)),
+            s: r(exponent),
         }
     }
 
@@ -154,17 +226,44 @@ impl<R: Real> Model<R> {
     /// The magnetising curve at flux `m` and saturation `c`.
     #[inline(always)]
     pub fn curve(&self, m: R, c: R) -> Curve<R> {
-        let x = (m * self.inv_m_rated).min(R::from_f64(1.3));
-        let x2 = x * x;
-        let x8 = x2 * x2 * (x2 * x2);
-        let g = R::ONE - c + c * x8;
-        Curve { m_g: m * g, slope: g + R::from_f64(8.0) * (c * x8), bend: x8 - R::ONE }
+        let mut square = (m * self.inv_m_rated).min(self.x_max);
+        let (mut power, mut left) = (R::ONE, self.exponent);
+        while left != 0 {
+            if left & 1 != 0 {
+                power *= square;
+            }
+            square *= square;
+            left >>= 1;
+        }
+        let g = R::ONE - c + c * power;
+        Curve { m_g: m * g, slope: g + self.s * (c * power), bend: power - R::ONE }
     }
 
-    /// What `m` gains in a block at the field current `i_d = i·n` and `m_steady = γ m g(m)`.
+    /// Slope of the magnetising curve at rated flux, `1 + S c`.
+    pub fn rated_slope(&self, c: R) -> R {
+        R::ONE + self.s * c
+    }
+
+    /// The next operating point, and what `m` gains in this block: `r_R Δ (i·n - i_μ(m))`.
     #[inline(always)]
-    pub fn rotor_increment(&self, i_d: R, m_steady: R) -> R {
-        self.r_r_block * i_d - self.decay * m_steady
+    pub fn operating_point(&self, x: &BlockMeans<R>, m: R, gamma: R, c: R) -> (OperatingPoint<R>, R) {
+        let curve = self.curve(m, c);
+        let m_steady = gamma * curve.m_g;
+        let point = OperatingPoint {
+            n: x.n,
+            inv_psi_r: x.inv_psi_r,
+            i_s: x.i_s,
+            u_l: x.u_l,
+            turn: self.r_r_block * (x.i_q * x.inv_psi_r).limit(R::TWO),
+            m,
+            m_g: curve.m_g,
+            slope: gamma * curve.slope,
+            bend: curve.bend,
+            transient: (x.i_d * self.l_m - m_steady) * R::from_f64(TRANSIENT / SCALE_PSI),
+            omega_s: x.omega_s,
+            valid: x.valid,
+        };
+        (point, self.r_r_block * x.i_d - self.decay * m_steady)
     }
 
     /// Row of `m` in `F`: coefficient of `m` itself.
@@ -177,14 +276,15 @@ impl<R: Real> Model<R> {
     #[inline(always)]
     pub fn rotor_row(&self, at: &OperatingPoint<R>, gamma: R) -> [(usize, R); 6] {
         let r = R::from_f64;
-        let by_b = self.r_r_block * r(SCALE_B / SCALE_PSI);
+        let ratio = r(SCALE_B / SCALE_PSI);
+        let (by_b, by_turn) = (self.r_r_block * ratio, self.sigma_l_s * ratio * at.turn);
         let by_gamma = self.decay * r(SCALE_GAMMA / SCALE_PSI);
         let by_c = self.decay * r(SCALE_C / SCALE_PSI);
         [
             (PSI, -at.turn * at.n.sin),
             (PSI + 1, at.turn * at.n.cos),
-            (B, -by_b * at.n.cos),
-            (B + 1, -by_b * at.n.sin),
+            (B, -by_b * at.n.cos - by_turn * at.n.sin),
+            (B + 1, by_turn * at.n.cos - by_b * at.n.sin),
             (GAMMA, -by_gamma * at.m_g),
             (C, -by_c * (gamma * at.m * at.bend)),
         ]
@@ -203,8 +303,9 @@ impl<R: Real> Model<R> {
 
     /// `H`, the row of the measurement `h = |ψ_R| - m`.
     #[inline(always)]
-    pub fn measurement_row(at: &OperatingPoint<R>) -> [(usize, R); 3] {
-        [(PSI, at.n.cos), (PSI + 1, at.n.sin), (M, -R::ONE)]
+    pub fn measurement_row(&self, at: &OperatingPoint<R>) -> [(usize, R); 5] {
+        let by_b = self.sigma_l_s * R::from_f64(SCALE_B / SCALE_PSI);
+        [(PSI, at.n.cos), (PSI + 1, at.n.sin), (M, -R::ONE), (B, by_b * at.n.cos), (B + 1, by_b * at.n.sin)]
     }
 
     /// Innovation `0 - h`, scaled as a flux.

@@ -33,10 +33,9 @@ const PRIOR_GAMMA: f64 = 0.07;
 const PRIOR_R_S: f64 = 0.2;
 /// Relative deviation of the inverter model's voltage. Physical: dead time and threshold.
 const PRIOR_V: f64 = 0.15;
-/// Saturated part of the magnetising current: its deviation with and without a saturation curve among the
-/// parameters, and its value without one. Allowance: what machines of this kind have.
+/// Saturated part of the magnetising current, with and without a saturation curve among the parameters.
+/// Allowance: what machines of this kind have.
 const PRIOR_C: (f64, f64) = (0.05, 0.15);
-const TYPICAL_C: f64 = 0.15;
 /// Offset of the current sensors, per unit, after a reading with gates off and without one. Physical.
 const PRIOR_B: (f64, f64) = (5e-4, 0.05);
 
@@ -194,15 +193,6 @@ impl<R: Real> Noise<R> {
     #[inline(always)]
     pub fn near_zero(&self, i: R) -> bool {
         i.within(self.zero)
-    }
-}
-
-/// Prior of the saturated part of the magnetising current: that of the machine's curve, if it has one, and
-/// whether it has.
-pub(super) fn saturation(machine: &Machine) -> (f64, bool) {
-    match &machine.saturation {
-        Some(s) => ((1.0 - machine.L_s() / s.L_u).clamp(0.0, 0.5), true),
-        None => (TYPICAL_C, false),
     }
 }
 

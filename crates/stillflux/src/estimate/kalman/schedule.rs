@@ -10,7 +10,7 @@
 //! correction.
 
 use super::covariance::{Column, N};
-use super::model::{B, C, GAMMA, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
+use super::model::{B, C, GAMMA, M, OperatingPoint, PSI, RS, SCALE_PSI, V};
 use super::noise::{FLOOR, Noise, RESIDUAL, SECOND_ORDER};
 use super::{Filter, FilterConfig, NIS_SURPRISE};
 use crate::scalar::Real;
@@ -145,7 +145,7 @@ impl<R: Real> Filter<R> {
 
         let zero = Noise::zero(omega);
         // Products of the components of the phase axes: (1, 0), (-1/2, ±√3/2).
-        let (three_quarters, mixed) = (R::from_f64(0.75), R::from_f64(0.433_012_7));
+        let (three_quarters, mixed) = (R::from_f64(0.75), R::from_f64(0.433_012_701_892_219_3));
         for (k, i) in q.i_s.to_phases().into_iter().enumerate() {
             if c.noise.near_zero(i) {
                 if k == 0 {
@@ -177,7 +177,7 @@ impl<R: Real> Filter<R> {
             self.scratch = Scratch::Empty;
             return;
         }
-        let row = Model::measurement_row(q);
+        let row = c.model.measurement_row(q);
         let ph = p.project(&row);
         let residual = R::from_f64(RESIDUAL);
         let second = across * scale * q.inv_psi_r;

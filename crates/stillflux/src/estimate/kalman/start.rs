@@ -151,9 +151,9 @@ impl<R: Real> Filter<R> {
         let m = psi_s - c.model.sigma_l_s * i_s.re();
         self.psi_s.set(AlphaBeta::new(psi_s, R::ZERO));
         self.m = Integrator::new(m);
-        // At rated flux g = 1 and its slope 1 + 8c, whatever c is.
-        let bent = R::ONE + R::from_f64(8.0) * self.c.value();
-        let per_gamma = m * bent.recip() * (R::from_f64(SCALE_GAMMA) * R::from_f64(1.0 / SCALE_PSI));
+        // At rated flux g = 1, and the slope of the curve is 1 + S c.
+        let per_gamma =
+            m * c.model.rated_slope(self.c.value()).recip() * (R::from_f64(SCALE_GAMMA) * R::from_f64(1.0 / SCALE_PSI));
         let gamma = self.p.get(GAMMA, GAMMA);
         let common = per_gamma * per_gamma * gamma;
         for (i, j, x) in [(PSI, PSI, common), (M, M, common), (PSI, M, common)] {
