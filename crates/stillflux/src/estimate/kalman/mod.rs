@@ -270,7 +270,9 @@ impl<R: Real> Filter<R> {
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
         let Some(by) = self.gain(&c.model.scale()) else { return };
         let r = R::from_f64;
-        self.psi_s.correct([by[PSI], by[PSI + 1]], z);
+        // δψ_s = δχ - σl_s δb.
+        let sigma_l_s = c.model.sigma_l_s;
+        self.psi_s.correct([by[PSI] - sigma_l_s * by[B], by[PSI + 1] - sigma_l_s * by[B + 1]], z);
         let r_s = c.model.r_s;
         nudge(&mut self.m, by[M], z, R::ZERO, r(3.0));
         nudge(&mut self.b[0], by[B], z, r(-B_MAX), r(B_MAX));

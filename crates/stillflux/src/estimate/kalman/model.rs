@@ -15,13 +15,18 @@
 //! `i_d = i·n`, `i_q = i·t` the derivatives are
 //!
 //! ```text
-//! F:   ∂ψ_s⁺/∂b = Δ r_s I,   ∂ψ_s⁺/∂r_s = -Δ i,   ∂ψ_s⁺/∂v = -Δ u_l
-//!      ∂m⁺/∂ψ_s = r_R Δ (i_q/|ψ_R|) tᵀ                              the flux turns, i·n changes
-//!      ∂m⁺/∂b   = -r_R Δ nᵀ + σl_s ∂m⁺/∂ψ_s                         b moves i and, through σl_s, ψ_R
-//!      ∂m⁺/∂m   = 1 - (r_R Δ/l_M) γ d(m g)/dm,   d(m g)/dm = g + S c (m/m_N)^S
-//!      ∂m⁺/∂γ   = -(r_R Δ/l_M) m g,   ∂m⁺/∂c = -(r_R Δ/l_M) γ m ((m/m_N)^S - 1)
-//! H:   ∂h/∂ψ_s  = nᵀ,   ∂h/∂m = -1,   ∂h/∂b = σl_s nᵀ
+//! F:   ∂χ⁺/∂b = Δ r_s I,   ∂χ⁺/∂r_s = -Δ i,   ∂χ⁺/∂v = -Δ u_l
+//!      ∂m⁺/∂χ = r_R Δ (i_q/|ψ_R|) tᵀ                                the flux turns, i·n changes
+//!      ∂m⁺/∂b = -r_R Δ nᵀ
+//!      ∂m⁺/∂m = 1 - (r_R Δ/l_M) γ d(m g)/dm,   d(m g)/dm = g + S c (m/m_N)^S
+//!      ∂m⁺/∂γ = -(r_R Δ/l_M) m g,   ∂m⁺/∂c = -(r_R Δ/l_M) γ m ((m/m_N)^S - 1)
+//! H:   ∂h/∂χ  = nᵀ,   ∂h/∂m = -1
 //! ```
+//!
+//! The covariance is not that of `ψ_s` but of `χ = ψ_s + σl_s b = ψ_R + σl_s i_m`, the stator flux that the measured
+//! current would give. An offset moves `ψ_R = ψ_s - σl_s (i_m - b)`, but not `ψ_R = χ - σl_s i_m`: with `χ` as state `b`
+//! is in neither `H` nor the turn of `m`, and since `b` is constant `χ` moves as `ψ_s` does. A correction is turned back
+//! by `δψ_s = δχ - σl_s δb` ([`super::Filter`]).
 //!
 //! The covariance is that of *scaled* states, each in units of a typical deviation ([`Model::scale`]), so that it
 //! fits fixed point; the rows below are scaled accordingly.
@@ -35,7 +40,7 @@ use crate::scalar::Real;
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
 
-/// Stator flux `ψ̂_s`, two components.
+/// `χ = ψ_s + σl_s b`, two components: the stator flux, given the offset.
 pub(super) const PSI: usize = 0;
 /// Magnitude `m` of the rotor flux by the current model.
 pub(super) const M: usize = 2;
@@ -276,21 +281,20 @@ impl<R: Real> Model<R> {
     #[inline(always)]
     pub fn rotor_row(&self, at: &OperatingPoint<R>, gamma: R) -> [(usize, R); 6] {
         let r = R::from_f64;
-        let ratio = r(SCALE_B / SCALE_PSI);
-        let (by_b, by_turn) = (self.r_r_block * ratio, self.sigma_l_s * ratio * at.turn);
+        let by_b = self.r_r_block * r(SCALE_B / SCALE_PSI);
         let by_gamma = self.decay * r(SCALE_GAMMA / SCALE_PSI);
         let by_c = self.decay * r(SCALE_C / SCALE_PSI);
         [
             (PSI, -at.turn * at.n.sin),
             (PSI + 1, at.turn * at.n.cos),
-            (B, -by_b * at.n.cos - by_turn * at.n.sin),
-            (B + 1, by_turn * at.n.cos - by_b * at.n.sin),
+            (B, -by_b * at.n.cos),
+            (B + 1, -by_b * at.n.sin),
             (GAMMA, -by_gamma * at.m_g),
             (C, -by_c * (gamma * at.m * at.bend)),
         ]
     }
 
-    /// Row of one component of `ψ_s` in `F`, given that component of `i` and `u_l`: coefficients of the same
+    /// Row of one component of `χ` in `F`, given that component of `i` and `u_l`: coefficients of the same
     /// component of `b`, of `r_s` and of `v`; that of the component itself is one.
     #[inline(always)]
     pub fn flux_row(&self, i: R, u_l: R, r_s: R) -> [R; 3] {
@@ -303,9 +307,8 @@ impl<R: Real> Model<R> {
 
     /// `H`, the row of the measurement `h = |ψ_R| - m`.
     #[inline(always)]
-    pub fn measurement_row(&self, at: &OperatingPoint<R>) -> [(usize, R); 5] {
-        let by_b = self.sigma_l_s * R::from_f64(SCALE_B / SCALE_PSI);
-        [(PSI, at.n.cos), (PSI + 1, at.n.sin), (M, -R::ONE), (B, by_b * at.n.cos), (B + 1, by_b * at.n.sin)]
+    pub fn measurement_row(at: &OperatingPoint<R>) -> [(usize, R); 3] {
+        [(PSI, at.n.cos), (PSI + 1, at.n.sin), (M, -R::ONE)]
     }
 
     /// Innovation `0 - h`, scaled as a flux.

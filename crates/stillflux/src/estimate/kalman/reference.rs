@@ -36,33 +36,34 @@ fn scale(model: &Model<f64>) -> State {
     State::from([SCALE_PSI, SCALE_PSI, SCALE_PSI, SCALE_B, SCALE_B, SCALE_R * model.r_s, SCALE_V, SCALE_GAMMA, SCALE_C])
 }
 
-/// `ψ_s`, `m` and `b` of a state.
-fn parts(x: &State) -> (Vector2<f64>, f64, Vector2<f64>) {
-    (Vector2::new(x[PSI], x[PSI + 1]), x[M], Vector2::new(x[B], x[B + 1]))
+/// `ψ_s`, `m` and `b` of a state whose first components are `χ`.
+fn parts(model: &Model<f64>, x: &State) -> (Vector2<f64>, f64, Vector2<f64>) {
+    let b = Vector2::new(x[B], x[B + 1]);
+    (Vector2::new(x[PSI], x[PSI + 1]) - b * model.sigma_l_s, x[M], b)
 }
 
 /// `f` of the model: a state after a block with the measured current `i_m` and the voltages `u_s` and `u_l`.
 fn f(model: &Model<f64>, x: &State, i_m: Vector2<f64>, u_s: Vector2<f64>, u_l: Vector2<f64>) -> State {
-    let (psi_s, m, b) = parts(x);
+    let (psi_s, m, b) = parts(model, x);
     let i = i_m - b;
     let n = (psi_s - i * model.sigma_l_s).normalize();
     let mut next = *x;
     let psi_next = psi_s + (u_s - u_l * x[V] - i * x[RS]) * model.delta;
-    next[PSI] = psi_next.x;
-    next[PSI + 1] = psi_next.y;
+    let chi = psi_next + b * model.sigma_l_s;
+    (next[PSI], next[PSI + 1]) = (chi.x, chi.y);
     next[M] = m + model.r_r_block * i.dot(&n) - model.decay * x[GAMMA] * model.curve(m, x[C]).m_g;
     next
 }
 
 /// `h` of the model.
 fn h(model: &Model<f64>, x: &State, i_m: Vector2<f64>) -> f64 {
-    let (psi_s, m, b) = parts(x);
+    let (psi_s, m, b) = parts(model, x);
     (psi_s - (i_m - b) * model.sigma_l_s).norm() - m
 }
 
 /// The operating point of a state.
 fn point(model: &Model<f64>, x: &State, i_m: Vector2<f64>, u_l: Vector2<f64>, omega_s: f64) -> OperatingPoint<f64> {
-    let (psi_s, m, b) = parts(x);
+    let (psi_s, m, b) = parts(model, x);
     let i = i_m - b;
     let psi_r = psi_s - i * model.sigma_l_s;
     let n = psi_r.normalize();
@@ -97,9 +98,9 @@ fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, r_s: f64, gamma: f64
 }
 
 /// `H` of the scaled states.
-fn measurement(model: &Model<f64>, at: &OperatingPoint<f64>) -> SMatrix<f64, 1, N> {
+fn measurement(at: &OperatingPoint<f64>) -> SMatrix<f64, 1, N> {
     let mut row = SMatrix::zeros();
-    for (j, x) in model.measurement_row(at) {
+    for (j, x) in Model::measurement_row(at) {
         row[j] = x;
     }
     row
@@ -154,7 +155,7 @@ fn transition_and_measurement_rows_are_the_derivatives_of_the_model() {
             let numeric = differences(&x, &scale, |x| f(model, x, i_m, u_s, u_l).component_div(&scale));
             assert!((exact - numeric).amax() < 1e-6, "F is off by {}", exact - numeric);
 
-            let exact = measurement(model, &at);
+            let exact = measurement(&at);
             let numeric = differences(&x, &scale, |x| SVector::from([h(model, x, i_m) / SCALE_PSI]));
             assert!((exact - numeric).amax() < 1e-6, "H is off by {}", exact - numeric);
         }
@@ -181,13 +182,14 @@ struct Reference {
 impl Reference {
     /// A copy of a scheduled filter, all of whose work of a block is done.
     fn of(c: &FilterConfig<f64>, filter: &Filter<f64>) -> Self {
-        let (psi, b) = (filter.value(), filter.b());
+        let b = filter.b();
+        let chi = filter.value() + b * c.model.sigma_l_s;
         let value = |x: &crate::scalar::Integrator<f64>| x.value();
         Self {
             c: *c,
             x: State::from([
-                psi.re(),
-                psi.im(),
+                chi.re(),
+                chi.im(),
                 value(&filter.m),
                 b.re(),
                 b.im(),
@@ -217,10 +219,11 @@ impl Reference {
 
     fn step(&mut self, input: &Input<f64>) {
         let (model, t_s) = (self.c.model, self.c.t_s);
-        let i_s = vector(&input.i_m) - Vector2::new(self.x[B], self.x[B + 1]);
-        let psi = Vector2::new(self.x[PSI], self.x[PSI + 1])
-            + (vector(&input.u_s) - (self.i_s + i_s) * (0.5 * self.x[RS])) * t_s;
-        (self.x[PSI], self.x[PSI + 1], self.i_s) = (psi.x, psi.y, i_s);
+        let (psi, _, b) = parts(&model, &self.x);
+        let i_s = vector(&input.i_m) - b;
+        let psi = psi + (vector(&input.u_s) - (self.i_s + i_s) * (0.5 * self.x[RS])) * t_s;
+        let chi = psi + b * model.sigma_l_s;
+        (self.x[PSI], self.x[PSI + 1], self.i_s) = (chi.x, chi.y, i_s);
         let (d, psi_s) = self.polar(0, psi);
         self.sum += Vector2::new(d.dot(&i_s), d.x * i_s.y - d.y * i_s.x);
         self.period += 1;
@@ -305,7 +308,7 @@ impl Reference {
         }
         p += q;
 
-        let row = measurement(model, at);
+        let row = measurement(at);
         let n = Vector2::new(at.n.cos, at.n.sin);
         let across = Vector2::new(-n.y, n.x);
         let turned = (across.transpose() * p.fixed_view::<2, 2>(PSI, PSI) * across)[0];

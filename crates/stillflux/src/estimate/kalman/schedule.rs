@@ -10,7 +10,7 @@
 //! correction.
 
 use super::covariance::{Column, N};
-use super::model::{B, C, GAMMA, M, OperatingPoint, PSI, RS, SCALE_PSI, V};
+use super::model::{B, C, GAMMA, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
 use super::noise::{FLOOR, Noise, RESIDUAL, SECOND_ORDER};
 use super::{Filter, FilterConfig, NIS_SURPRISE};
 use crate::scalar::Real;
@@ -177,7 +177,7 @@ impl<R: Real> Filter<R> {
             self.scratch = Scratch::Empty;
             return;
         }
-        let row = c.model.measurement_row(q);
+        let row = Model::measurement_row(q);
         let ph = p.project(&row);
         let residual = R::from_f64(RESIDUAL);
         let second = across * scale * q.inv_psi_r;
