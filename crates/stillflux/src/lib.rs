@@ -44,7 +44,6 @@ pub mod counts;
 pub mod drive;
 pub mod estimate;
 pub mod inverter;
-mod observer;
 pub mod params;
 pub mod scalar;
 pub mod space;
