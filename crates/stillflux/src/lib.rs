@@ -46,5 +46,6 @@ pub mod estimate;
 pub mod inverter;
 pub mod params;
 pub mod scalar;
+pub mod si;
 pub mod space;
 pub mod words;
