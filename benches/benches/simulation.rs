@@ -4,9 +4,9 @@ use std::borrow::Cow;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput, criterion_group, criterion_main};
+use stillflux::si::Arithmetic;
 use stillflux_benches::scenario;
 use stillflux_sim::Mode;
-use stillflux_sim::si::Arithmetic;
 use stillflux_sim::simulate::Run;
 
 const SECONDS: u64 = 5;

@@ -7,12 +7,11 @@
 
 #![allow(non_snake_case)]
 
-use stillflux::base::Base;
 use stillflux::config::Scheme;
 use stillflux::drive::Memory;
 use stillflux::params::{Inverter, Machine, Saturation};
 use stillflux::scalar::Real;
-use stillflux::space::AlphaBeta;
+use stillflux::si::{MemorySi, SiUnits};
 
 /// `sfx1`: changes with the layout.
 const MAGIC: u32 = 0x3178_6673;
@@ -59,14 +58,8 @@ impl Parameters {
 
     /// What the drive takes back, per unit.
     pub fn memory<R: Real>(&self) -> Memory<R> {
-        let b = Base::new(&self.machine);
-        Memory {
-            u_off: AlphaBeta::new(R::from_f64(self.u_off[0] / b.u), R::from_f64(self.u_off[1] / b.u)),
-            r_s: R::from_f64(self.r_s / b.z),
-            i_off: self.i_off.map(|i| R::from_f64(i / b.i)),
-            loss_error: R::ZERO,
-            inv_l_m: R::ONE,
-        }
+        let Self { machine, u_off, r_s: R_s, i_off, .. } = *self;
+        SiUnits::new(&machine).memory_per_unit(&MemorySi { u_off, R_s, i_off, loss_error: 0.0, L_M: machine.L_M })
     }
 }
 

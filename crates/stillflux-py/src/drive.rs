@@ -5,8 +5,7 @@ use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use stillflux::drive::{self as core, Fault};
-use stillflux_sim::Sample;
-use stillflux_sim::si::{Command, MemorySi, SiDrive};
+use stillflux::si::{MeasurementSi, MemorySi, ReferenceSi, SiDrive};
 
 use crate::convert::{complex, extract, finite, pair, three, value_error};
 use crate::parameters::{Inverter, Motor, arithmetic, drive_params, settings_dict};
@@ -260,16 +259,16 @@ impl Drive {
         torque_ref: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let command = match (omega_ref, torque_ref) {
-            (None, None) => Command::Stop,
-            (Some(omega), None) => Command::Speed(finite("omega_ref", omega)?),
-            (None, Some(torque)) => Command::Torque(finite("torque_ref", torque)?),
+            (None, None) => ReferenceSi::Stop,
+            (Some(omega), None) => ReferenceSi::Speed(finite("omega_ref", omega)?),
+            (None, Some(torque)) => ReferenceSi::Torque(finite("torque_ref", torque)?),
             (Some(omega), Some(torque)) => {
                 return Err(PyValueError::new_err(format!(
                     "omega_ref = {omega} and torque_ref = {torque}: only one of them can be followed"
                 )));
             }
         };
-        let sample = Sample { i_abc: three("i_abc", i_abc)?, u_dc };
+        let sample = MeasurementSi { i_abc: three("i_abc", i_abc)?, u_dc };
         let (duty, gates_on) = self.drive.step(&sample, &command);
         self.gates_on = gates_on;
         Ok(PyArray1::from_slice(i_abc.py(), &duty))

@@ -6,7 +6,7 @@ use pyo3::types::PyDict;
 use stillflux::base::Base;
 use stillflux::config::{DriveParams, LowConfidence, Scheme};
 use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
-use stillflux_sim::si::Arithmetic;
+use stillflux::si::Arithmetic;
 
 use crate::convert::{each_keyword, extract, value_error};
 

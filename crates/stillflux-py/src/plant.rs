@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::params::{self, Machine, check};
-use stillflux_sim::{Mode, PlantParams, Sample, Thermal, Truth};
+use stillflux_sim::{MeasurementSi, Mode, PlantParams, Thermal, Truth};
 
 use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
 use crate::parameters::{Inverter, Motor};
@@ -144,7 +144,7 @@ pub struct Plant {
 
 type Reading<'py> = (Bound<'py, PyArray1<f64>>, f64);
 
-fn reading(py: Python<'_>, s: Sample) -> Reading<'_> {
+fn reading(py: Python<'_>, s: MeasurementSi) -> Reading<'_> {
     (PyArray1::from_slice(py, &s.i_abc), s.u_dc)
 }
 

@@ -11,7 +11,7 @@ use stillflux::base::Base;
 use stillflux::config::Scheme;
 use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine};
-use stillflux_sim::si::Arithmetic;
+use stillflux::si::Arithmetic;
 use stillflux_sim::simulate::{Profile, ReferenceProfile, Run, Scenario};
 
 /// The minute that counts, s.

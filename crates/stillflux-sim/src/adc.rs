@@ -2,6 +2,7 @@
 
 use crate::rng::Rng;
 use stillflux::params::{Inverter, Machine, ParamError, check};
+use stillflux::si::MeasurementSi;
 
 /// A/D conversion of three phase currents and the dc-link voltage.
 ///
@@ -25,15 +26,6 @@ pub struct Adc {
     pub u_dc_bits: u32,
     /// Full scale of the dc-link channel, V.
     pub u_dc_range: f64,
-}
-
-/// What the converter delivers at the carrier peak.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sample {
-    /// Phase currents, A.
-    pub i_abc: [f64; 3],
-    /// Dc-link voltage, V.
-    pub u_dc: f64,
 }
 
 impl Adc {
@@ -100,7 +92,7 @@ impl Converter {
         }
     }
 
-    pub fn read(&mut self, i_abc: [f64; 3], u_dc: f64) -> Sample {
+    pub fn read(&mut self, i_abc: [f64; 3], u_dc: f64) -> MeasurementSi {
         let a = &self.adc;
         let mut i = i_abc;
         for k in 0..3 {
@@ -120,7 +112,7 @@ impl Converter {
         } else {
             u_dc.clamp(0.0, a.u_dc_range)
         };
-        Sample { i_abc: i, u_dc: u }
+        MeasurementSi { i_abc: i, u_dc: u }
     }
 }
 

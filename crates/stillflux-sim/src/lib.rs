@@ -11,11 +11,10 @@ mod machine;
 mod mechanics;
 mod plant;
 mod rng;
-pub mod si;
 pub mod simulate;
 mod thermal;
 
-pub use adc::{Adc, Sample};
+pub use adc::Adc;
 pub use machine::Energy;
 pub use mechanics::Mechanics;
 pub use plant::{Mode, Plant, PlantParams, Truth};

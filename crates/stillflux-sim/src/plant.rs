@@ -6,12 +6,13 @@
 //! or breaks away: these are found on the integrator's own solution by bracketed secant steps.
 #![allow(non_snake_case)]
 
-use crate::adc::{Adc, Converter, Sample};
+use crate::adc::{Adc, Converter};
 use crate::bridge::{Bridge, Feed, phase};
 use crate::machine::{Circuit, Energy, Field, State, Step, V2, dot, phases};
 use crate::mechanics::{Mechanics, Shaft};
 use crate::thermal::Thermal;
 use stillflux::params::{Inverter, Machine, ParamError, check};
+use stillflux::si::MeasurementSi;
 
 /// How the bridge is modelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -220,7 +221,7 @@ impl Plant {
     /// `duty` (high share of each leg, clamped to 0…1, NaN as 0) goes to the modulator's preload register and
     /// acts in the *next* period; this one runs with the duties given the period before. `gates_on` acts at
     /// once. `load_torque` in N·m opposes positive rotation and is active, as a crane's.
-    pub fn step(&mut self, duty: [f64; 3], gates_on: bool, load_torque: f64) -> Sample {
+    pub fn step(&mut self, duty: [f64; 3], gates_on: bool, load_torque: f64) -> MeasurementSi {
         let active = std::mem::replace(&mut self.preload, duty.map(|d| if d > 0.0 { d.min(1.0) } else { 0.0 }));
         let begin = self.begin(load_torque);
         let averaged = self.params.mode == Mode::Averaged && gates_on;
@@ -250,7 +251,7 @@ impl Plant {
     }
 
     /// A reading at the present instant. Every call draws fresh noise.
-    pub fn sample(&mut self) -> Sample {
+    pub fn sample(&mut self) -> MeasurementSi {
         let i = self.phase_currents();
         self.adc.read(i, self.bridge.u_dc)
     }

@@ -11,7 +11,7 @@ use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 
 use crate::plant::{Plant, PlantParams};
-use crate::si::{Arithmetic, Command, EstimateSi, MemorySi, SiDrive, Vector};
+use stillflux::si::{Arithmetic, EstimateSi, MeasurementSi, MemorySi, ReferenceSi, SiDrive, Vector};
 
 /// Piecewise linear function of time; two points at one time make a step.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -241,7 +241,7 @@ pub struct Run<'s> {
     drive: SiDrive,
     getters: Vec<fn(&Moment<'_>) -> Value>,
     record: Record,
-    sample: crate::adc::Sample,
+    sample: MeasurementSi,
     period: u64,
     periods: u64,
     reference_at: usize,
@@ -378,11 +378,11 @@ impl<'s> Run<'s> {
         let (command, reference) = match &self.scenario.reference {
             ReferenceProfile::Speed(p) => {
                 let w = p.at(t, &mut self.reference_at);
-                (Command::Speed(w), w)
+                (ReferenceSi::Speed(w), w)
             }
             ReferenceProfile::Torque(p) => {
                 let x = p.at(t, &mut self.reference_at);
-                (Command::Torque(x), x)
+                (ReferenceSi::Torque(x), x)
             }
         };
         let (duty, gates_on) = self.drive.step(&self.sample, &command);

@@ -6,7 +6,7 @@ use stillflux::base::Base;
 use stillflux::config::Scheme;
 use stillflux::drive::{Fault, Status};
 use stillflux::params::{Inverter, Machine, Rating, TModel};
-use stillflux_sim::si::{Arithmetic, SiDrive};
+use stillflux::si::{Arithmetic, SiDrive};
 use stillflux_sim::simulate::{Change, Profile, Record, ReferenceProfile, Run, Scenario};
 use stillflux_sim::{Mode, PlantParams};
 

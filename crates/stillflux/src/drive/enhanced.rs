@@ -1,106 +1,232 @@
-//! A period of the enhanced scheme, under control and on the way to it.
-#![allow(irrefutable_let_patterns, reason = "the other scheme may be left out of the build")]
+//! The enhanced scheme: one filter, the correction of the current sensors' gains and the flux shift, and its start-up.
+//!
+//! **Start-up**, at standstill or in a rotating machine (flying start). It begins at a flux of zero, so the filter runs
+//! while the flux builds up.
+//! 1. Speed search, 10 ms. A current along the a-axis drives `ψ_R` away from zero, and the rotor turns it:
+//!    `ω = Σ ψ_R × (dψ_R - r_R i dτ) / Σ |ψ_R|² dτ`; at 1 pu the rotor makes half a turn in this time.
+//! 2. In a rotating machine the current follows `ψ̂_R`, and the flux builds up as it does at standstill.
+//! 3. In a machine at standstill the current keeps its direction (following a flux estimate that is a degree off would
+//!    set a free shaft in motion) until the flux has settled, and then long enough for the filter to find the sum of
+//!    resistance and inverter error. A reduced current for part of this time separates the two.
 
-use super::{Drive, Measurement};
-use crate::config::SPEED_PERIODS;
-use crate::observer::{Applied, Observer, Seen};
-use crate::scalar::{Real, likely};
-use crate::space::{AlphaBeta, Rotator};
+use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
+use super::interface::Memory;
+use crate::config::{DriveConfig, SPEED_PERIODS};
+use crate::control::shift::FluxShift;
+use crate::estimate::balance::Balance;
+use crate::estimate::kalman::{Filter, Input, Learned};
+use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
+use crate::scalar::{Real, clamp_seldom};
+use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Part of the magnetising current with which a start at rest tells resistance from inverter error.
+/// Speed above which a machine counts as rotating at the start.
+const ROTATING: f64 = 0.03;
+/// Part of the magnetising current that separates resistance from inverter error.
 const REDUCED: f64 = 0.7;
 
-impl<R: Real> Drive<R> {
-    /// Voltage and current references for the period in which the duties act.
-    #[inline(always)]
-    pub(super) fn enhanced(
-        &mut self,
-        measured: &Measurement<R>,
-        i_s: &AlphaBeta<R>,
-        u_l: &AlphaBeta<R>,
-        u_max: R,
-        running: bool,
-    ) -> (AlphaBeta<R>, AlphaBeta<R>) {
-        let [a, b, c] = self.without_offset(measured);
-        let blind = !likely(running) && self.prepare(i_s);
-        let (config, e) = (&self.config, &self.estimate);
-        let x = Applied { i_s: *i_s, sum: a + b + c, u_s: e.u_s, u_l: *u_l };
-        let mut seen = Seen::default();
-        if let Observer::Enhanced(o) = &mut self.observer {
-            seen = o.period(&config.enhanced, &x, &e.i_dq_ref, e.speed.omega_s, blind);
-        }
-        if !likely(running) {
-            self.build_up(&mut seen);
-        }
-        self.follow(&seen, u_max)
+/// The two sums of the speed search; after it, the speed over one.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+struct SpeedSearch<R: Real> {
+    /// `Σ ψ_R × (dψ_R - r_R i dτ)`.
+    numerator: R,
+    /// `Σ |ψ_R|² dτ`.
+    denominator: R,
+}
+
+impl<R: Real> SpeedSearch<R> {
+    fn new() -> Self {
+        Self { numerator: R::ZERO, denominator: R::ZERO }
     }
 
-    /// The way to the flux, at any speed. A current that stands still in space drives `ψ_R` away from zero, and the
-    /// rotor turns it: `ω = Σ ψ_R × (dψ_R - r_R i dτ) / Σ |ψ_R|² dτ` needs no more than some milliseconds of it, at
-    /// 1 pu half a turn. In a machine that turns the current follows `ψ̂_R` from there on, and the flux builds up as
-    /// it does at rest. In one at rest the current stays where it is (following a flux that is a degree off would
-    /// set a free shaft in motion) until the flux has settled, and then long enough for the filter to find what
-    /// resistance and inverter take together.
-    ///
-    /// Before the filter's period: the current reference; whether the machine is still without flux.
-    #[cold]
-    #[inline(never)]
-    fn prepare(&mut self, i_s: &AlphaBeta<R>) -> bool {
-        let mut i_ref = self.magnetising_current();
-        let c = &self.config;
-        if let Observer::Enhanced(o) = &mut self.observer {
-            // Less current for a while: a resistance notices, a voltage that the inverter model has wrong does not.
-            if !o.turning() && (9..12).contains(&(self.stage * 16 / c.magnetise_periods.max(1))) {
-                i_ref = i_ref * R::from_f64(REDUCED);
-            }
-            // At rest, the flux is waited for: then it is known by the current.
-            if self.stage <= 1 {
-                o.start(&c.enhanced, i_s);
-            } else if self.stage == c.magnetise_periods / 2 && !o.turning() {
-                o.settle(&c.enhanced, c.flux_control.psi_rated);
-                self.speed.start(&o.psi_s(), R::ZERO);
-            }
-        }
-        self.estimate.i_dq_ref = i_ref;
-        self.stage <= c.enhanced.probe_periods
+    /// Ends the search; the speed.
+    fn finish(&mut self) -> R {
+        let omega = self.numerator * self.denominator.recip();
+        let omega = clamp_seldom(omega, R::from_f64(-1.5), R::from_f64(1.5));
+        *self = Self { numerator: omega, denominator: R::ONE };
+        omega
     }
 
-    /// After it: speed, and the direction that the current takes.
+    /// After the search: the machine was rotating.
+    fn found_rotation(&self) -> bool {
+        !self.numerator.within(R::from_f64(ROTATING))
+    }
+}
+
+/// State of the estimators.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub(super) struct EnhancedEstimators<R: Real> {
+    filter: Filter<R>,
+    balance: Balance<R>,
+    shift: FluxShift<R>,
+    speed_estimator: SpeedEstimator<R>,
+    speed: SpeedEstimate<R>,
+    search: SpeedSearch<R>,
+}
+
+impl<R: Real> EnhancedEstimators<R> {
+    /// Estimators with the priors of the machine's parameters.
+    pub fn new(c: &DriveConfig<R>) -> Self {
+        Self {
+            filter: Filter::new(&c.enhanced.filter),
+            balance: Balance::default(),
+            shift: FluxShift::default(),
+            speed_estimator: SpeedEstimator::default(),
+            speed: SpeedEstimate::default(),
+            search: SpeedSearch::new(),
+        }
+    }
+
+    /// Before the estimation of a start-up period: its current reference, and the beginnings of the filter.
     #[cold]
     #[inline(never)]
-    fn build_up(&mut self, seen: &mut Seen<R>) {
-        let probing = self.stage <= self.config.enhanced.probe_periods;
-        if !probing && self.period.is_multiple_of(SPEED_PERIODS) {
-            self.track();
+    fn prepare(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, stage: u32) -> Dq<R> {
+        let mut i_ref = c.magnetising_current(stage);
+        // A lower current changes the voltage of the resistance, not that of the inverter error.
+        if !self.search.found_rotation() && (9..12).contains(&(stage * 16 / c.magnetise_periods.max(1))) {
+            i_ref = i_ref * R::from_f64(REDUCED);
         }
-        let (c, e) = (&self.config, &mut self.estimate);
+        if stage <= 1 {
+            self.filter.start(&c.enhanced.filter, i_s);
+        } else if stage == c.magnetise_periods / 2 && !self.search.found_rotation() {
+            // At standstill the settled flux is known by the current.
+            self.filter.settle(&c.enhanced.filter, c.flux_control.psi_rated);
+            self.speed_estimator.start(&self.filter.value(), R::ZERO);
+        }
+        i_ref
+    }
+
+    /// After it: the speed, the direction that the current takes with the current in its coordinates, and whether the
+    /// flux has built up.
+    #[cold]
+    #[inline(never)]
+    fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp) -> (Rotator<R>, Dq<R>, bool) {
+        let searching = at.stage <= c.enhanced.probe_periods;
+        if !searching && at.period.is_multiple_of(SPEED_PERIODS) {
+            self.update_speed(c);
+        }
+        let i_s = self.filter.i_s();
+        let psi_r = self.filter.value() - i_s * c.speed.sigma_l_s;
+        let (mut field, mut periods) = (Rotator::default(), c.magnetise_periods);
+        if searching {
+            self.search_speed(c, &psi_r, &i_s, at.stage);
+        } else if self.search.found_rotation() {
+            field = Rotator::of(&psi_r).0;
+            periods = c.boost_periods;
+        }
+        (field, field.to_field(&i_s), at.stage >= periods)
+    }
+
+    /// One period of the speed search.
+    fn search_speed(&mut self, c: &DriveConfig<R>, psi_r: &AlphaBeta<R>, i_s: &AlphaBeta<R>, stage: u32) {
         let probe_periods = c.enhanced.probe_periods;
-        let mut enough = c.magnetise_periods;
-        if let Observer::Enhanced(o) = &mut self.observer {
-            let i_s = o.i_s();
-            let psi_r = o.psi_s() - i_s * c.speed.sigma_l_s;
-            seen.field = Rotator::default();
-            if probing {
-                let before = e.speed.psi_r;
-                // The rise of the current is over after a fifth of it.
-                if self.stage > probe_periods / 5 {
-                    let turned = before.cross(&(psi_r - before)) - c.t_s * c.speed.r_r * psi_r.cross(&i_s);
-                    o.probe(turned, c.t_s * psi_r.norm_sq());
-                }
-                e.speed.psi_r = psi_r;
-                if self.stage == probe_periods {
-                    let omega = o.probed();
-                    self.speed.start(&psi_r, omega);
-                    (e.speed.omega_m, e.speed.omega_s) = (omega, omega);
-                }
-            } else if o.turning() {
-                seen.field = Rotator::of(&psi_r).0;
-                enough = c.boost_periods;
-            }
-            seen.i_dq = seen.field.to_field(&i_s);
+        let before = self.speed.psi_r;
+        // The current has risen after a fifth of the search.
+        if stage > probe_periods / 5 {
+            self.search.numerator += before.cross(&(*psi_r - before)) - c.t_s * c.speed.r_r * psi_r.cross(i_s);
+            self.search.denominator += c.t_s * psi_r.norm_sq();
         }
-        if self.stage >= enough {
-            self.run();
+        self.speed.psi_r = *psi_r;
+        if stage == probe_periods {
+            let omega = self.search.finish();
+            self.speed_estimator.start(psi_r, omega);
+            (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
         }
+    }
+}
+
+impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
+    fn begin(&mut self) {
+        self.search = SpeedSearch::new();
+        self.shift = FluxShift::default();
+        self.speed = SpeedEstimate::default();
+    }
+
+    #[inline(always)]
+    fn period(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, start_up: Option<StartUp>) -> PeriodOutput<R> {
+        // Without flux the filter integrates, but corrects nothing.
+        let (i_ref, blind) = match start_up {
+            None => (x.i_dq_ref, false),
+            Some(at) => (self.prepare(c, &x.i_s, at.stage), at.stage <= c.enhanced.probe_periods),
+        };
+        let [i_a, i_b, i_c] = x.i_abc;
+        let i_m = self.balance.step(&c.enhanced.balance, &x.i_s, i_a + i_b + i_c);
+        let input = Input { u_s: x.u_s, u_l: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
+        let i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
+        let (field, i_dq, complete) = match start_up {
+            None => (self.filter.field(), i_dq, false),
+            Some(at) => self.build_up(c, at),
+        };
+        let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
+        PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, i_dq_ref: i_ref, complete }
+    }
+
+    fn idle(&mut self, i_s: &AlphaBeta<R>) {
+        self.filter.rest(i_s);
+    }
+
+    #[inline(never)]
+    fn update_speed(&mut self, c: &DriveConfig<R>) {
+        self.speed = self.speed_estimator.step(&c.speed, &self.filter.value(), &self.filter.i_s());
+    }
+
+    #[inline(always)]
+    fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
+        self.filter.confine(&c.enhanced.filter);
+    }
+
+    #[inline(always)]
+    fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R {
+        self.shift.step(&c.enhanced.shift, self.speed.omega_m, torque)
+    }
+
+    #[inline(always)]
+    fn speed(&self) -> &SpeedEstimate<R> {
+        &self.speed
+    }
+
+    #[inline(always)]
+    fn psi_s(&self) -> R {
+        self.filter.magnitude()
+    }
+
+    #[inline(always)]
+    fn inverter_gain(&self) -> R {
+        R::ONE + self.filter.v()
+    }
+
+    #[inline(always)]
+    fn confidence(&self) -> R {
+        self.filter.confidence()
+    }
+
+    /// There is no parallel path; its flux is that of the filter.
+    fn estimated(&self) -> Estimated<R> {
+        let f = &self.filter;
+        Estimated {
+            flux: f.estimate(),
+            speed: self.speed,
+            psi_1: f.value(),
+            u_off: f.b() * -f.r_s(),
+            i_s: f.i_s(),
+            r_s: f.r_s(),
+            epsilon: f.residual(),
+            confidence: f.confidence(),
+        }
+    }
+
+    fn memory(&self, i_off: [R; 3]) -> Memory<R> {
+        let Learned { b, r_s, v: loss_error, gamma: inv_l_m } = self.filter.learned();
+        Memory { u_off: b * -r_s, r_s, i_off, loss_error, inv_l_m }
+    }
+
+    fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
+        // The offset of the filter is that beyond the offsets read at standstill: a new reading replaces both.
+        let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -memory.r_s.recip() };
+        let Memory { r_s, loss_error: v, inv_l_m: gamma, .. } = *memory;
+        self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, gamma });
     }
 }

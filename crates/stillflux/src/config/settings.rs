@@ -1,0 +1,215 @@
+//! Settings of a drive in SI units where there are any: what a user chooses, with defaults that follow from machine and
+//! inverter, and the admissible range of each.
+
+use crate::base::Base;
+use crate::params::{Inverter, Machine, ParamError, check};
+use crate::words::Words;
+
+/// Control periods from one run of the speed estimator to the next, and of each slower block.
+pub const SPEED_PERIODS: u32 = 2;
+/// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
+pub const SLOW_PERIODS: u32 = 4;
+
+/// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Scheme {
+    /// The published scheme: offset estimator, noise compensator, resistance adaptation.
+    Paper,
+    /// One filter for flux, offset, resistance and inverter error, with a covariance that says how far it can
+    /// be trusted.
+    Enhanced,
+}
+
+impl Scheme {
+    /// The schemes of this build.
+    pub const ALL: &[Self] = &[
+        #[cfg(feature = "paper")]
+        Self::Paper,
+        #[cfg(feature = "enhanced")]
+        Self::Enhanced,
+    ];
+
+    /// The same as a word: bit 0 the published one, bit 1 the enhanced one. A stored configuration fits only
+    /// a build of the same schemes.
+    pub const BUILT: u32 = cfg!(feature = "paper") as u32 | (cfg!(feature = "enhanced") as u32) << 1;
+
+    /// An error if the scheme is left out of this build.
+    pub(super) fn check(self) -> Result<(), ParamError> {
+        let (first, last) = (f64::from(u8::from(Self::BUILT & 1 == 0)), f64::from(Self::BUILT >> 1));
+        check("scheme", f64::from(self as u8), first, last, "(0: feature paper, 1: feature enhanced)")
+    }
+}
+
+impl Default for Scheme {
+    /// The enhanced one, if the build has it.
+    fn default() -> Self {
+        if cfg!(feature = "enhanced") { Self::Enhanced } else { Self::Paper }
+    }
+}
+
+impl Words for Scheme {
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        out(*self as u32);
+    }
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        if from() == Self::Paper as u32 { Self::Paper } else { Self::Enhanced }
+    }
+}
+
+/// What a drive does while its confidence in the field angle is below one half: an error of 15° and more must be
+/// expected then, and torque is no longer what it is asked to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum LowConfidence {
+    /// Nothing: the signal is for the user.
+    #[default]
+    Keep,
+    /// Limits the torque in proportion to the confidence: to the whole at one half, to nothing at zero.
+    LimitTorque,
+    /// Stops with [`crate::drive::Fault::LowConfidence`] after 50 ms.
+    Fault,
+}
+
+impl Words for LowConfidence {
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        out(*self as u32);
+    }
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        match from() {
+            0 => Self::Keep,
+            1 => Self::LimitTorque,
+            _ => Self::Fault,
+        }
+    }
+}
+
+/// Settings of a drive. [`DriveParams::new`] derives every value from machine and inverter; change single
+/// fields from there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct DriveParams {
+    /// Which estimators to run.
+    pub scheme: Scheme,
+    /// Flux reference, per unit of rated flux `U_N √(2/3) / omega_sR`; 0.3 to 1.2.
+    pub psi_ref: f64,
+    /// Largest current reference, A peak.
+    pub i_max: f64,
+    /// Largest torque reference, N·m.
+    pub torque_max: f64,
+    /// Largest mechanical speed reference, rad/s.
+    pub omega_max: f64,
+    /// Over-current trip level, A peak of the space vector.
+    pub i_trip: f64,
+    /// Full scale of the current sensors, A: a reading at or beyond it is a fault.
+    pub i_range: f64,
+    /// Smallest dc-link voltage, V.
+    pub u_dc_min: f64,
+    /// Largest dc-link voltage, V.
+    pub u_dc_max: f64,
+    /// Bandwidth of current control, Hz.
+    pub current_bandwidth: f64,
+    /// Bandwidth of flux control, Hz.
+    pub flux_bandwidth: f64,
+    /// Bandwidth of speed control, Hz.
+    pub speed_bandwidth: f64,
+    /// Natural frequency of the speed estimator's phase-locked loop, Hz.
+    pub pll_bandwidth: f64,
+    /// Inverter model: compensation of threshold and dead time.
+    pub inverter_model: bool,
+    /// Offset estimator; in the enhanced scheme, offsets as states of the filter.
+    pub offset_estimator: bool,
+    /// Part of the measured offset voltage taken over per fundamental period.
+    pub offset_gain: f64,
+    /// Noise compensator; in the enhanced scheme, correction by the filter's residual at all.
+    pub noise_compensator: bool,
+    /// Smallest and largest gain of the noise compensator, per unit.
+    pub noise_gain: (f64, f64),
+    /// Stator resistance adaptation; in the enhanced scheme, resistance and inverter error as states.
+    pub resistance_adaptation: bool,
+    /// Gain of the adaptation: change of `r̂_s` in per unit, per second and unit of ε. In per unit the answer to a
+    /// wrong resistance, `2 k i_q/ω_s`, is the same for all machines.
+    pub resistance_gain: f64,
+    /// Read the current offsets with gates off before each start, and `r̂_s` while magnetising.
+    pub calibrate_offset: bool,
+    /// Duration of the reading of the offsets, s.
+    pub offset_time: f64,
+    /// Duration of the magnetisation, s.
+    pub magnetise_time: f64,
+    /// What to do while the confidence is low.
+    pub low_confidence: LowConfidence,
+    /// Stator frequency that the enhanced scheme keeps under load, electrical rad/s: where it would be smaller the
+    /// flux is lowered, by at most 30 % ([`crate::control::shift`]). 0: the flux stays.
+    pub omega_s_min: f64,
+}
+
+impl DriveParams {
+    /// Defaults for a machine on an inverter.
+    #[must_use]
+    pub fn new(machine: &Machine, inverter: &Inverter) -> Self {
+        let i_n = machine.I_N * core::f64::consts::SQRT_2;
+        let tau_r = machine.L_M / machine.R_R;
+        Self {
+            scheme: Scheme::default(),
+            psi_ref: 1.0,
+            i_max: 1.8 * i_n,
+            torque_max: 1.5 * machine.T_N,
+            omega_max: 2.2 * machine.omega_sR() / f64::from(machine.n_p),
+            i_trip: 2.3 * i_n,
+            i_range: 2.5 * i_n,
+            u_dc_min: 0.6 * inverter.u_dc,
+            u_dc_max: 1.45 * inverter.u_dc,
+            current_bandwidth: 0.03 * inverter.f_s,
+            flux_bandwidth: 5.0,
+            speed_bandwidth: 9.0,
+            pll_bandwidth: 25.0,
+            inverter_model: true,
+            offset_estimator: true,
+            offset_gain: 0.5,
+            noise_compensator: true,
+            noise_gain: (0.06, 0.5),
+            resistance_adaptation: true,
+            resistance_gain: 0.42,
+            calibrate_offset: true,
+            offset_time: 0.1,
+            magnetise_time: (4.0 * tau_r).max(1.4),
+            low_confidence: LowConfidence::Keep,
+            omega_s_min: 0.006 * machine.omega_sR(),
+        }
+    }
+
+    /// Checks every field against its admissible range.
+    ///
+    /// # Errors
+    /// The first field found outside its range.
+    pub fn validate(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
+        let i_n = machine.I_N * core::f64::consts::SQRT_2;
+        let f_s = inverter.f_s;
+        let tau_r = machine.L_M / machine.R_R;
+        check("psi_ref", self.psi_ref, 0.3, 1.2, "p.u.")?;
+        let i_0 = self.psi_ref * Base::new(machine).psi / machine.L_s();
+        check("i_max", self.i_max, 1.1 * i_0, 5.0 * i_n, "A")?;
+        check("torque_max", self.torque_max, 0.05 * machine.T_N, 5.0 * machine.T_N, "N m")?;
+        let omega_n = machine.omega_sR() / f64::from(machine.n_p);
+        check("omega_max", self.omega_max, 0.01 * omega_n, 3.0 * omega_n, "rad/s")?;
+        check("i_trip", self.i_trip, self.i_max, 8.0 * i_n, "A")?;
+        check("i_range", self.i_range, self.i_trip, 20.0 * i_n, "A")?;
+        check("u_dc_min", self.u_dc_min, 0.0, inverter.u_dc, "V")?;
+        check("u_dc_max", self.u_dc_max, inverter.u_dc, 3.0 * inverter.u_dc, "V")?;
+        check("current_bandwidth", self.current_bandwidth, 10.0, 0.06 * f_s, "Hz")?;
+        check("flux_bandwidth", self.flux_bandwidth, 0.1, 30.0, "Hz")?;
+        check("speed_bandwidth", self.speed_bandwidth, 0.05, 20.0, "Hz")?;
+        // A fifteenth of the rate at which the loop runs.
+        check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
+        check("offset_gain", self.offset_gain, 0.01, 1.0, "")?;
+        check("noise_gain[0]", self.noise_gain.0, 0.0, 1.0, "")?;
+        check("noise_gain[1]", self.noise_gain.1, self.noise_gain.0, 4.0, "")?;
+        check("resistance_gain", self.resistance_gain, 0.0, 5.0, "p.u./s")?;
+        check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
+        check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
+        check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")
+    }
+}

@@ -1,0 +1,117 @@
+//! The interface of a scheme: what the sequence and the controllers of a drive ask of its estimators.
+
+use super::interface::Memory;
+use crate::config::DriveConfig;
+use crate::estimate::flux::FluxEstimate;
+use crate::estimate::speed::SpeedEstimate;
+use crate::scalar::Real;
+use crate::space::{AlphaBeta, Dq, Rotator};
+
+/// Inputs of the estimators in one period.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(
+    not(all(feature = "paper", feature = "enhanced")),
+    allow(dead_code, reason = "not every scheme needs all of it")
+)]
+pub(super) struct PeriodInput<R: Real> {
+    /// Phase currents less the offsets read at standstill, and their space vector.
+    pub i_abc: [R; 3],
+    pub i_s: AlphaBeta<R>,
+    /// Voltage applied between the last two samples, and the part of it that the inverter model took off.
+    pub u_s: AlphaBeta<R>,
+    pub u_loss: AlphaBeta<R>,
+    /// References of current and flux in this interval.
+    pub i_dq_ref: Dq<R>,
+    pub psi_ref: R,
+}
+
+/// What current control needs of the estimators in every period.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FieldQuantities<R: Real> {
+    /// Field angle as `e^{jδ̂}`.
+    pub field: Rotator<R>,
+    /// `|ψ̂_s|`.
+    pub psi_s: R,
+    /// Stator frequency.
+    pub omega_s: R,
+    /// Stator resistance.
+    pub r_s: R,
+    /// Stator current less the offset that the estimators have found, field coordinates.
+    pub i_dq: Dq<R>,
+}
+
+/// Where a start-up is: its period, counted from one, and the period since power-up.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(
+    not(all(feature = "paper", feature = "enhanced")),
+    allow(dead_code, reason = "not every scheme needs all of it")
+)]
+pub(super) struct StartUp {
+    pub stage: u32,
+    pub period: u32,
+}
+
+/// What the estimators deliver in one period.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PeriodOutput<R: Real> {
+    pub field: FieldQuantities<R>,
+    /// Current reference in the coordinates of `field`: that of the start-up, else that of the input.
+    pub i_dq_ref: Dq<R>,
+    /// The start-up is complete: speed and flux control begin with the next period.
+    pub complete: bool,
+}
+
+/// Estimates of the latest period.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Estimated<R: Real> {
+    pub flux: FluxEstimate<R>,
+    pub speed: SpeedEstimate<R>,
+    pub psi_1: AlphaBeta<R>,
+    pub u_off: AlphaBeta<R>,
+    pub i_s: AlphaBeta<R>,
+    pub r_s: R,
+    pub epsilon: R,
+    pub confidence: R,
+}
+
+/// Estimators of a scheme, with its start-up sequence.
+pub(super) trait Estimators<R: Real> {
+    /// A start-up begins with the next period.
+    fn begin(&mut self);
+
+    /// One period, of the start-up or under control.
+    fn period(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, start_up: Option<StartUp>) -> PeriodOutput<R>;
+
+    /// A current sample with the bridge blocked.
+    fn idle(&mut self, i_s: &AlphaBeta<R>);
+
+    /// Speed estimator, every second period.
+    fn update_speed(&mut self, c: &DriveConfig<R>);
+
+    /// Slow adaptation, every fourth period.
+    fn adapt(&mut self, c: &DriveConfig<R>, i_dq: &Dq<R>);
+
+    /// Part of the rated flux that the scheme asks for at a torque reference, every fourth period.
+    fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R;
+
+    /// Speed and frequencies.
+    fn speed(&self) -> &SpeedEstimate<R>;
+
+    /// `|ψ̂_s|`.
+    fn psi_s(&self) -> R;
+
+    /// Factor of the inverter model's voltage.
+    fn inverter_gain(&self) -> R;
+
+    /// Confidence in the field angle.
+    fn confidence(&self) -> R;
+
+    /// Everything that is estimated.
+    fn estimated(&self) -> Estimated<R>;
+
+    /// What is worth keeping over a stop, with the offsets `i_off` read at standstill.
+    fn memory(&self, i_off: [R; 3]) -> Memory<R>;
+
+    /// Restores what an earlier run stored; `u_off` is that of `memory`, limited.
+    fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>);
+}

@@ -1,0 +1,153 @@
+//! What goes into a drive and what comes out of it, per unit.
+
+use crate::control::modulator::Duty;
+use crate::estimate::flux::FluxEstimate;
+use crate::estimate::speed::SpeedEstimate;
+use crate::scalar::Real;
+use crate::space::{AlphaBeta, Dq};
+use crate::words::words;
+
+/// What the drive measures at the start of a period, per unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Measurement<R: Real> {
+    /// Phase currents, positive into the machine.
+    pub i_abc: [R; 3],
+    /// dc-link voltage.
+    pub u_dc: R,
+}
+
+/// What the drive is to do.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub enum Reference<R: Real> {
+    /// Gates off.
+    #[default]
+    Stop,
+    /// Speed control, mechanical speed per unit.
+    Speed(R),
+    /// Torque control, torque per unit.
+    Torque(R),
+}
+
+impl<R: Real> Reference<R> {
+    /// Asks for a motion, with a finite number.
+    #[inline]
+    pub(super) fn is_admissible(&self) -> bool {
+        match self {
+            Self::Stop => false,
+            Self::Speed(x) | Self::Torque(x) => x.is_finite(),
+        }
+    }
+}
+
+/// What the drive hands to the modulator's preload registers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Output<R: Real> {
+    /// Duties of the next period, each in [0, 1].
+    pub duty: Duty<R>,
+    /// `false`: block the bridge at once.
+    pub gates_on: bool,
+}
+
+/// Why a drive blocked its bridge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub enum Fault {
+    /// Current above the trip level.
+    OverCurrent,
+    /// dc-link voltage below its range.
+    UnderVoltage,
+    /// dc-link voltage above its range.
+    OverVoltage,
+    /// A measurement is not finite, or beyond what its sensor can read.
+    Measurement,
+    /// The reference is not finite.
+    Reference,
+    /// Current offsets at rest beyond what a healthy sensor shows.
+    CurrentOffset,
+    /// The flux estimate left its circle, or the speed estimate its range, for longer than a transient.
+    EstimateLost,
+    /// The confidence in the field angle was below one half for longer than a transient, and the drive has been
+    /// told to stop then ([`crate::config::LowConfidence::Fault`]).
+    LowConfidence,
+}
+
+/// State of the sequence.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub enum Status {
+    /// Gates off, waiting for a reference.
+    #[default]
+    Stopped,
+    /// Reading the current offsets, gates off.
+    ReadingOffset,
+    /// Building up the flux along the a-axis.
+    Magnetising,
+    /// Under control.
+    Running,
+    /// Gates off after a fault at `period` (periods since power-up).
+    Faulted {
+        /// What happened.
+        cause: Fault,
+        /// Control period in which it happened.
+        period: u32,
+    },
+}
+
+/// What a drive stores at a stop and takes back at a start (the paper's nonvolatile memory).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Memory<R: Real> {
+    /// Offset voltage.
+    pub u_off: AlphaBeta<R>,
+    /// Stator resistance.
+    pub r_s: R,
+    /// Offsets of the current channels.
+    pub i_off: [R; 3],
+    /// Error of the inverter model's voltage, relative; the published scheme knows none.
+    pub loss_error: R,
+    /// Main inductance, reciprocal and relative to the parameter; the published scheme knows none.
+    pub inv_l_m: R,
+}
+words!(Memory: u_off, r_s, i_off, loss_error, inv_l_m);
+
+/// Everything the drive estimates, per unit, of the latest period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Estimate<R: Real> {
+    /// Flux estimator outputs.
+    pub flux: FluxEstimate<R>,
+    /// Speed estimator outputs.
+    pub speed: SpeedEstimate<R>,
+    /// Trajectory ψ̂_1 of the parallel path.
+    pub psi_1: AlphaBeta<R>,
+    /// Offset voltage.
+    pub u_off: AlphaBeta<R>,
+    /// Stator current: measured, less the offsets read at rest and the one that `u_off` stands for.
+    pub i_s: AlphaBeta<R>,
+    /// Voltage applied between the last two current samples, as the inverter model has it.
+    pub u_s: AlphaBeta<R>,
+    /// Current in field coordinates.
+    pub i_dq: Dq<R>,
+    /// Its reference.
+    pub i_dq_ref: Dq<R>,
+    /// Flux reference.
+    pub psi_ref: R,
+    /// Torque `ψ̂_s × i_s`.
+    pub torque: R,
+    /// Stator resistance (with `r_d`).
+    pub r_s: R,
+    /// Residual: ε of (15), or `m - |ψ̂_R|` of the filter in units of 0.05.
+    pub epsilon: R,
+    /// Confidence in the field angle, 0 to 1; below 0.5 an error of 15° must be expected.
+    pub confidence: R,
+}

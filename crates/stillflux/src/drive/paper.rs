@@ -1,0 +1,185 @@
+//! The published scheme: the estimators of Figs. 4, 7 and 12 with the confidence model, and its start-up.
+//!
+//! **Start-up.** The machine is at standstill. A direct current along the a-axis builds up the flux; its last quarter
+//! gives `r̂_s = u_d/i_d*`. Control begins at a known flux, `ψ̂_s = ψ̂_1 = ψ_s*∠0`.
+
+use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
+use super::interface::Memory;
+use crate::config::{DriveConfig, PaperConfig};
+use crate::estimate::confidence::Confidence;
+use crate::estimate::flux::FluxEstimator;
+use crate::estimate::resistance::ResistanceEstimator;
+use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
+use crate::scalar::{Integrator, Real};
+use crate::space::{AlphaBeta, Dq, Rotator};
+
+/// State of the estimators.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub(super) struct PaperEstimators<R: Real> {
+    flux: FluxEstimator<R>,
+    resistance: ResistanceEstimator<R>,
+    confidence: Confidence<R>,
+    speed_estimator: SpeedEstimator<R>,
+    speed: SpeedEstimate<R>,
+    /// Mean of `u_d/i_d*` at the end of the magnetisation.
+    r_s_mean: Integrator<R>,
+    /// Latest current without its offset.
+    i_s: AlphaBeta<R>,
+}
+
+impl<R: Real> PaperEstimators<R> {
+    /// Estimators with the resistance of the machine's parameters.
+    pub fn new(c: &DriveConfig<R>) -> Self {
+        let mut resistance = ResistanceEstimator::default();
+        resistance.start(c.paper.r_s);
+        Self {
+            flux: FluxEstimator::default(),
+            resistance,
+            confidence: Confidence::default(),
+            speed_estimator: SpeedEstimator::default(),
+            speed: SpeedEstimate::default(),
+            r_s_mean: Integrator::default(),
+            i_s: AlphaBeta::default(),
+        }
+    }
+
+    /// A resistance from the magnetisation or from memory, within its limits.
+    fn set_resistance(&mut self, c: &DriveConfig<R>, r_s: R) {
+        self.resistance.start(r_s.clamp(c.paper.r_s * R::HALF, c.paper.r_s * R::from_f64(1.5)));
+    }
+
+    /// Begins at a flux that the magnetisation has built up along the a-axis.
+    fn start(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>) {
+        let psi_s = AlphaBeta::new(c.flux_control.psi_rated, R::ZERO);
+        if c.calibrate_offset {
+            self.set_resistance(c, self.r_s_mean.value());
+        }
+        self.flux.start(psi_s, *i_s);
+        self.flux.follow(&c.paper.flux, R::ZERO);
+        self.confidence.start();
+        self.speed_estimator.start(&psi_s, R::ZERO);
+    }
+
+    /// Direct current along the a-axis.
+    #[cold]
+    #[inline(never)]
+    fn magnetise(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, stage: u32) -> PeriodOutput<R> {
+        let i_dq_ref = c.magnetising_current(stage);
+        let a_axis = Rotator::default();
+        self.i_s = x.i_s;
+        let left = c.magnetise_periods.saturating_sub(stage);
+        if left < c.paper.r_s_periods {
+            // The reference in the denominator: neither current offset nor threshold nor dψ/dt is left in the mean.
+            self.r_s_mean.add(c.paper.inv_r_s_periods * i_dq_ref.re().recip(), x.u_s.re());
+        }
+        if left == 0 {
+            self.start(c, &x.i_s);
+        }
+        let i_dq = a_axis.to_field(&x.i_s);
+        let field = FieldQuantities { field: a_axis, psi_s: R::ZERO, omega_s: R::ZERO, r_s: c.paper.r_s, i_dq };
+        PeriodOutput { field, i_dq_ref, complete: left == 0 }
+    }
+
+    /// Estimators under control.
+    #[inline(always)]
+    fn step(&mut self, c: &PaperConfig<R>, x: &PeriodInput<R>) -> FieldQuantities<R> {
+        let r_s = self.resistance.r_s();
+        self.flux.step(&c.flux, &x.u_s, &x.i_s, r_s, x.psi_ref);
+        let field = self.flux.field();
+        // û_off stands first of all for an offset of the current sensors, û_off = -r_s i_offset. The flux estimator
+        // subtracts it from the voltage; control and inverter model get the current without it.
+        let i_s = x.i_s + self.flux.offset.u_off() * c.inv_r_s;
+        self.i_s = i_s;
+        let (psi_s, omega_s, i_dq) = (self.flux.magnitude(), self.speed.omega_s, field.to_field(&i_s));
+        FieldQuantities { field, psi_s, omega_s, r_s, i_dq }
+    }
+}
+
+impl<R: Real> Estimators<R> for PaperEstimators<R> {
+    fn begin(&mut self) {
+        self.r_s_mean = Integrator::default();
+        self.speed = SpeedEstimate::default();
+    }
+
+    #[inline(always)]
+    fn period(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, start_up: Option<StartUp>) -> PeriodOutput<R> {
+        match start_up {
+            Some(at) => self.magnetise(c, x, at.stage),
+            None => PeriodOutput { field: self.step(&c.paper, x), i_dq_ref: x.i_dq_ref, complete: false },
+        }
+    }
+
+    fn idle(&mut self, i_s: &AlphaBeta<R>) {
+        self.i_s = *i_s;
+    }
+
+    #[inline(never)]
+    fn update_speed(&mut self, c: &DriveConfig<R>) {
+        self.speed = self.speed_estimator.step(&c.speed, &self.flux.value(), &self.i_s);
+        self.flux.follow(&c.paper.flux, self.speed.omega_s);
+    }
+
+    /// Resistance (Fig. 12) and confidence.
+    #[inline(always)]
+    fn adapt(&mut self, c: &DriveConfig<R>, i_dq: &Dq<R>) {
+        let c = &c.paper;
+        let SpeedEstimate { omega_s, omega_m, .. } = self.speed;
+        if let Some(resistance) = &c.resistance {
+            self.resistance.step(resistance, self.flux.magnitude(), i_dq, omega_s, omega_m);
+        }
+        let corrected = (self.flux.offset.updates() > 0).then(|| self.flux.offset.last_correction());
+        self.confidence.step(&c.confidence, omega_s, self.flux.effort(), corrected);
+    }
+
+    /// The published scheme keeps its flux.
+    #[inline(always)]
+    fn flux_factor(&mut self, _: &DriveConfig<R>, _: R) -> R {
+        R::ONE
+    }
+
+    #[inline(always)]
+    fn speed(&self) -> &SpeedEstimate<R> {
+        &self.speed
+    }
+
+    #[inline(always)]
+    fn psi_s(&self) -> R {
+        self.flux.magnitude()
+    }
+
+    #[inline(always)]
+    fn inverter_gain(&self) -> R {
+        R::ONE
+    }
+
+    #[inline(always)]
+    fn confidence(&self) -> R {
+        self.confidence.value()
+    }
+
+    fn estimated(&self) -> Estimated<R> {
+        Estimated {
+            flux: self.flux.estimate(),
+            speed: self.speed,
+            psi_1: self.flux.offset.psi_1(),
+            u_off: self.flux.offset.u_off(),
+            i_s: self.i_s,
+            r_s: self.resistance.r_s(),
+            epsilon: self.resistance.epsilon(),
+            confidence: self.confidence.value(),
+        }
+    }
+
+    /// Inverter error and inductance are not estimated.
+    fn memory(&self, i_off: [R; 3]) -> Memory<R> {
+        let (u_off, r_s) = (self.flux.offset.u_off(), self.resistance.r_s());
+        Memory { u_off, r_s, i_off, loss_error: R::ZERO, inv_l_m: R::ONE }
+    }
+
+    fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
+        self.flux.offset.restore(u_off);
+        self.set_resistance(c, memory.r_s);
+    }
+}

@@ -1,0 +1,76 @@
+//! From a voltage reference to duties, and back to the voltage that they apply.
+//!
+//! Currents sampled at the start of period *k* give the duties applied during period *k + 1*. At the call of period
+//! *k* the voltage between the last two samples is therefore the one computed two calls earlier; a pipeline of two
+//! entries keeps the estimators on the voltage that was applied: limited, quantised, at the measured dc link, less
+//! what the inverter model takes off.
+
+use crate::config::DriveConfig;
+use crate::control::modulator::{Duty, applied, modulate};
+use crate::scalar::Real;
+use crate::space::AlphaBeta;
+
+/// A period's voltage.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+struct Commanded<R: Real> {
+    /// Applied by ideal legs, per unit of dc link.
+    ideal: AlphaBeta<R>,
+    /// Taken off by the inverter model.
+    loss: AlphaBeta<R>,
+}
+
+/// Modulation with its delay.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub(super) struct Voltage<R: Real> {
+    /// The last two periods, by the lowest bit of their number.
+    commanded: [Commanded<R>; 2],
+    /// `1/u_dc` of the latest period.
+    inv_u_dc: R,
+    /// Voltage applied between the last two current samples.
+    pub u_s: AlphaBeta<R>,
+}
+
+impl<R: Real> Voltage<R> {
+    /// No voltage applied yet.
+    pub fn new() -> Self {
+        Self { commanded: [Commanded::default(); 2], inv_u_dc: R::ZERO, u_s: AlphaBeta::default() }
+    }
+
+    /// The bridge is blocked.
+    pub fn block(&mut self) {
+        self.commanded = [Commanded::default(); 2];
+    }
+
+    /// Voltage applied between the last two samples, and the part of it that the inverter model took off.
+    #[inline(always)]
+    pub fn applied(&mut self, period: u32, u_dc: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
+        self.inv_u_dc = u_dc.recip_next(self.inv_u_dc).unwrap_or_else(|| u_dc.recip());
+        // Commanded two calls ago; this call's command takes its place.
+        let last = self.commanded[(period & 1) as usize];
+        self.u_s = last.ideal * u_dc - last.loss;
+        (self.u_s, last.loss)
+    }
+
+    /// Duties for a voltage reference. The inverter model sees the current that will flow then: the reference, free
+    /// from noise. `gain` is the estimated factor of its voltage.
+    #[inline(always)]
+    pub fn command(
+        &mut self,
+        c: &DriveConfig<R>,
+        period: u32,
+        u_ref: &AlphaBeta<R>,
+        i_ref: &AlphaBeta<R>,
+        u_dc: R,
+        gain: R,
+    ) -> Duty<R> {
+        let loss = c.inverter.distortion(i_ref, u_dc, gain);
+        let u = u_ref.to_phases();
+        let duty = modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], self.inv_u_dc, c.timer.as_ref());
+        self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: AlphaBeta::from_phases(loss) };
+        duty
+    }
+}

@@ -1,0 +1,343 @@
+//! The SI boundary: measurements, references, estimates and memory between SI and per unit ([`SiUnits`]), and a drive
+//! of any arithmetic behind one type ([`SiDrive`]). Volts and amperes outside, per unit inside.
+//!
+//! Every per-unit quantity is its SI value over its base ([`crate::base`]). The conversions compute in double precision
+//! and round once: they are for hosts and for what a firmware does outside its control interrupt.
+
+use crate::base::Base;
+use crate::config::{DriveConfig, DriveParams};
+use crate::drive::{Drive, Estimate, Measurement, Memory, Reference, Status};
+use crate::params::{Inverter, Machine, ParamError};
+use crate::scalar::{Q, Real};
+use crate::space::{AlphaBeta, Space};
+
+/// Arithmetic a drive computes in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Arithmetic {
+    /// Single precision.
+    #[default]
+    F32,
+    /// Double precision.
+    F64,
+    /// Fixed point Q7.24.
+    Q,
+}
+
+/// A space vector, real and imaginary part.
+pub type Vector = [f64; 2];
+
+/// What a drive measures at the start of a period, SI.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct MeasurementSi {
+    /// Phase currents, positive into the machine, A.
+    pub i_abc: [f64; 3],
+    /// dc-link voltage, V.
+    pub u_dc: f64,
+}
+
+/// What a drive is to do, SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum ReferenceSi {
+    /// Gates off.
+    Stop,
+    /// Mechanical speed, rad/s.
+    Speed(f64),
+    /// Torque, N·m.
+    Torque(f64),
+}
+
+/// Everything a drive estimates, SI; stator coordinates unless named `dq`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[allow(non_snake_case)]
+pub struct EstimateSi {
+    /// Stator flux linkage, V·s.
+    pub psi_s: Vector,
+    /// Rotor flux linkage (inverse-Γ), V·s.
+    pub psi_r: Vector,
+    /// Flux of the parallel path, V·s.
+    pub psi_1: Vector,
+    /// Stator current, A.
+    pub i_s: Vector,
+    /// Voltage applied between the last two samples, V.
+    pub u_s: Vector,
+    /// Induced voltage, V.
+    pub u_i: Vector,
+    /// Offset voltage, V.
+    pub u_off: Vector,
+    /// Output of the noise compensator, V.
+    pub u_hf: Vector,
+    /// Current in field coordinates, A.
+    pub i_dq: Vector,
+    /// Its reference, A.
+    pub i_dq_ref: Vector,
+    /// Flux reference, V·s.
+    pub psi_ref: f64,
+    /// Mechanical speed, rad/s.
+    pub omega_m: f64,
+    /// Stator frequency, electrical rad/s.
+    pub omega_s: f64,
+    /// Slip frequency, electrical rad/s.
+    pub omega_r: f64,
+    /// Torque, N·m.
+    pub torque: f64,
+    /// Stator resistance with `r_d`, Ω.
+    pub R_s: f64,
+    /// Residual of (15), per unit.
+    pub epsilon: f64,
+    /// Confidence, 0 to 1.
+    pub confidence: f64,
+}
+
+/// What a drive stores at a stop, SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[allow(non_snake_case)]
+pub struct MemorySi {
+    /// Offset voltage, V.
+    pub u_off: Vector,
+    /// Stator resistance with `r_d`, Ω.
+    pub R_s: f64,
+    /// Offsets of the current channels, A.
+    pub i_off: [f64; 3],
+    /// Error of the inverter model's voltage, relative; 0 in the published scheme.
+    pub loss_error: f64,
+    /// Main inductance, H; the parameter in the published scheme.
+    pub L_M: f64,
+}
+
+/// Conversion between SI and per unit for one machine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SiUnits {
+    base: Base,
+    /// The parameter `L_M`, H: a drive knows it relative to this value.
+    l_m: f64,
+}
+
+impl SiUnits {
+    /// Units of a machine's rating.
+    #[must_use]
+    pub fn new(machine: &Machine) -> Self {
+        Self { base: Base::new(machine), l_m: machine.L_M }
+    }
+
+    /// Base quantities.
+    #[must_use]
+    pub fn base(&self) -> &Base {
+        &self.base
+    }
+
+    /// A measurement in per unit. NaN has no fixed-point counterpart: full scale makes it the measurement fault that
+    /// it is.
+    #[must_use]
+    pub fn measurement<R: Real>(&self, m: &MeasurementSi) -> Measurement<R> {
+        let b = &self.base;
+        let r = |x: f64| if x.is_nan() { R::from_f64(f64::MAX) } else { R::from_f64(x) };
+        Measurement { i_abc: m.i_abc.map(|i| r(i / b.i)), u_dc: r(m.u_dc / b.u) }
+    }
+
+    /// A reference in per unit.
+    #[must_use]
+    pub fn reference<R: Real>(&self, reference: &ReferenceSi) -> Reference<R> {
+        let b = &self.base;
+        match *reference {
+            ReferenceSi::Stop => Reference::Stop,
+            ReferenceSi::Speed(w) => Reference::Speed(R::from_f64(w / b.omega_m)),
+            ReferenceSi::Torque(t) => Reference::Torque(R::from_f64(t / b.torque)),
+        }
+    }
+
+    /// Estimates in SI.
+    #[must_use]
+    pub fn estimate<R: Real>(&self, e: &Estimate<R>) -> EstimateSi {
+        let b = &self.base;
+        EstimateSi {
+            psi_s: si(&e.flux.psi_s, b.psi),
+            psi_r: si(&e.speed.psi_r, b.psi),
+            psi_1: si(&e.psi_1, b.psi),
+            i_s: si(&e.i_s, b.i),
+            u_s: si(&e.u_s, b.u),
+            u_i: si(&e.flux.u_i, b.u),
+            u_off: si(&e.u_off, b.u),
+            u_hf: si(&e.flux.u_hf, b.u),
+            i_dq: si(&e.i_dq, b.i),
+            i_dq_ref: si(&e.i_dq_ref, b.i),
+            psi_ref: e.psi_ref.to_f64() * b.psi,
+            omega_m: e.speed.omega_m.to_f64() * b.omega_m,
+            omega_s: e.speed.omega_s.to_f64() * b.omega,
+            omega_r: e.speed.omega_r.to_f64() * b.omega,
+            torque: e.torque.to_f64() * b.torque,
+            R_s: e.r_s.to_f64() * b.z,
+            epsilon: e.epsilon.to_f64(),
+            confidence: e.confidence.to_f64(),
+        }
+    }
+
+    /// Stored data in SI.
+    #[must_use]
+    pub fn memory<R: Real>(&self, m: &Memory<R>) -> MemorySi {
+        let b = &self.base;
+        MemorySi {
+            u_off: si(&m.u_off, b.u),
+            R_s: m.r_s.to_f64() * b.z,
+            i_off: m.i_off.map(|i| i.to_f64() * b.i),
+            loss_error: m.loss_error.to_f64(),
+            L_M: self.l_m / m.inv_l_m.to_f64(),
+        }
+    }
+
+    /// Stored data in per unit.
+    #[must_use]
+    pub fn memory_per_unit<R: Real>(&self, m: &MemorySi) -> Memory<R> {
+        let b = &self.base;
+        Memory {
+            u_off: AlphaBeta::new(R::from_f64(m.u_off[0] / b.u), R::from_f64(m.u_off[1] / b.u)),
+            r_s: R::from_f64(m.R_s / b.z),
+            i_off: m.i_off.map(|i| R::from_f64(i / b.i)),
+            loss_error: R::from_f64(m.loss_error),
+            inv_l_m: R::from_f64(self.l_m / m.L_M),
+        }
+    }
+}
+
+fn si<R: Real, F>(v: &Space<R, F>, base: f64) -> Vector {
+    [v.re().to_f64() * base, v.im().to_f64() * base]
+}
+
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)]
+enum Inner {
+    F32(Drive<f32>),
+    F64(Drive<f64>),
+    Q(Drive<Q>),
+}
+
+/// Runs `$body` with `$d` bound to the drive, whatever its arithmetic.
+macro_rules! with {
+    ($inner:expr, $d:ident => $body:expr) => {
+        match $inner {
+            Inner::F32($d) => $body,
+            Inner::F64($d) => $body,
+            Inner::Q($d) => $body,
+        }
+    };
+}
+
+/// A drive with SI inputs and outputs.
+#[derive(Clone, Debug)]
+pub struct SiDrive {
+    units: SiUnits,
+    inner: Inner,
+}
+
+impl SiDrive {
+    /// A stopped drive.
+    ///
+    /// # Errors
+    /// The first parameter outside its admissible range.
+    pub fn new(
+        machine: &Machine,
+        inverter: &Inverter,
+        params: &DriveParams,
+        arithmetic: Arithmetic,
+    ) -> Result<Self, ParamError> {
+        let inner = match arithmetic {
+            Arithmetic::F32 => Inner::F32(Drive::new(DriveConfig::new(machine, inverter, params)?)),
+            Arithmetic::F64 => Inner::F64(Drive::new(DriveConfig::new(machine, inverter, params)?)),
+            Arithmetic::Q => Inner::Q(Drive::new(DriveConfig::new(machine, inverter, params)?)),
+        };
+        Ok(Self { units: SiUnits::new(machine), inner })
+    }
+
+    /// Base quantities.
+    #[must_use]
+    pub fn base(&self) -> &Base {
+        self.units.base()
+    }
+
+    /// One control period: measurement in, duties and gate signal out.
+    pub fn step(&mut self, measured: &MeasurementSi, reference: &ReferenceSi) -> ([f64; 3], bool) {
+        let units = &self.units;
+        with!(&mut self.inner, d => {
+            let out = d.step(&units.measurement(measured), &units.reference(reference));
+            (out.duty.map(Real::to_f64), out.gates_on)
+        })
+    }
+
+    /// State of the sequence.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        with!(&self.inner, d => d.status())
+    }
+
+    /// Control periods since power-up.
+    #[must_use]
+    pub fn period(&self) -> u32 {
+        with!(&self.inner, d => d.period())
+    }
+
+    /// Leaves a fault.
+    pub fn reset(&mut self) {
+        with!(&mut self.inner, d => d.reset());
+    }
+
+    /// Estimates of the latest period.
+    #[must_use]
+    pub fn estimate(&self) -> EstimateSi {
+        with!(&self.inner, d => self.units.estimate(&d.estimate()))
+    }
+
+    /// Induced voltage of the latest period, V, while the drive is running.
+    #[must_use]
+    pub fn induced_voltage(&self) -> Option<Vector> {
+        with!(&self.inner, d => {
+            (d.status() == Status::Running).then(|| si(&d.estimate().flux.u_i, self.units.base.u))
+        })
+    }
+
+    /// Data worth keeping over a stop.
+    #[must_use]
+    pub fn memory(&self) -> MemorySi {
+        with!(&self.inner, d => self.units.memory(&d.memory()))
+    }
+
+    /// Restores what an earlier run stored.
+    pub fn restore(&mut self, m: &MemorySi) {
+        let units = &self.units;
+        with!(&mut self.inner, d => d.restore(&units.memory_per_unit(m)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_comes_back_in_every_arithmetic() {
+        let units = SiUnits::new(&Machine::preset_11k());
+        let m = MemorySi { u_off: [0.5, -0.25], R_s: 0.3, i_off: [0.2, -0.1, 0.05], loss_error: 0.1, L_M: 0.06 };
+        fn back<R: Real>(units: &SiUnits, m: &MemorySi) -> MemorySi {
+            units.memory(&units.memory_per_unit::<R>(m))
+        }
+        for got in [back::<f32>(&units, &m), back::<f64>(&units, &m), back::<Q>(&units, &m)] {
+            assert!((got.u_off[0] - m.u_off[0]).abs() < 1e-4 && (got.u_off[1] - m.u_off[1]).abs() < 1e-4);
+            assert!((got.R_s - m.R_s).abs() < 1e-5 && (got.L_M - m.L_M).abs() < 1e-7);
+            assert!((got.i_off[0] - m.i_off[0]).abs() < 1e-5 && (got.loss_error - m.loss_error).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_measurement_that_is_not_a_number_is_a_fault_in_every_arithmetic() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let params = DriveParams::new(&machine, &inverter);
+        for arithmetic in [Arithmetic::F32, Arithmetic::F64, Arithmetic::Q] {
+            let mut drive = SiDrive::new(&machine, &inverter, &params, arithmetic).unwrap();
+            let measured = MeasurementSi { i_abc: [f64::NAN, 0.0, 0.0], u_dc: 540.0 };
+            let (duty, gates_on) = drive.step(&measured, &ReferenceSi::Speed(0.0));
+            assert!(!gates_on && duty == [0.5; 3]);
+            assert!(matches!(drive.status(), Status::Faulted { .. }));
+        }
+    }
+}
