@@ -5,7 +5,8 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::params::{self, Machine, check};
-use stillflux_sim::{MeasurementSi, Mode, PlantParams, Thermal, Truth};
+use stillflux::si::MeasurementSi;
+use stillflux_sim::{Mode, PlantParams, Thermal, Truth};
 
 use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
 use crate::parameters::{Inverter, Motor};
