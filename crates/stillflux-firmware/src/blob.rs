@@ -13,10 +13,10 @@ use stillflux::params::{Inverter, Machine, Saturation};
 use stillflux::scalar::Real;
 use stillflux::si::{MemorySi, SiUnits};
 
-/// `sfx1`: changes with the layout.
-const MAGIC: u32 = 0x3178_6673;
+/// `sfx2`: changes with the layout.
+const MAGIC: u32 = 0x3278_6673;
 /// Values in a page.
-const VALUES: usize = 28;
+const VALUES: usize = 29;
 /// Magic, length, values as two words each, CRC.
 const WORDS: usize = 2 + 2 * VALUES + 1;
 
@@ -93,6 +93,7 @@ impl Blob {
             inv.r_d,
             inv.dead_time,
             inv.f_clk,
+            inv.c_out,
             p.i_full,
             p.u_full,
             p.u_off[0],
@@ -129,12 +130,12 @@ impl Blob {
         let v: [f64; VALUES] =
             core::array::from_fn(|k| f64::from_bits(u64::from(words[3 + 2 * k]) << 32 | u64::from(words[2 + 2 * k])));
         #[rustfmt::skip]
-        let [R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, u_dc, f_s, u_th, r_d, dead_time, f_clk,
+        let [R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out,
              i_full, u_full, u_alpha, u_beta, r_s, i_a, i_b, i_c, scheme, L_u, a, S] = v;
         let saturation = (L_u != 0.0).then_some(Saturation { L_u, a, S });
         Some(Parameters {
             machine: Machine { R_s, R_R, L_sigma, L_M, n_p: n_p as u32, J, U_N, I_N, f_N, T_N, saturation },
-            inverter: Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk },
+            inverter: Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out },
             i_full,
             u_full,
             u_off: [u_alpha, u_beta],

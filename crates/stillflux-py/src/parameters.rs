@@ -60,13 +60,14 @@ pub struct Inverter {
     r_d: f64,
     dead_time: f64,
     f_clk: f64,
+    c_out: f64,
 }
 
 impl Inverter {
     /// Validated parameters.
     pub fn params(&self) -> PyResult<params::Inverter> {
-        let Self { u_dc, f_s, u_th, r_d, dead_time, f_clk } = *self;
-        let inverter = params::Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk };
+        let Self { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out } = *self;
+        let inverter = params::Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out };
         inverter.validate().map_err(value_error)?;
         Ok(inverter)
     }
@@ -118,7 +119,7 @@ pub fn inverter_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, 
         "11kW" => params::Inverter::preset_11k(),
         _ => return Err(unknown_preset(name)),
     };
-    Ok(dict!(py, inverter; u_dc, f_s, u_th, r_d, dead_time, f_clk))
+    Ok(dict!(py, inverter; u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out))
 }
 
 /// No part of a conversion between equivalent circuits depends on the rating.

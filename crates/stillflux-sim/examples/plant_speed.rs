@@ -6,12 +6,19 @@ use stillflux_sim::{Mode, Plant, PlantParams};
 
 fn main() {
     println!("ns per period at 10 kHz (best of 5)      slow = 1 Hz, fast = 45 Hz, loaded; idle = 1 Hz, no load");
-    for (mode, saturation) in
-        [(Mode::Switching, false), (Mode::Switching, true), (Mode::Averaged, false), (Mode::Averaged, true)]
+    let plain = [(Mode::Switching, false), (Mode::Switching, true), (Mode::Averaged, false), (Mode::Averaged, true)];
+    for (mode, saturation, c_out) in plain
+        .map(|(mode, saturation)| (mode, saturation, 0.0))
+        .into_iter()
+        .chain([0.1e-9, 1e-9, 10e-9].map(|c_out| (Mode::Switching, true, c_out)))
+        .chain([(Mode::Averaged, true, 1e-9)])
     {
         print!("{mode:?}{}", if saturation { ", saturated" } else { "" });
+        if c_out > 0.0 {
+            print!(", {:.1} nF", c_out * 1e9);
+        }
         for (name, f, load) in [("slow", 1.0, 10.0), ("fast", 45.0, 10.0), ("idle", 1.0, 0.0)] {
-            let (m, inv) = (Machine::preset_2k2(), Inverter::preset_2k2());
+            let (m, inv) = (Machine::preset_2k2(), Inverter { c_out, ..Inverter::preset_2k2() });
             let mut params = PlantParams::new(m, inv);
             (params.mode, params.saturation) = (mode, saturation);
             let omega = std::f64::consts::TAU * f;

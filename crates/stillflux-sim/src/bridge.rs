@@ -11,7 +11,8 @@
 //!
 //! `i > 0` (towards the motor) holds the leg at `v_lo - r_d i`, `i < 0` at `v_hi - r_d i`; at `i = 0` it
 //! floats at the induced potential while that stays inside. One rule covers switch, diode, dead time,
-//! zero-current clamping and the blocked bridge. `r_d` is folded into the stator resistance.
+//! zero-current clamping and the blocked bridge. `r_d` is folded into the stator resistance. With capacitance
+//! at the node the potential floats inside the interval as [`crate::nodes`] says.
 
 use crate::adc::nearest;
 use crate::machine::{AXIS, Circuit, Field, State, V2, phases, space_vector};
@@ -104,6 +105,7 @@ pub(crate) struct Bridge {
     pub u_dc: f64,
     pub u_th: f64,
     pub dead_time: f64,
+    c_out: f64,
     period: f64,
     /// Timer ticks per half period and length of a tick; zero: no quantisation.
     ticks: f64,
@@ -123,8 +125,24 @@ pub(crate) enum Feed {
     Float(usize, V2),
     /// No leg conducts.
     Open,
-    /// Average model: mean potentials, drop of each leg at full current, 1/band of the drop's transition.
-    Average { v: [f64; 3], drop: [f64; 3], inv_band: f64 },
+    /// Some legs' nodes float with their capacitance: the voltage less a matrix (αα, αβ, ββ) times `∫ i_s dt`.
+    Nodes(V2, [f64; 3]),
+    /// Average model.
+    Average(Average),
+}
+
+/// Mean potentials of one period, and what each leg loses of them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Average {
+    v: [f64; 3],
+    /// Drop of each leg at full current.
+    drop: [f64; 3],
+    /// Its dead-time part.
+    dead: [f64; 3],
+    /// 1/band of the drop's transition.
+    inv_band: f64,
+    /// `I_k = C u_dc/T_d`: the current that charges the node within the dead time. Zero: no capacitance.
+    knee: f64,
 }
 
 impl Bridge {
@@ -134,6 +152,7 @@ impl Bridge {
             u_dc: inv.u_dc,
             u_th: inv.u_th,
             dead_time: inv.dead_time,
+            c_out: inv.c_out,
             period: 1.0 / inv.f_s,
             ticks,
             tick,
@@ -269,36 +288,66 @@ impl Bridge {
 
     /// The average model of one period.
     ///
-    /// A leg loses `sat(i/band) (u_th + T_d u_dc/T_s)`; legs that do not switch lose the threshold only.
+    /// A leg loses `sat(i/band) (u_th + T_d u_dc/T_s)`; legs that do not switch lose the threshold only. With
+    /// capacitance the dead time's part follows, where it is less, the ramp of the node in a constant current:
+    ///
+    /// ```text
+    /// |i| >= I_k:  1 - I_k/(2|i|)      |i| < I_k:  |i|/(2 I_k)      of u_dc T_d/T_s,  I_k = C u_dc/T_d
+    /// ```
+    ///
+    /// The falling edge of a positive current (the rising one of a negative) falls with `i/C`: over `C u_dc/i`
+    /// if that is shorter than `T_d`, which gives back `C u_dc²/(2i)`; else the leg has come to `i T_d/C` when
+    /// the switch turns on, which leaves `i T_d²/(2C)`. With this law `L(i)` and current ripple,
+    /// `i_rise` and `i_fall` at the leg's two edges, it is `max(L(i_fall), 0) + min(L(i_rise), 0)`: within the
+    /// ripple twice as steep. The average model knows no ripple.
     pub fn average(&self, duty: [f64; 3], band: f64) -> Feed {
-        let (mut v, mut drop) = ([0.0; 3], [self.u_th; 3]);
+        let (mut v, mut drop, mut dead) = ([0.0; 3], [self.u_th; 3], [0.0; 3]);
         for k in 0..3 {
             let d = 2.0 * self.half_width(duty[k]) / self.period;
             v[k] = d * self.u_dc;
             if d > 0.0 && d < 1.0 {
-                drop[k] += self.dead_time / self.period * self.u_dc;
+                dead[k] = self.dead_time / self.period * self.u_dc;
+                drop[k] += dead[k];
             }
         }
-        Feed::Average { v, drop, inv_band: 1.0 / band }
+        let knee = if self.dead_time > 0.0 { self.c_out * self.u_dc / self.dead_time } else { 0.0 };
+        Feed::Average(Average { v, drop, dead, inv_band: 1.0 / band, knee })
+    }
+}
+
+impl Average {
+    #[inline(always)]
+    pub fn voltage(&self, i: V2) -> V2 {
+        let p = phases(i);
+        let part = p.map(|i| (i * self.inv_band).clamp(-1.0, 1.0));
+        if self.knee > 0.0 {
+            return space_vector([0, 1, 2].map(|k| {
+                let i = p[k].abs();
+                let law = if i < self.knee { 0.5 * i / self.knee } else { 1.0 - 0.5 * self.knee / i };
+                self.v[k] - self.drop[k] * part[k] + self.dead[k] * (part[k] - part[k].clamp(-law, law))
+            }));
+        }
+        space_vector([0, 1, 2].map(|k| self.v[k] - self.drop[k] * part[k]))
     }
 }
 
 impl Feed {
-    /// Right-hand side of the stator equation.
-    #[inline(always)]
-    pub fn average_voltage(v: &[f64; 3], drop: &[f64; 3], inv_band: f64, i: V2) -> V2 {
-        let p = phases(i);
-        space_vector([0, 1, 2].map(|k| v[k] - drop[k] * (p[k] * inv_band).clamp(-1.0, 1.0)))
-    }
-
-    pub fn dpsi_s<const SAT: bool>(&self, c: &Circuit, x: &State, f: &Field) -> V2 {
+    /// Right-hand side of the stator equation; `q` is `∫ i_s dt` since the start of the segment.
+    pub fn dpsi_s<const SAT: bool>(&self, c: &Circuit, x: &State, f: &Field, q: V2) -> V2 {
         let minus_ri = |u: V2| [u[0] - c.R * f.i[0], u[1] - c.R * f.i[1]];
         match self {
             Feed::Voltage(u) => minus_ri(*u),
             Feed::Float(k, u) => c.float::<SAT>(x, f, *k, *u).0,
             Feed::Open => c.open::<SAT>(x, f),
-            Feed::Average { v, drop, inv_band } => minus_ri(Self::average_voltage(v, drop, *inv_band, f.i)),
+            Feed::Nodes(u, k) => minus_ri(Self::discharged(*u, k, q)),
+            Feed::Average(a) => minus_ri(a.voltage(f.i)),
         }
+    }
+
+    /// Voltage of [`Feed::Nodes`] after the charge `q`.
+    #[inline(always)]
+    pub fn discharged(u: V2, k: &[f64; 3], q: V2) -> V2 {
+        [u[0] - k[0] * q[0] - k[1] * q[1], u[1] - k[1] * q[0] - k[2] * q[1]]
     }
 }
 

@@ -9,6 +9,7 @@ mod adc;
 mod bridge;
 mod machine;
 mod mechanics;
+mod nodes;
 mod plant;
 mod rng;
 pub mod simulate;

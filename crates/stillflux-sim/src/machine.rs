@@ -76,6 +76,44 @@ pub(crate) struct Step {
     pub dtheta: f64,
 }
 
+/// Derivatives of current, rotor flux and speed at the start of a short segment; see [`Circuit::taylor`].
+pub(crate) struct Series {
+    u: V2,
+    K: [f64; 3],
+    /// `i_s` and its derivatives, from the third those of the nodes' oscillation alone.
+    i: [V2; 5],
+    /// Derivatives of `psi_r`.
+    r: [V2; 3],
+    /// Acceleration.
+    a: f64,
+}
+
+impl Series {
+    /// `∫ i_s dt` after `h`.
+    #[inline(always)]
+    pub fn charge(&self, h: f64) -> V2 {
+        [0, 1].map(|n| {
+            let i = |k: usize| self.i[k][n];
+            h * (i(0)
+                + h * (i(1) * 0.5 + h * (i(2) * (1.0 / 6.0) + h * (i(3) * (1.0 / 24.0) + h * i(4) * (1.0 / 120.0)))))
+        })
+    }
+
+    /// Time after which phase `k` has carried the charge `q`, from a first guess.
+    #[inline(always)]
+    pub fn time_of(&self, k: usize, q: f64, guess: f64) -> f64 {
+        let i = self.i.map(|i| AXIS[k][0] * i[0] + AXIS[k][1] * i[1]);
+        let (a1, a2, a3, a4) = (i[1] * 0.5, i[2] * (1.0 / 6.0), i[3] * (1.0 / 24.0), i[4] * (1.0 / 120.0));
+        let mut t = guess;
+        for _ in 0..3 {
+            let got = t * (i[0] + t * (a1 + t * (a2 + t * (a3 + t * a4))));
+            let slope = i[0] + t * (2.0 * a1 + t * (3.0 * a2 + t * (4.0 * a3 + t * 5.0 * a4)));
+            t += (q - got) / slope;
+        }
+        t
+    }
+}
+
 /// Energies in J summed since tracking was switched on, see [`crate::Plant::track_energy`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Energy {
@@ -87,6 +125,12 @@ pub struct Energy {
     pub copper_r: f64,
     /// From the air gap into the shaft, `∫ T omega dt`.
     pub shaft: f64,
+    /// Out of the dc link. This and the next two only in [`crate::Mode::Switching`], 0 else.
+    pub link: f64,
+    /// Conduction loss of the bridge, threshold and `r_d`.
+    pub conduction: f64,
+    /// Charging loss: a switch that turns on charges its leg's node in no time.
+    pub charging: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -243,6 +287,12 @@ impl Circuit {
         }
     }
 
+    /// [`Self::tangent`] where `b` of the state's field is known.
+    #[inline(always)]
+    pub fn tangent_from<const SAT: bool>(&self, psi: V2, b: f64) -> (f64, f64) {
+        if SAT { (b, self.S * (b - self.b_0) / dot(psi, psi).max(1e-30)) } else { (b, 0.0) }
+    }
+
     /// `i_s'` for a given `psi_s'`.
     #[inline]
     pub fn di<const SAT: bool>(&self, x: &State, f: &Field, dpsi_s: V2) -> V2 {
@@ -301,6 +351,8 @@ impl Circuit {
 
     /// Classical Runge-Kutta step of length `h` from `x` (with its field `f`); `dpsi_s` is the stator equation.
     ///
+    /// It is given `∫ i dt` since the start of the step as third argument: what has left a capacitance.
+    ///
     /// At `h <= 50 µs` the local error is below 1e-10 of the state: `(h (1/tau_sigma + omega_s))^5/120`.
     #[inline(always)]
     pub fn rk4<const SAT: bool>(
@@ -309,7 +361,7 @@ impl Circuit {
         x: &State,
         f1: &Field,
         h: f64,
-        dpsi_s: impl Fn(&State, &Field) -> V2,
+        dpsi_s: impl Fn(&State, &Field, V2) -> V2,
     ) -> Step {
         let at = |k: f64, s: V2, f: &Field, a: f64| State {
             psi_s: axpy(x.psi_s, k, s),
@@ -321,16 +373,17 @@ impl Circuit {
             let b = if SAT { self.b_0 + self.saturating_near(&near, dot(x.psi_s, x.psi_s)) } else { self.b_0 };
             self.field_at(x, b)
         };
-        let (s1, a1) = (dpsi_s(x, f1), shaft.accel(f1.torque, x.omega));
+        let charge = |k: f64, i: V2| [k * i[0], k * i[1]];
+        let (s1, a1) = (dpsi_s(x, f1, [0.0; 2]), shaft.accel(f1.torque, x.omega));
         let x2 = at(0.5 * h, s1, f1, a1);
         let f2 = field(&x2);
-        let (s2, a2) = (dpsi_s(&x2, &f2), shaft.accel(f2.torque, x2.omega));
+        let (s2, a2) = (dpsi_s(&x2, &f2, charge(0.5 * h, f1.i)), shaft.accel(f2.torque, x2.omega));
         let x3 = at(0.5 * h, s2, &f2, a2);
         let f3 = field(&x3);
-        let (s3, a3) = (dpsi_s(&x3, &f3), shaft.accel(f3.torque, x3.omega));
+        let (s3, a3) = (dpsi_s(&x3, &f3, charge(0.5 * h, f2.i)), shaft.accel(f3.torque, x3.omega));
         let x4 = at(h, s3, &f3, a3);
         let f4 = field(&x4);
-        let (s4, a4) = (dpsi_s(&x4, &f4), shaft.accel(f4.torque, x4.omega));
+        let (s4, a4) = (dpsi_s(&x4, &f4, charge(h, f3.i)), shaft.accel(f4.torque, x4.omega));
         let k = h * (1.0 / 6.0);
         let mean = |a: V2, b: V2, c: V2, d: V2| [a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1]];
         let i = mean(f1.i, f2.i, f3.i, f4.i);
@@ -345,7 +398,62 @@ impl Circuit {
         }
     }
 
-    /// The four powers of [`Energy`] in W.
+    /// Derivatives at the start of a segment with the voltage `u - K q`, `q = ∫ i_s dt`, `K` as (αα, αβ, ββ).
+    #[inline(always)]
+    pub fn series<const SAT: bool>(&self, shaft: &Shaft, x: &State, f: &Field, u: V2, K: &[f64; 3]) -> Series {
+        let (b, q) = self.tangent_from::<SAT>(x.psi_s, f.b);
+        let tangent =
+            |v: V2| if SAT { axpy([b * v[0], b * v[1]], q * dot(x.psi_s, v), x.psi_s) } else { [b * v[0], b * v[1]] };
+        let k = |v: V2| [K[0] * v[0] + K[1] * v[1], K[1] * v[0] + K[2] * v[1]];
+        let w = self.n_p * x.omega;
+        let s1 = axpy(u, -self.R, f.i);
+        let i1 = axpy(tangent(s1), -self.inv_L_l, f.dpsi_r);
+        let a = shaft.accel(f.torque, x.omega);
+        let s2 = axpy([0.0; 2], -1.0, axpy(k(f.i), self.R, i1));
+        let r = f.dpsi_r;
+        let turn = self.n_p * a;
+        let r2 = [
+            self.k_r * (s1[0] - r[0]) - w * r[1] - turn * x.psi_r[1],
+            self.k_r * (s1[1] - r[1]) + w * r[0] + turn * x.psi_r[0],
+        ];
+        let r3 = [self.k_r * (s2[0] - r2[0]) - w * r2[1], self.k_r * (s2[1] - r2[1]) + w * r2[0]];
+        let mut i2 = axpy(tangent(s2), -self.inv_L_l, r2);
+        if SAT {
+            // Change of the tangent: its derivative along psi_s'.
+            let g = dot(x.psi_s, s1);
+            let radial = q * (dot(s1, s1) + (self.S - 2.0) * g * g / dot(x.psi_s, x.psi_s).max(1e-30));
+            i2 = axpy(axpy(i2, 2.0 * q * g, s1), radial, x.psi_s);
+        }
+        let minus = |v: V2| [-v[0], -v[1]];
+        let (i3, i4) = (tangent(minus(k(i1))), tangent(minus(k(i2))));
+        Series { u, K: *K, i: [f.i, i1, i2, i3, i4], r: [r, r2, r3], a }
+    }
+
+    /// Taylor step of a short segment: third order, and fifth in the oscillation of floating nodes.
+    ///
+    /// The local error is `(h rate)^4/24` of the state, below 1e-10 at `h rate <= 5e-3`, and for the nodes
+    /// `(h omega_0)^6/720` of their swing. One evaluation of the field follows where Runge-Kutta needs four.
+    #[inline(always)]
+    pub fn taylor(&self, shaft: &Shaft, x: &State, s: &Series, h: f64) -> Step {
+        let q = s.charge(h);
+        let K = &s.K;
+        // ∫ q dt
+        let Q = [0, 1].map(|n| {
+            let i = |k: usize| s.i[k][n];
+            h * h * (i(0) * 0.5 + h * (i(1) * (1.0 / 6.0) + h * (i(2) * (1.0 / 24.0) + h * i(3) * (1.0 / 120.0))))
+        });
+        let psi_s = [
+            x.psi_s[0] + h * s.u[0] - self.R * q[0] - K[0] * Q[0] - K[1] * Q[1],
+            x.psi_s[1] + h * s.u[1] - self.R * q[1] - K[1] * Q[0] - K[2] * Q[1],
+        ];
+        let psi_r = [0, 1].map(|n| x.psi_r[n] + h * (s.r[0][n] + h * (s.r[1][n] * 0.5 + h * s.r[2][n] * (1.0 / 6.0))));
+        let torque = self.k_T * (psi_r[0] * psi_s[1] - psi_r[1] * psi_s[0]);
+        let a = shaft.accel(torque, x.omega + h * s.a);
+        let dw = 0.5 * h * (s.a + a);
+        Step { x: State { psi_s, psi_r, omega: x.omega + dw }, int_i: q, dtheta: h * (x.omega + 0.5 * dw) }
+    }
+
+    /// The powers of [`Energy`] in W that follow from state and voltage; `conduction` without the thresholds.
     pub fn power(&self, x: &State, f: &Field, dpsi_s: V2) -> Energy {
         let l = axpy(x.psi_s, -1.0, x.psi_r);
         Energy {
@@ -353,6 +461,8 @@ impl Circuit {
             copper_s: 1.5 * self.R_s * dot(f.i, f.i),
             copper_r: 1.5 * self.k_r * self.inv_L_l * dot(l, l),
             shaft: f.torque * x.omega,
+            conduction: 1.5 * self.r_d * dot(f.i, f.i),
+            ..Energy::default()
         }
     }
 }
@@ -363,5 +473,6 @@ impl Energy {
         self.copper_s += k * p.copper_s;
         self.copper_r += k * p.copper_r;
         self.shaft += k * p.shaft;
+        self.conduction += k * p.conduction;
     }
 }

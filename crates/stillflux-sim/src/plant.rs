@@ -3,13 +3,16 @@
 //! Between events the stator voltage is constant and the equations are smooth, so one Runge-Kutta step
 //! carries a whole segment. A segment ends at a gate change that some current notices, or where within it a
 //! phase current reaches zero, a floating leg reaches one of its diodes or switches, the shaft comes to rest
-//! or breaks away: these are found on the integrator's own solution by bracketed secant steps.
+//! or breaks away: these are found on the integrator's own solution by bracketed secant steps. With capacitance
+//! at the legs' nodes ([`crate::nodes`]) the legs' events are others, the method is the same: a current reaches
+//! zero, a node reaches a rail.
 #![allow(non_snake_case)]
 
 use crate::adc::{Adc, Converter};
 use crate::bridge::{Bridge, Feed, phase};
 use crate::machine::{Circuit, Energy, Field, State, Step, V2, dot, phases};
 use crate::mechanics::{Mechanics, Shaft};
+use crate::nodes::Nodes;
 use crate::thermal::Thermal;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 use stillflux::si::MeasurementSi;
@@ -115,6 +118,8 @@ enum Event {
     Current(usize),
     /// The floating leg `k` begins to conduct with this sign.
     Lift(usize, f64),
+    /// The node of floating leg `k` reaches the rail at which it conducts with this sign.
+    Rail(usize, f64),
     /// The isolated star point can no longer avoid some diode or switch.
     LiftAny,
     /// The sliding shaft comes to rest.
@@ -141,6 +146,8 @@ pub struct Plant {
     params: PlantParams,
     circuit: Circuit,
     bridge: Bridge,
+    /// Potentials of the legs' nodes, if these have capacitance.
+    nodes: Option<Nodes>,
     shaft: Shaft,
     adc: Converter,
     x: State,
@@ -149,6 +156,8 @@ pub struct Plant {
     t: f64,
     period: f64,
     h_max: f64,
+    /// Up to this length a segment takes a Taylor step. Zero without node capacitance.
+    h_taylor: f64,
     tol: Tolerance,
     /// Duties for the coming period.
     preload: [f64; 3],
@@ -165,6 +174,9 @@ pub struct Plant {
 
 /// Longest step of the average model and of [`Plant::step_voltage`], s.
 const H_MAX: f64 = 50e-6;
+
+/// Up to this part of [`Nodes::longest_step`] a ramp takes a Taylor step.
+const TAYLOR: f64 = 0.5;
 
 /// Half width of the current band over which the average model's drop changes sign, in units of
 /// `(2/3) (u_dc T_d + u_th T_s)/L_sigma`, what a full drop changes a phase current by in one period.
@@ -188,6 +200,7 @@ impl Plant {
             params,
             circuit,
             bridge: Bridge::new(&inv),
+            nodes: (inv.c_out > 0.0).then(|| Nodes::new(inv.c_out, inv.u_dc, 1e-11 * i_n)),
             shaft: Shaft::new(params.mechanics, m.J),
             adc: Converter::new(params.adc, params.seed),
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
@@ -196,6 +209,7 @@ impl Plant {
             t: 0.0,
             period: 1.0 / inv.f_s,
             h_max: (0.05 / (stray_rate(&m, &inv) + 1.5 * m.omega_sR())).min(60e-6),
+            h_taylor: if inv.c_out > 0.0 { 5e-3 / (stray_rate(&m, &inv) + 1.5 * m.omega_sR()) } else { 0.0 },
             tol: Tolerance {
                 current: 1e-11 * i_n,
                 voltage: 1e-10 * inv.u_dc,
@@ -272,7 +286,7 @@ impl Plant {
     #[must_use]
     pub fn phase_currents(&self) -> [f64; 3] {
         let mut i = phases(self.f.i);
-        if !self.stale {
+        if !self.stale && self.nodes.is_none() {
             for k in 0..3 {
                 if self.bridge.sign[k] == 0.0 {
                     i[k] = 0.0;
@@ -338,6 +352,19 @@ impl Plant {
         self.circuit.magnetic_energy(&self.x)
     }
 
+    /// Energy now stored in the capacitances of the legs' nodes, J.
+    #[must_use]
+    pub fn node_energy(&self) -> f64 {
+        self.nodes.map_or(0.0, |n| n.energy())
+    }
+
+    /// Potentials of the legs' nodes against the negative rail, V, if they have capacitance: before the drop
+    /// at `r_d`.
+    #[must_use]
+    pub fn node_potentials(&self) -> Option<[f64; 3]> {
+        self.nodes.map(|n| n.v)
+    }
+
     fn begin(&mut self, load_torque: f64) -> V2 {
         self.shaft.load = load_torque;
         self.int_i = [0.0; 2];
@@ -388,11 +415,14 @@ impl Plant {
 
     /// A period of the bridge.
     fn switched<const SAT: bool>(&mut self, duty: [f64; 3], gates_on: bool) {
-        if self.stale {
+        let stale = std::mem::replace(&mut self.stale, false);
+        if stale {
             self.bridge.set_signs(self.f.i, self.tol.current);
-            self.stale = false;
         }
         self.bridge.load(duty, gates_on);
+        if let Some(nodes) = self.nodes {
+            return self.capacitive::<SAT>(nodes, stale);
+        }
         let (mut t, mut lift, mut stall) = (0.0, false, 0);
         while t < self.period {
             self.bridge.apply(t);
@@ -413,10 +443,41 @@ impl Plant {
         self.bridge.apply(self.period);
     }
 
+    /// The rest of [`Self::switched`] with capacitance at the legs' nodes.
+    fn capacitive<const SAT: bool>(&mut self, mut nodes: Nodes, stale: bool) {
+        if stale {
+            nodes.place(&self.bridge);
+        }
+        let (mut t, mut stall) = (0.0, 0);
+        while t < self.period {
+            self.bridge.apply(t);
+            nodes.settle(&mut self.bridge, self.f.i, &mut self.energy);
+            let feed = nodes.feed(&self.bridge);
+            let end = self.bridge.next_change().min(self.period).min(t + self.h_max);
+            self.nodes = Some(nodes);
+            let blind = stall > 8;
+            let (h, hit) = match feed {
+                Feed::Nodes(u, K) => self.ramp::<SAT>(u, &K, &nodes, end - t, blind),
+                _ => (end - t, self.segment::<SAT, true>(&feed, end - t, blind)),
+            };
+            nodes = self.nodes.unwrap_or(nodes);
+            match hit {
+                None => (t, stall) = (if h == end - t { end } else { t + h }, 0),
+                Some((tau, _)) => {
+                    stall = if tau <= self.tol.time { stall + 1 } else { 0 };
+                    t += tau;
+                }
+            }
+        }
+        self.bridge.apply(self.period);
+        nodes.settle(&mut self.bridge, self.f.i, &mut self.energy);
+        self.nodes = Some(nodes);
+    }
+
     /// A stretch without a bridge: only the shaft has events.
     fn smooth<const SAT: bool>(&mut self, feed: Feed, dt: f64) {
         self.stale = true;
-        let least = if matches!(feed, Feed::Average { .. }) { 2.0 } else { 1.0 };
+        let least = if matches!(feed, Feed::Average(_)) { 2.0 } else { 1.0 };
         let n = (dt / self.h_max.min(H_MAX) - 1e-9).ceil().max(least);
         for _ in 0..n as u64 {
             let (mut left, mut stall) = (dt / n, 0);
@@ -444,6 +505,7 @@ impl Plant {
         let f = self.circuit.field::<SAT>(&step.x);
         let near = BRIDGE && {
             let (s, i) = (&self.bridge.sign, phases(f.i));
+            // A floating leg has sign 0 and is near.
             (s[0] * i[0]).min(s[1] * i[1]).min(s[2] * i[2]) < self.tol.near
         };
         if near || self.shaft.stuck || self.shaft.dir * step.x.omega < 0.0 {
@@ -453,10 +515,74 @@ impl Plant {
         None
     }
 
+    /// A segment of at most `h` in which some node floats: how long it was meant to be, and its event.
+    #[inline(always)]
+    fn ramp<const SAT: bool>(
+        &mut self,
+        u: V2,
+        K: &[f64; 3],
+        nodes: &Nodes,
+        h: f64,
+        blind: bool,
+    ) -> (f64, Option<(f64, Event)>) {
+        let c = &self.circuit;
+        let longest = nodes.longest_step::<SAT>(c, &self.x, &self.f);
+        let series = c.series::<SAT>(&self.shaft, &self.x, &self.f, u, K);
+        let mut h = h.min(longest);
+        let ramp = nodes.ramp(&self.bridge, &self.f, &series, h);
+        if let Some((_, t)) = ramp {
+            h = t;
+        }
+        let feed = Feed::Nodes(u, *K);
+        let step = if h <= self.h_taylor.min(TAYLOR * longest) {
+            c.taylor(&self.shaft, &self.x, &series, h)
+        } else {
+            self.trial::<SAT>(&feed, &self.x, &self.f, h)
+        };
+        let f = c.field::<SAT>(&step.x);
+        // The usual course: one node has come to its diode, no current is near zero or has turned.
+        let (i0, i1, mut plain) =
+            (phases(self.f.i), phases(f.i), !self.shaft.stuck && self.shaft.dir * step.x.omega >= 0.0);
+        for k in 0..3 {
+            let b = &self.bridge;
+            plain &= if b.sign[k] == 0.0 {
+                let v = nodes.potential(k, step.int_i);
+                let rail = if i1[k] > 0.0 { v - b.lo(k) } else { b.hi(k) - v };
+                i0[k] * i1[k] > 0.0
+                    && if ramp.is_some_and(|r| r.0 == k) { rail.abs() <= nodes.tol } else { rail > nodes.tol }
+            } else {
+                b.sign[k] * i1[k] > self.tol.near
+            };
+        }
+        if !plain {
+            return (h, self.eventful::<SAT, true>(&feed, h, step, f, blind));
+        }
+        self.commit::<SAT>(&feed, h, step, f);
+        let hit = ramp.map(|(k, t)| {
+            let sign = i1[k].signum();
+            self.take_over(k, sign);
+            (t, Event::Rail(k, sign))
+        });
+        (h, hit)
+    }
+
+    /// The device at the rail begins to conduct.
+    #[inline(always)]
+    fn take_over(&mut self, k: usize, sign: f64) {
+        let b = &mut self.bridge;
+        b.sign[k] = sign;
+        if let Some(nodes) = &mut self.nodes {
+            nodes.v[k] = if sign > 0.0 { b.lo(k) } else { b.hi(k) };
+        }
+    }
+
     #[inline(always)]
     fn commit<const SAT: bool>(&mut self, feed: &Feed, h: f64, step: Step, f: Field) {
         if self.energy.is_some() {
             self.account::<SAT>(feed, h, &step, &f);
+        }
+        if let (Feed::Nodes(..), Some(nodes)) = (feed, &mut self.nodes) {
+            nodes.discharge(&self.bridge, step.int_i);
         }
         (self.x, self.f) = (step.x, f);
         self.int_i[0] += step.int_i[0];
@@ -468,10 +594,16 @@ impl Plant {
     fn trial<const SAT: bool>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
         let (c, s) = (&self.circuit, &self.shaft);
         if let Feed::Voltage(u) = *feed {
-            return c.rk4::<SAT>(s, x, f, h, |x, f| c.stator(x, f, u));
+            if h <= self.h_taylor {
+                return c.taylor(s, x, &c.series::<SAT>(s, x, f, u, &[0.0; 3]), h);
+            }
+            return c.rk4::<SAT>(s, x, f, h, |x, f, _| c.stator(x, f, u));
         }
-        if let Feed::Average { v, drop, inv_band } = *feed {
-            return c.rk4::<SAT>(s, x, f, h, |x, f| c.stator(x, f, Feed::average_voltage(&v, &drop, inv_band, f.i)));
+        if let Feed::Nodes(u, k) = *feed {
+            return c.rk4::<SAT>(s, x, f, h, |x, f, q| c.stator(x, f, Feed::discharged(u, &k, q)));
+        }
+        if let Feed::Average(a) = feed {
+            return c.rk4::<SAT>(s, x, f, h, |x, f, _| c.stator(x, f, a.voltage(f.i)));
         }
         self.trial_at_zero::<SAT>(feed, x, f, h)
     }
@@ -479,21 +611,35 @@ impl Plant {
     #[inline(never)]
     fn trial_at_zero<const SAT: bool>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
         let c = &self.circuit;
-        c.rk4::<SAT>(&self.shaft, x, f, h, |x, f| feed.dpsi_s::<SAT>(c, x, f))
+        c.rk4::<SAT>(&self.shaft, x, f, h, |x, f, q| feed.dpsi_s::<SAT>(c, x, f, q))
     }
 
     /// Simpson's rule over the segment: the order of the integrator.
     #[inline(never)]
     fn account<const SAT: bool>(&mut self, feed: &Feed, h: f64, step: &Step, f: &Field) {
         let c = &self.circuit;
-        let mid = self.trial::<SAT>(feed, &self.x, &self.f, 0.5 * h).x;
-        let power = |x: &State, f: &Field| c.power(x, f, feed.dpsi_s::<SAT>(c, x, f));
-        let p = [power(&self.x, &self.f), power(&mid, &c.field::<SAT>(&mid)), power(&step.x, f)];
+        let mid = self.trial::<SAT>(feed, &self.x, &self.f, 0.5 * h);
+        let power = |s: &Step, f: &Field| c.power(&s.x, f, feed.dpsi_s::<SAT>(c, &s.x, f, s.int_i));
+        let p = [power(&self.here(), &self.f), power(&mid, &c.field::<SAT>(&mid.x)), power(step, f)];
+        let (b, q) = (&self.bridge, phases(step.int_i));
         if let Some(e) = &mut self.energy {
             for (p, k) in p.iter().zip([1.0, 4.0, 1.0]) {
                 e.add(k * h / 6.0, p);
             }
+            for k in 0..3 {
+                if b.sign[k] != 0.0 && !self.stale {
+                    let v = if b.sign[k] > 0.0 { b.lo(k) } else { b.hi(k) };
+                    e.link += if v > 0.5 * b.u_dc { b.u_dc * q[k] } else { 0.0 };
+                    e.conduction += b.sign[k] * q[k] * b.u_th;
+                }
+            }
         }
+    }
+
+    /// A step of no length.
+    #[inline(always)]
+    fn here(&self) -> Step {
+        Step { x: self.x, int_i: [0.0; 2], dtheta: 0.0 }
     }
 
     /// The end of a segment that may hold an event.
@@ -520,6 +666,7 @@ impl Plant {
             };
             let currents = [0, 1, 2].map(Event::Current);
             let (float, open);
+            let rails = [0, 1, 2, 3, 4, 5].map(|k| Event::Rail(k >> 1, if k & 1 == 0 { 1.0 } else { -1.0 }));
             let legs: &[Event] = match *feed {
                 Feed::Float(k, _) => {
                     float = [Event::Lift(k, 1.0), Event::Lift(k, -1.0)];
@@ -529,14 +676,20 @@ impl Plant {
                     open = [Event::LiftAny];
                     &open
                 }
+                Feed::Nodes(..) => &rails,
                 _ => &[],
             };
             let bridge = if BRIDGE { currents.iter().chain(legs) } else { [].iter().chain(&[]) };
             for event in shaft.iter().chain(bridge) {
                 let tol = self.tolerance(*event);
                 let mut end = (h, step, f);
-                if self.margin::<SAT>(*event, feed, &step.x, &f) >= -tol {
-                    match self.dip::<SAT>(*event, feed, h, &step.x, &f) {
+                let margin = self.margin::<SAT>(*event, feed, &step, &f);
+                if margin >= -tol {
+                    match self.dip::<SAT>(*event, feed, h, &step, &f) {
+                        None if margin <= tol && self.drives(*event, &f) => {
+                            hit = Some((h, *event));
+                            continue;
+                        }
                         Some(dip) => end = dip,
                         None => continue,
                     }
@@ -552,6 +705,12 @@ impl Plant {
             _ => {}
         }
         match hit.map(|(_, e)| e) {
+            Some(Event::Current(k)) if self.nodes.is_some() => {
+                let b = &mut self.bridge;
+                let room = self.nodes.is_some_and(|n| b.hi(k) - b.lo(k) > n.tol);
+                b.sign[k] = if room { 0.0 } else { -b.sign[k] };
+            }
+            Some(Event::Rail(k, sign)) => self.take_over(k, sign),
             Some(Event::Current(k)) => {
                 self.bridge.sign[k] = 0.0;
                 self.circuit.clear_leg::<SAT>(&mut self.x, &mut self.f, k);
@@ -569,57 +728,76 @@ impl Plant {
             Some(Event::Breakaway) => self.shaft.release(self.f.torque),
             Some(Event::LiftAny) | None => {}
         }
-        if blind && BRIDGE {
+        if blind && BRIDGE && self.nodes.is_none() {
             self.bridge.set_signs(self.f.i, self.tol.current);
         }
         hit
     }
 
-    /// A current with the right sign at both ends of a segment may still have crossed zero between: its course
-    /// is nearly a parabola, so the state at the vertex decides.
+    /// Whether a node at a rail is driven into it.
+    fn drives(&self, event: Event, f: &Field) -> bool {
+        matches!(event, Event::Rail(k, sign) if self.bridge.sign[k] == 0.0 && sign * phase(f.i, k) > self.tol.current)
+    }
+
+    /// A current with the right sign at both ends of a segment may still have crossed zero between, a node its
+    /// rail: the course is nearly a parabola, so the state at the vertex decides.
     fn dip<const SAT: bool>(
         &self,
         event: Event,
         feed: &Feed,
         h: f64,
-        x: &State,
+        end: &Step,
         f: &Field,
     ) -> Option<(f64, Step, Field)> {
-        let Event::Current(k) = event else { return None };
-        let s = self.bridge.sign[k];
-        if s == 0.0 || s * phase(f.i, k) > self.tol.near || s * phase(self.f.i, k) > self.tol.near {
-            return None;
-        }
         let c = &self.circuit;
-        let slope = |x: &State, f: &Field| s * phase(c.di::<SAT>(x, f, feed.dpsi_s::<SAT>(c, x, f)), k);
-        let (d0, d1) = (slope(&self.x, &self.f), slope(x, f));
+        let (d0, d1) = match event {
+            Event::Current(k) => {
+                let s = self.bridge.sign[k];
+                if s == 0.0 || s * phase(f.i, k) > self.tol.near || s * phase(self.f.i, k) > self.tol.near {
+                    return None;
+                }
+                let slope =
+                    |x: &Step, f: &Field| s * phase(c.di::<SAT>(&x.x, f, feed.dpsi_s::<SAT>(c, &x.x, f, x.int_i)), k);
+                (slope(&self.here(), &self.f), slope(end, f))
+            }
+            Event::Rail(k, sign) if self.bridge.sign[k] == 0.0 => (-sign * phase(self.f.i, k), -sign * phase(f.i, k)),
+            _ => return None,
+        };
         if d0 >= 0.0 || d1 <= 0.0 {
             return None;
         }
         let tau = h * d0 / (d0 - d1);
         let step = self.trial::<SAT>(feed, &self.x, &self.f, tau);
         let low = (tau, step, c.field::<SAT>(&step.x));
-        (s * phase(low.2.i, k) < -self.tol.current).then_some(low)
+        (self.margin::<SAT>(event, feed, &low.1, &low.2) < -self.tolerance(event)).then_some(low)
     }
 
     fn tolerance(&self, event: Event) -> f64 {
         match event {
             Event::Current(_) => self.tol.current,
             Event::Lift(..) | Event::LiftAny => self.tol.voltage,
+            Event::Rail(..) => self.nodes.map_or(0.0, |n| n.tol),
             Event::Rest => self.tol.speed,
             Event::Breakaway => self.tol.torque,
         }
     }
 
     /// Distance from an event; negative once it has happened.
-    fn margin<const SAT: bool>(&self, event: Event, feed: &Feed, x: &State, f: &Field) -> f64 {
-        let c = &self.circuit;
+    fn margin<const SAT: bool>(&self, event: Event, feed: &Feed, step: &Step, f: &Field) -> f64 {
+        let (c, x) = (&self.circuit, &step.x);
         match (event, feed) {
             (Event::Current(k), _) => self.bridge.sign[k] * phase(f.i, k),
             (Event::Lift(k, sign), Feed::Float(_, u)) => {
                 let v = c.float::<SAT>(x, f, k, *u).1;
                 if sign > 0.0 { v - self.bridge.lo(k) } else { self.bridge.hi(k) - v }
             }
+            (Event::Rail(k, sign), _) => match &self.nodes {
+                Some(nodes) if self.bridge.sign[k] == 0.0 => {
+                    let v = nodes.potential(k, step.int_i);
+                    if sign > 0.0 { v - self.bridge.lo(k) } else { self.bridge.hi(k) - v }
+                }
+                _ => f64::INFINITY,
+            },
             (Event::LiftAny, _) => self.bridge.room(c.open::<SAT>(x, f)).0,
             (Event::Rest, _) => self.shaft.dir * x.omega,
             (Event::Breakaway, _) => self.shaft.breakaway() - (f.torque - self.shaft.load).abs(),
@@ -633,10 +811,10 @@ impl Plant {
         let at = |tau: f64| {
             let step = self.trial::<SAT>(feed, &self.x, &self.f, tau);
             let f = self.circuit.field::<SAT>(&step.x);
-            ((tau, step, f), self.margin::<SAT>(event, feed, &step.x, &f))
+            ((tau, step, f), self.margin::<SAT>(event, feed, &step, &f))
         };
-        let (mut a, mut fa) = (0.0, self.margin::<SAT>(event, feed, &self.x, &self.f));
-        let (mut b, mut fb) = (end.0, self.margin::<SAT>(event, feed, &end.1.x, &end.2));
+        let (mut a, mut fa) = (0.0, self.margin::<SAT>(event, feed, &self.here(), &self.f));
+        let (mut b, mut fb) = (end.0, self.margin::<SAT>(event, feed, &end.1, &end.2));
         let mut best = end;
         // Starting on the boundary: an excursion to the admissible side, however short, precedes the event.
         for _ in 0..12 {

@@ -262,13 +262,16 @@ pub struct Inverter {
     pub dead_time: f64,
     /// Clock of the PWM timer, Hz; duties are multiples of `2 f_s / f_clk`. Zero: no quantisation.
     pub f_clk: f64,
+    /// Total capacitance of one leg's node against the dc link, F: switches, motor cable and machine.
+    /// Zero: the node follows its current at once.
+    pub c_out: f64,
 }
 
 impl Inverter {
     /// An IGBT inverter on a 400-V grid: 540 V, 10 kHz, 1 V, 0.2 Ω, 2 µs, 170-MHz timer.
     #[must_use]
     pub const fn preset_2k2() -> Self {
-        Self { u_dc: 540.0, f_s: 10e3, u_th: 1.0, r_d: 0.2, dead_time: 2e-6, f_clk: 170e6 }
+        Self { u_dc: 540.0, f_s: 10e3, u_th: 1.0, r_d: 0.2, dead_time: 2e-6, f_clk: 170e6, c_out: 0.0 }
     }
 
     /// As [`Inverter::preset_2k2`] with the larger devices' 0.05 Ω.
@@ -297,7 +300,7 @@ impl Inverter {
         if self.f_clk != 0.0 {
             check("f_clk", self.f_clk, 200.0 * self.f_s, 1e10, "Hz")?;
         }
-        Ok(())
+        check("c_out", self.c_out, 0.0, 10e-9, "F")
     }
 }
 
