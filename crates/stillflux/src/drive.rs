@@ -156,7 +156,7 @@ impl<R: Real> Common<R> {
         }
         let (period, u_dc) = (self.sequence.period(), measured.u_dc);
         let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, running);
-        let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter_gain());
+        let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter(c));
         if likely(running) {
             self.slow_tasks(c, estimators, reference, u_dc);
         }

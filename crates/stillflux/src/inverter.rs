@@ -1,4 +1,4 @@
-//! Nonlinear inverter model, equations (4)-(7) of the paper, and the dead time.
+//! Nonlinear inverter model, equations (4)-(7) of the paper, the dead time and what capacitance makes of it.
 //!
 //! ```text
 //! u_th(i_s) = 4/3 u_th sec(i_s),   sec(i_s) = 1/2 (sign i_a + a sign i_b + a² sign i_c)     (5), (6)
@@ -6,18 +6,28 @@
 //! ```
 //!
 //! A leg that commutates with dead time `T_d` loses `T_d/T_s u_dc` of its average voltage in the direction
-//! of its current, exactly as a threshold does: both are one term here. The term `r_d i_s` is *not*
-//! compensated: it is in series with the winding and `r̂_s` identifies the sum (Section III-E).
+//! of its current, exactly as a threshold does: both are one term here, `U = u_th + T_d/T_s u_dc`. The term `r_d i_s`
+//! is *not* compensated: it is in series with the winding and `r̂_s` identifies the sum (Section III-E).
 //!
-//! **At current zero.** Within the dead time a small phase current reaches zero and stays there (both
-//! switches are open), so the average error passes from one sign to the other over a band of currents,
-//! not in a step. The band is at most what the current can change by while both switches are off,
-//! `(2/3) u_dc T_d / sigma L_s`, and narrower where the legs commutate together (half of it was seen at
-//! 2.2 kW, a tenth at 11 kW, both at standstill). No model knows it exactly, but the *sign* of the error is
-//! a matter of choice: at no load and zero stator frequency the current of a phase is zero where the field
-//! stands across its axis, and an error of the compensation turns the field. A band wider than the real one
-//! draws the field to that place and keeps it there, where the voltage is known least; a narrower one
-//! pushes it away. The model therefore takes a tenth of the physical band, linear inside.
+//! **Near current zero** the node of a leg has a capacitance `C` (switches, cable, motor), and in the dead time the
+//! phase current has to move its charge. When the switch that carries `i` turns off, the node ramps with `i/C` and
+//! arrives after `C u_dc/|i|`; until then the leg still applies the old voltage. Per period, with
+//! `I_k = C u_dc/T_d`,
+//!
+//! ```text
+//! e(i)/U = 1 - I_k/(2|i|)     |i| ≥ I_k     the ramp ends within the dead time
+//!        = |i|/(2 I_k)        |i| < I_k     the other switch ends it
+//! ```
+//!
+//! in the direction of the current. `I_k` is the *knee*; the tail is long (5 % are missing at ten times the knee). For
+//! the threshold the same shape is taken: it is a tenth of the dead time's voltage.
+//!
+//! Without capacitance a small current reaches zero within the dead time and stays there (both switches are open),
+//! so the error passes from one sign to the other over a band of at most `(2/3) u_dc T_d/L_σ`, and narrower where the
+//! legs commutate together (half of it was seen at 2.2 kW, a tenth at 11 kW, both at standstill). A band wider than
+//! the real one draws a field at rest to the place where a phase current is zero and keeps it there, where the
+//! voltage is known least; a narrower one pushes it away. The linear part of the model is therefore not narrower than a
+//! tenth of that band, and not wider unless the knee is.
 
 use crate::base::{Base, PerUnit};
 use crate::params::{Inverter, Machine};
@@ -25,10 +35,12 @@ use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 use crate::words::words;
 
-/// Width of the model's band as part of the physical one.
+/// Least width of the model's linear part, of the band of current-zero clamping.
 const BAND: f64 = 0.1;
-/// Keeps the reciprocal of a narrow band within the fixed-point range.
+/// Keeps reciprocals of small currents within the fixed-point range.
 const SCALE: f64 = 64.0;
+/// Largest knee, per unit.
+const KNEE_MAX: f64 = 1.0;
 
 /// Parameters of the inverter model, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,12 +51,69 @@ pub struct InverterModel<R: Real> {
     u_th: R,
     /// Dead time as part of the period.
     dead_time: R,
-    /// Half width of the linear band around current zero.
+    /// Least half width of the linear part.
     band: R,
-    /// `1 / (SCALE · band)`.
-    inv_band: R,
+    /// The knee `I_k` of the parameters.
+    knee: R,
+    /// The curve for it.
+    nominal: Knee<R>,
 }
-words!(InverterModel: u_th, dead_time, band, inv_band);
+words!(InverterModel: u_th, dead_time, band, knee, nominal);
+
+/// The curve of a leg's error over its current, for one knee. Depends on nothing that changes within milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Knee<R: Real> {
+    /// Half width of the linear part.
+    width: R,
+    /// Its slope, over `SCALE`.
+    slope: R,
+    /// `SCALE I_k/2`.
+    tail: R,
+}
+words!(Knee: width, slope, tail);
+
+impl<R: Real> Knee<R> {
+    /// For a knee and a least half width of the linear part.
+    fn new(knee: R, band: R) -> Self {
+        let scale = R::from_f64(SCALE);
+        let width = knee.max(band);
+        // 1/(SCALE width); where the tail begins, 1 - I_k/(2 width) of the loss is there.
+        let inv_width = (width * scale).recip();
+        let tail = knee.half() * scale;
+        Self { width, slope: inv_width * (R::ONE - tail * inv_width), tail }
+    }
+}
+
+/// Voltage lost in each phase, and what all of it would be.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Distortion<R: Real> {
+    /// `e(i)` of each phase: add it to the reference to compensate.
+    pub phases: [R; 3],
+    /// `U`, the loss far from current zero.
+    pub full: R,
+}
+
+impl<R: Real> Distortion<R> {
+    /// The loss as a space vector.
+    #[inline(always)]
+    pub fn vector(&self) -> AlphaBeta<R> {
+        AlphaBeta::from_phases(self.phases)
+    }
+
+    /// By how much the loss of each phase falls when the knee grows, per relative change of it:
+    /// `-∂e/∂ln I_k = min(|e|, U - |e|) sign e`.
+    #[inline(always)]
+    pub fn by_knee(&self) -> [R; 3] {
+        self.phases.map(|e| {
+            let magnitude = e.abs().min(self.full - e.abs()).max(R::ZERO);
+            if e < R::ZERO { -magnitude } else { magnitude }
+        })
+    }
+}
 
 impl<R: Real> InverterModel<R> {
     /// Model of an inverter that feeds a machine.
@@ -52,35 +121,53 @@ impl<R: Real> InverterModel<R> {
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit<R>) -> Self {
         let base = Base::new(machine);
         let swing = 2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / base.i;
-        let band = (BAND * swing).clamp(2e-4, 0.05);
-        Self {
-            u_th: pu.u_th,
-            dead_time: pu.dead_time,
-            band: R::from_f64(band),
-            inv_band: R::from_f64(1.0 / (SCALE * band)),
-        }
+        let knee =
+            if inverter.dead_time > 0.0 { inverter.c_out * inverter.u_dc / inverter.dead_time / base.i } else { 0.0 };
+        let (knee, band) = (R::from_f64(knee.min(KNEE_MAX)), R::from_f64((BAND * swing).clamp(2e-4, 0.05)));
+        Self { u_th: pu.u_th, dead_time: pu.dead_time, band, knee, nominal: Knee::new(knee, band) }
     }
 
     /// A model of an ideal inverter: no compensation.
     #[must_use]
     pub fn ideal() -> Self {
-        Self { u_th: R::ZERO, dead_time: R::ZERO, band: R::ZERO, inv_band: R::ONE }
+        let (knee, band) = (R::ZERO, R::ONE);
+        Self { u_th: R::ZERO, dead_time: R::ZERO, band, knee, nominal: Knee::new(knee, band) }
+    }
+
+    /// The curve for a knee `relative` times that of the parameters.
+    #[inline(never)]
+    pub fn knee(&self, relative: R) -> Knee<R> {
+        Knee::new((self.knee * relative).min(R::from_f64(KNEE_MAX)), self.band)
+    }
+
+    /// The curve for the knee of the parameters.
+    #[inline(always)]
+    pub fn nominal(&self) -> &Knee<R> {
+        &self.nominal
+    }
+
+    /// Whether the parameters have a knee at all.
+    pub fn is_capacitive(&self) -> bool {
+        self.knee > R::ZERO
     }
 
     /// Voltage lost in each phase at the phase currents of `i_s`: add it to the reference to compensate. `gain`
     /// is what has been found of threshold and dead time, relative to their values here.
     #[inline]
-    pub fn distortion(&self, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> [R; 3] {
-        let u = (self.u_th + self.dead_time * u_dc) * gain;
+    pub fn distortion(&self, knee: &Knee<R>, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> Distortion<R> {
+        let full = (self.u_th + self.dead_time * u_dc) * gain;
+        let scale = R::from_f64(SCALE);
+        let (tail, slope) = (full * knee.tail, full * scale);
         let leg = |i: R| {
-            if likely(!i.within(self.band)) {
-                if i < R::ZERO { -u } else { u }
+            if likely(!i.within(knee.width)) {
+                let e = full - tail * (i.abs() * scale).recip();
+                if i < R::ZERO { -e } else { e }
             } else {
-                i * self.inv_band * (u * R::from_f64(SCALE))
+                i * knee.slope * slope
             }
         };
         let [a, b, c] = i_s.to_phases();
-        [leg(a), leg(b), leg(c)]
+        Distortion { phases: [leg(a), leg(b), leg(c)], full }
     }
 }
 
@@ -99,7 +186,7 @@ mod tests {
         let (model, pu) = model();
         for k in 0..360 {
             let (s, c) = (f64::from(k) + 0.5).to_radians().sin_cos();
-            let u = AlphaBeta::from_phases(model.distortion(&AlphaBeta::new(c, s), pu.u_dc, 1.0));
+            let u = model.distortion(&model.knee(1.0), &AlphaBeta::new(c, s), pu.u_dc, 1.0).vector();
             assert!((u.norm_sq().sqrt() - 4.0 / 3.0 * pu.u_th).abs() < 1e-12);
             let angle = u.im().atan2(u.re()).to_degrees().rem_euclid(60.0);
             assert!(!(1e-6..=59.999_999).contains(&angle), "sector indicator points to multiples of 60°");
@@ -109,10 +196,44 @@ mod tests {
     #[test]
     fn around_current_zero_the_model_is_linear() {
         let (model, pu) = model();
-        let at = |i: f64| model.distortion(&AlphaBeta::new(i, 0.0), pu.u_dc, 1.0)[0];
+        let at = |i: f64| model.distortion(&model.knee(1.0), &AlphaBeta::new(i, 0.0), pu.u_dc, 1.0).phases[0];
         assert_eq!(at(0.0), 0.0);
         assert!((at(1e-4) - 0.5 * pu.u_th).abs() < 1e-12);
         assert!((at(1.0) - pu.u_th).abs() < 1e-12);
         assert_eq!(at(-0.3), -at(0.3));
+    }
+
+    /// A bridge with capacitance, and the current of its knee.
+    fn capacitive() -> (InverterModel<f64>, f64, f64) {
+        let (m, inv) = (Machine::preset_2k2(), Inverter { u_th: 0.0, c_out: 1e-9, ..Inverter::preset_2k2() });
+        let pu = PerUnit::new(&m, &inv).unwrap();
+        (InverterModel::new(&m, &inv, &pu), pu.u_dc, 0.27 / Base::new(&m).i)
+    }
+
+    #[test]
+    fn with_capacitance_the_loss_is_the_charge_that_the_current_moves_in_the_dead_time() {
+        let (model, u_dc, i_k) = capacitive();
+        let knee = model.knee(1.0);
+        let full = u_dc * model.dead_time;
+        for x in [0.01, 0.3, 0.999, 1.001, 1.5, 3.0, 10.0, 20.0] {
+            let e = model.distortion(&knee, &AlphaBeta::new(x * i_k, 0.0), u_dc, 1.0).phases[0] / full;
+            let law = if x < 1.0 { 0.5 * x } else { 1.0 - 0.5 / x };
+            assert!((e - law).abs() < 1e-9, "{x}: {e}, not {law}");
+        }
+    }
+
+    #[test]
+    fn the_loss_falls_with_the_knee_as_its_derivative_says() {
+        let (model, u_dc, i_k) = capacitive();
+        for k in 0..360 {
+            let (s, c) = (f64::from(k) * 1.7).to_radians().sin_cos();
+            let i = AlphaBeta::new(c, s) * (2.5 * i_k);
+            let at = |relative: f64| model.distortion(&model.knee(relative), &i, u_dc, 0.9);
+            let (down, up) = (at(1.3 * (1.0 - 1e-6)), at(1.3 * (1.0 + 1e-6)));
+            for j in 0..3 {
+                let numeric = (down.phases[j] - up.phases[j]) / 2e-6;
+                assert!((numeric - at(1.3).by_knee()[j]).abs() < 1e-6 * at(1.0).full.max(1.0));
+            }
+        }
     }
 }

@@ -104,6 +104,8 @@ pub struct MemorySi {
     pub i_off: [f64; 3],
     /// Error of the inverter model's voltage, relative; 0 in the published scheme.
     pub loss_error: f64,
+    /// Knee of the inverter model, relative to that of the parameters; 1 in the published scheme.
+    pub knee: f64,
     /// Main inductance, H; the parameter in the published scheme.
     pub L_M: f64,
 }
@@ -184,6 +186,7 @@ impl SiUnits {
             R_s: m.r_s.to_f64() * b.z,
             i_off: m.i_off.map(|i| i.to_f64() * b.i),
             loss_error: m.loss_error.to_f64(),
+            knee: m.knee.to_f64(),
             L_M: self.l_m / m.inv_l_m.to_f64(),
         }
     }
@@ -197,6 +200,7 @@ impl SiUnits {
             r_s: R::from_f64(m.R_s / b.z),
             i_off: m.i_off.map(|i| R::from_f64(i / b.i)),
             loss_error: R::from_f64(m.loss_error),
+            knee: R::from_f64(m.knee),
             inv_l_m: R::from_f64(self.l_m / m.L_M),
         }
     }
@@ -317,7 +321,8 @@ mod tests {
     #[test]
     fn memory_comes_back_in_every_arithmetic() {
         let units = SiUnits::new(&Machine::preset_11k());
-        let m = MemorySi { u_off: [0.5, -0.25], R_s: 0.3, i_off: [0.2, -0.1, 0.05], loss_error: 0.1, L_M: 0.06 };
+        let m =
+            MemorySi { u_off: [0.5, -0.25], R_s: 0.3, i_off: [0.2, -0.1, 0.05], loss_error: 0.1, knee: 1.5, L_M: 0.06 };
         fn back<R: Real>(units: &SiUnits, m: &MemorySi) -> MemorySi {
             units.memory(&units.memory_per_unit::<R>(m))
         }

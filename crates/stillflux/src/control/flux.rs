@@ -95,16 +95,21 @@ impl<R: Real> FluxControlConfig<R> {
     }
 }
 
+/// Weight of the PI part by the stator frequency, for an estimate whose magnitude is that of the voltage model.
+#[inline(always)]
+pub fn weight_by_frequency<R: Real>(omega_s: R) -> R {
+    ((omega_s.abs() - R::from_f64(OMEGA_BEGIN)) * R::from_f64(INV_FADE)).clamp(R::ZERO, R::ONE)
+}
+
 impl<R: Real> FluxController<R> {
     /// Forgets the past.
     pub fn start(&mut self) {
         *self = Self::default();
     }
 
-    /// One period; returns `i_d*`.
+    /// One period; returns `i_d*`. `weight`: of the PI part, 0 to 1.
     #[inline(always)]
-    pub fn step(&mut self, c: &FluxControlConfig<R>, psi_ref: R, psi_s: R, i_q: R, omega_s: R) -> R {
-        let weight = ((omega_s.abs() - R::from_f64(OMEGA_BEGIN)) * R::from_f64(INV_FADE)).clamp(R::ZERO, R::ONE);
+    pub fn step(&mut self, c: &FluxControlConfig<R>, psi_ref: R, psi_s: R, i_q: R, weight: R) -> R {
         let error = psi_ref - psi_s;
         let x = self.x.value();
         // With the weight gone the integrator forgets at the rate at which it learned.

@@ -8,6 +8,7 @@ use crate::control::current::CurrentController;
 use crate::control::flux::FluxController;
 use crate::control::modulator::Duty;
 use crate::control::speed::SpeedController;
+use crate::inverter::Knee;
 use crate::scalar::Real;
 use crate::space::Dq;
 
@@ -62,7 +63,8 @@ impl<R: Real> Control<R> {
         self.speed.start(R::ZERO);
     }
 
-    /// Current control: duties for the next period. `inverter_gain` is the estimated factor of the inverter model.
+    /// Current control: duties for the next period. `inverter` is what has been estimated of the inverter
+    /// model: factor and curve.
     #[inline(always)]
     pub fn duties(
         &mut self,
@@ -70,7 +72,7 @@ impl<R: Real> Control<R> {
         x: &FieldQuantities<R>,
         period: u32,
         u_dc: R,
-        inverter_gain: R,
+        inverter: (R, &Knee<R>),
     ) -> Duty<R> {
         self.i_dq = x.i_dq;
         let i_ref = self.i_dq_ref;
@@ -79,7 +81,7 @@ impl<R: Real> Control<R> {
         let i_ahead = ahead.to_stator(&i_ref);
         let u_ff = Dq::new(i_ref.re() * x.r_s, i_ref.im() * x.r_s + x.omega_s * x.psi_s);
         let u = self.current.step(&c.current, &i_ref, &self.i_dq, &u_ff, largest_voltage(u_dc));
-        self.voltage.command(c, period, &ahead.to_stator(&u), &i_ahead, u_dc, inverter_gain)
+        self.voltage.command(c, period, &ahead.to_stator(&u), &i_ahead, u_dc, inverter)
     }
 
     /// References: flux, torque, i_q* within current limit and pull-out, i_d* of (12).
@@ -112,7 +114,7 @@ impl<R: Real> Control<R> {
             Reference::Stop => R::ZERO,
         };
         let i_q = torque_ref * c.flux_control.reciprocal(psi_ref);
-        let i_d = self.flux.step(&c.flux_control, psi_ref, estimators.psi_s(), i_q, omega_s);
+        let i_d = self.flux.step(&c.flux_control, psi_ref, estimators.psi_s(), i_q, estimators.flux_weight());
         self.i_dq_ref = Dq::new(i_d, i_q);
     }
 }

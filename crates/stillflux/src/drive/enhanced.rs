@@ -16,6 +16,7 @@ use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::kalman::{Filter, Input, Learned};
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
+use crate::inverter::Knee;
 use crate::scalar::{Real, clamp_seldom};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -65,6 +66,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     speed_estimator: SpeedEstimator<R>,
     speed: SpeedEstimate<R>,
     search: SpeedSearch<R>,
+    /// Curve of the inverter model with the knee that the filter has found.
+    knee: Knee<R>,
 }
 
 impl<R: Real> EnhancedEstimators<R> {
@@ -77,6 +80,7 @@ impl<R: Real> EnhancedEstimators<R> {
             speed_estimator: SpeedEstimator::default(),
             speed: SpeedEstimate::default(),
             search: SpeedSearch::new(),
+            knee: *c.inverter.nominal(),
         }
     }
 
@@ -107,6 +111,7 @@ impl<R: Real> EnhancedEstimators<R> {
         let searching = at.stage <= c.enhanced.probe_periods;
         if !searching && at.period.is_multiple_of(SPEED_PERIODS) {
             self.update_speed(c);
+            self.knee = c.inverter.knee(self.filter.knee());
         }
         let i_s = self.filter.i_s();
         let psi_r = self.filter.value() - i_s * c.speed.sigma_l_s;
@@ -154,7 +159,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         };
         let [i_a, i_b, i_c] = x.i_abc;
         let i_m = self.balance.step(&c.enhanced.balance, &x.i_s, i_a + i_b + i_c);
-        let input = Input { u_s: x.u_s, u_l: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
+        let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
         let i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
         let (field, i_dq, complete) = match start_up {
             None => (self.filter.field(), i_dq, false),
@@ -176,6 +181,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
+        self.knee = c.inverter.knee(self.filter.knee());
     }
 
     #[inline(always)]
@@ -194,8 +200,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     #[inline(always)]
-    fn inverter_gain(&self) -> R {
-        R::ONE + self.filter.v()
+    fn flux_weight(&self) -> R {
+        R::ONE
+    }
+
+    #[inline(always)]
+    fn inverter<'a>(&'a self, _: &'a DriveConfig<R>) -> (R, &'a Knee<R>) {
+        (R::ONE + self.filter.v(), &self.knee)
     }
 
     #[inline(always)]
@@ -219,14 +230,15 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     fn memory(&self, i_off: [R; 3]) -> Memory<R> {
-        let Learned { b, r_s, v: loss_error, gamma: inv_l_m } = self.filter.learned();
-        Memory { u_off: b * -r_s, r_s, i_off, loss_error, inv_l_m }
+        let Learned { b, r_s, v: loss_error, knee, gamma: inv_l_m } = self.filter.learned();
+        Memory { u_off: b * -r_s, r_s, i_off, loss_error, knee, inv_l_m }
     }
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
         // The offset of the filter is that beyond the offsets read at standstill: a new reading replaces both.
         let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -memory.r_s.recip() };
-        let Memory { r_s, loss_error: v, inv_l_m: gamma, .. } = *memory;
-        self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, gamma });
+        let Memory { r_s, loss_error: v, knee, inv_l_m: gamma, .. } = *memory;
+        self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, gamma });
+        self.knee = c.inverter.knee(self.filter.knee());
     }
 }

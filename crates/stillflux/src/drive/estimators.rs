@@ -4,6 +4,7 @@ use super::interface::Memory;
 use crate::config::DriveConfig;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::SpeedEstimate;
+use crate::inverter::{Distortion, Knee};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -19,7 +20,7 @@ pub(super) struct PeriodInput<R: Real> {
     pub i_s: AlphaBeta<R>,
     /// Voltage applied between the last two samples, and the part of it that the inverter model took off.
     pub u_s: AlphaBeta<R>,
-    pub u_loss: AlphaBeta<R>,
+    pub u_loss: Distortion<R>,
     /// References of current and flux in this interval.
     pub i_dq_ref: Dq<R>,
     pub psi_ref: R,
@@ -100,8 +101,11 @@ pub(super) trait Estimators<R: Real> {
     /// `|ψ̂_s|`.
     fn psi_s(&self) -> R;
 
-    /// Factor of the inverter model's voltage.
-    fn inverter_gain(&self) -> R;
+    /// How far `|ψ̂_s|` may be controlled to its reference, 0 to 1.
+    fn flux_weight(&self) -> R;
+
+    /// Factor of the inverter model's voltage, and its curve over the current.
+    fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>);
 
     /// Confidence in the field angle.
     fn confidence(&self) -> R;

@@ -114,10 +114,12 @@ pub struct Memory<R: Real> {
     pub i_off: [R; 3],
     /// Error of the inverter model's voltage, relative; the published scheme knows none.
     pub loss_error: R,
+    /// Knee of the inverter model, relative to that of the parameters; the published scheme knows none.
+    pub knee: R,
     /// Main inductance, reciprocal and relative to the parameter; the published scheme knows none.
     pub inv_l_m: R,
 }
-words!(Memory: u_off, r_s, i_off, loss_error, inv_l_m);
+words!(Memory: u_off, r_s, i_off, loss_error, knee, inv_l_m);
 
 /// Everything the drive estimates, per unit, of the latest period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

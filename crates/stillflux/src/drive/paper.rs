@@ -6,10 +6,12 @@
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
 use crate::config::{DriveConfig, PaperConfig};
+use crate::control::flux::weight_by_frequency;
 use crate::estimate::confidence::Confidence;
 use crate::estimate::flux::FluxEstimator;
 use crate::estimate::resistance::ResistanceEstimator;
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
+use crate::inverter::Knee;
 use crate::scalar::{Integrator, Real};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -150,8 +152,13 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     }
 
     #[inline(always)]
-    fn inverter_gain(&self) -> R {
-        R::ONE
+    fn flux_weight(&self) -> R {
+        weight_by_frequency(self.speed.omega_s)
+    }
+
+    #[inline(always)]
+    fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>) {
+        (R::ONE, c.inverter.nominal())
     }
 
     #[inline(always)]
@@ -172,10 +179,10 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         }
     }
 
-    /// Inverter error and inductance are not estimated.
+    /// Inverter and inductance are not estimated.
     fn memory(&self, i_off: [R; 3]) -> Memory<R> {
         let (u_off, r_s) = (self.flux.offset.u_off(), self.resistance.r_s());
-        Memory { u_off, r_s, i_off, loss_error: R::ZERO, inv_l_m: R::ONE }
+        Memory { u_off, r_s, i_off, loss_error: R::ZERO, knee: R::ONE, inv_l_m: R::ONE }
     }
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {

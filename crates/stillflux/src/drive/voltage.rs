@@ -7,6 +7,7 @@
 
 use crate::config::DriveConfig;
 use crate::control::modulator::{Duty, applied, modulate};
+use crate::inverter::{Distortion, Knee};
 use crate::scalar::Real;
 use crate::space::AlphaBeta;
 
@@ -18,7 +19,7 @@ struct Commanded<R: Real> {
     /// Applied by ideal legs, per unit of dc link.
     ideal: AlphaBeta<R>,
     /// Taken off by the inverter model.
-    loss: AlphaBeta<R>,
+    loss: Distortion<R>,
 }
 
 /// Modulation with its delay.
@@ -47,16 +48,16 @@ impl<R: Real> Voltage<R> {
 
     /// Voltage applied between the last two samples, and the part of it that the inverter model took off.
     #[inline(always)]
-    pub fn applied(&mut self, period: u32, u_dc: R) -> (AlphaBeta<R>, AlphaBeta<R>) {
+    pub fn applied(&mut self, period: u32, u_dc: R) -> (AlphaBeta<R>, Distortion<R>) {
         self.inv_u_dc = u_dc.recip_next(self.inv_u_dc).unwrap_or_else(|| u_dc.recip());
         // Commanded two calls ago; this call's command takes its place.
         let last = self.commanded[(period & 1) as usize];
-        self.u_s = last.ideal * u_dc - last.loss;
+        self.u_s = last.ideal * u_dc - last.loss.vector();
         (self.u_s, last.loss)
     }
 
     /// Duties for a voltage reference. The inverter model sees the current that will flow then: the reference, free
-    /// from noise. `gain` is the estimated factor of its voltage.
+    /// from noise. `gain` and `knee` are what has been estimated of its voltage.
     #[inline(always)]
     pub fn command(
         &mut self,
@@ -65,12 +66,12 @@ impl<R: Real> Voltage<R> {
         u_ref: &AlphaBeta<R>,
         i_ref: &AlphaBeta<R>,
         u_dc: R,
-        gain: R,
+        (gain, knee): (R, &Knee<R>),
     ) -> Duty<R> {
-        let loss = c.inverter.distortion(i_ref, u_dc, gain);
-        let u = u_ref.to_phases();
-        let duty = modulate([u[0] + loss[0], u[1] + loss[1], u[2] + loss[2]], self.inv_u_dc, c.timer.as_ref());
-        self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: AlphaBeta::from_phases(loss) };
+        let loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
+        let (u, e) = (u_ref.to_phases(), &loss.phases);
+        let duty = modulate([u[0] + e[0], u[1] + e[1], u[2] + e[2]], self.inv_u_dc, c.timer.as_ref());
+        self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss };
         duty
     }
 }

@@ -8,7 +8,7 @@
 use crate::scalar::Real;
 
 /// Number of states.
-pub(super) const N: usize = 9;
+pub(super) const N: usize = 10;
 /// Elements of the lower triangle.
 const PACKED: usize = N * (N + 1) / 2;
 
@@ -20,8 +20,8 @@ pub(super) type Column<R> = [R; N];
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Covariance<R: Real> {
-    /// Row after row of the lower triangle, cut into pieces of `N`.
-    p: [[R; N]; PACKED / N],
+    /// Row after row of the lower triangle, cut into pieces of `N + 1`.
+    p: [[R; N + 1]; N / 2],
 }
 
 /// Place of an element, whichever of its two names is used.
@@ -35,7 +35,7 @@ const fn at(i: usize, j: usize) -> usize {
 
 impl<R: Real> Default for Covariance<R> {
     fn default() -> Self {
-        Self { p: [[R::ZERO; N]; PACKED / N] }
+        Self { p: [[R::ZERO; N + 1]; N / 2] }
     }
 }
 
@@ -133,13 +133,22 @@ impl<R: Real> Covariance<R> {
         }
     }
 
-    /// What a measurement takes from row `I`: `P ← P - (P h)(P h)ᵀ/S` with `gain = P h/S`, and `ph` of the row.
+    /// What a measurement takes from the rows `from..to`: `P ← P - (P h)(P h)ᵀ/S`, the variances not below a floor.
+    /// A loop over the elements: unrolled it would take a kilobyte of flash.
     #[inline(always)]
-    pub fn reduce<const I: usize>(&mut self, ph: R, gain: &[R], floor: R) {
-        for (j, &g) in gain.iter().enumerate().take(I + 1) {
-            *self.get_mut(I, j) -= ph * g;
+    pub fn reduce(&mut self, from: usize, to: usize, ph: &Column<R>, inv_s: R, floor: R) {
+        let mut rest = self.p.as_flattened_mut().iter_mut().skip(at(from, 0));
+        for (i, x) in ph.iter().enumerate().take(to).skip(from) {
+            let gain = *x * inv_s;
+            for y in ph.iter().take(i) {
+                if let Some(p) = rest.next() {
+                    *p -= gain * *y;
+                }
+            }
+            if let Some(p) = rest.next() {
+                *p = (*p - gain * *x).max(floor);
+            }
         }
-        *self.get_mut(I, I) = self.get(I, I).max(floor);
     }
 }
 
@@ -157,7 +166,7 @@ mod tests {
     /// A covariance with every element in use.
     fn sample() -> Covariance<f64> {
         let mut p = Covariance::default();
-        p.set_diagonal(&[1.0, 2.0, 0.5, 3.0, 1.5, 0.7, 0.9, 1.1, 0.4]);
+        p.set_diagonal(&[1.0, 2.0, 0.5, 3.0, 1.5, 0.7, 0.9, 1.1, 0.4, 0.8]);
         for i in 0..N {
             for j in 0..i {
                 p.add_at(i, j, 0.02 * (i as f64 - 0.7 * j as f64));
@@ -192,16 +201,8 @@ mod tests {
         let before = full(&p);
         let ph = p.project(&h);
         let s = (row * before * row.transpose())[0] + 0.1;
-        let gain = ph.map(|x| x / s);
-        p.reduce::<0>(ph[0], &gain, 0.0);
-        p.reduce::<1>(ph[1], &gain, 0.0);
-        p.reduce::<2>(ph[2], &gain, 0.0);
-        p.reduce::<3>(ph[3], &gain, 0.0);
-        p.reduce::<4>(ph[4], &gain, 0.0);
-        p.reduce::<5>(ph[5], &gain, 0.0);
-        p.reduce::<6>(ph[6], &gain, 0.0);
-        p.reduce::<7>(ph[7], &gain, 0.0);
-        p.reduce::<8>(ph[8], &gain, 0.0);
+        p.reduce(0, 5, &ph, 1.0 / s, 0.0);
+        p.reduce(5, N, &ph, 1.0 / s, 0.0);
         assert!((full(&p) - (before - before * row.transpose() * row * before / s)).norm() < 1e-12);
     }
 

@@ -70,7 +70,7 @@ pub use noise::Identified;
 #[cfg(test)]
 use self::covariance::N;
 use self::covariance::{Column, Covariance};
-use self::model::{B, BlockMeans, C, C_MAX, GAMMA, M, Model, OperatingPoint, PSI, RS, Saturated, V};
+use self::model::{B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, Saturated, V};
 use self::noise::Noise;
 use self::schedule::{SLOTS, Scratch};
 use self::start::Initial;
@@ -78,6 +78,7 @@ use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
+use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine};
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
@@ -89,6 +90,7 @@ const BLOCK_TIME: f64 = 1e-3;
 /// Limits of what is identified.
 const B_MAX: f64 = 0.2;
 const V_MAX: f64 = 0.8;
+const KNEE_RANGE: (f64, f64) = (0.1, 8.0);
 const GAMMA_RANGE: (f64, f64) = (0.6, 1.6);
 /// Of the prior: a winding is not colder than at commissioning by more, nor hotter.
 const R_S_RANGE: (f64, f64) = (0.4, 2.0);
@@ -151,8 +153,8 @@ impl<R: Real> FilterConfig<R> {
 pub struct Input<R: Real> {
     /// Voltage applied since the last call.
     pub u_s: AlphaBeta<R>,
-    /// The part of it that the inverter model took.
-    pub u_l: AlphaBeta<R>,
+    /// What the inverter model took of it.
+    pub loss: Distortion<R>,
     /// Current sample at the end.
     pub i_m: AlphaBeta<R>,
     /// Current reference, field coordinates.
@@ -171,6 +173,7 @@ pub struct Filter<R: Real> {
     b: [Integrator<R>; 2],
     r_s: Integrator<R>,
     v: Integrator<R>,
+    knee: Integrator<R>,
     gamma: Integrator<R>,
     c: Integrator<R>,
     i_s: AlphaBeta<R>,
@@ -243,7 +246,7 @@ impl<R: Real> Filter<R> {
             i_d,
             i_q,
             i_s: self.field().to_stator(&input.i_ref),
-            u_l: input.u_l,
+            loss: input.loss,
             omega_s: input.omega_s,
             valid,
         };
@@ -278,7 +281,10 @@ impl<R: Real> Filter<R> {
         nudge(&mut self.b[0], by[B], z, r(-B_MAX), r(B_MAX));
         nudge(&mut self.b[1], by[B + 1], z, r(-B_MAX), r(B_MAX));
         nudge(&mut self.r_s, by[RS], z, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
-        nudge(&mut self.v, by[V], z, r(-V_MAX), r(V_MAX));
+        // Both are corrected by factors: their errors are relative to the present estimates.
+        let (gain, knee) = (R::ONE + self.v(), self.knee());
+        nudge(&mut self.v, by[V] * gain, z, r(-V_MAX), r(V_MAX));
+        nudge(&mut self.knee, by[KNEE] * knee, z, r(KNEE_RANGE.0), r(KNEE_RANGE.1));
         nudge(&mut self.gamma, by[GAMMA], z, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
         nudge(&mut self.c, by[C], z, R::ZERO, r(C_MAX));
     }
@@ -322,6 +328,12 @@ impl<R: Real> Filter<R> {
     #[inline]
     pub fn v(&self) -> R {
         self.v.value()
+    }
+
+    /// Knee of the inverter model, relative to that of the parameters.
+    #[inline]
+    pub fn knee(&self) -> R {
+        self.knee.value()
     }
 
     /// Current of the latest sample without its offset.
@@ -388,6 +400,8 @@ pub struct Learned<R: Real> {
     pub r_s: R,
     /// Relative error of the inverter model.
     pub v: R,
+    /// Knee of the inverter model, relative to that of the parameters.
+    pub knee: R,
     /// Reciprocal of the main inductance, relative to its prior.
     pub gamma: R,
 }
@@ -438,7 +452,7 @@ mod tests {
             let ((i, psi), (i_last, psi_last)) = (at(k), at(k - 1));
             let u_s = (i + i_last) * (0.5 * c.model.r_s * r_s) + (psi - psi_last) * (1.0 / t_s);
             let i_ref = filter.field().to_field(&i);
-            let x = Input { u_s, u_l: AlphaBeta::default(), i_m: i + offset, i_ref, omega_s };
+            let x = Input { u_s, loss: Distortion::default(), i_m: i + offset, i_ref, omega_s };
             filter.step(&c, &x, false);
         }
         Rig { c, filter, psi_s: at(steps).1 }

@@ -1,12 +1,13 @@
 //! Model of the filter: states, transition, innovation, and their derivatives.
 //!
 //! Over one block of length `Δ` (normalised time), with the measured current `i_m`, the voltage `u_s` that the
-//! inverter model believes was applied and its correction `u_l` (see [`super::Input`]), and `i = i_m - b`:
+//! inverter model believes was applied, its correction `u_l` and `u_k = ∂u_l/∂ln k` for the knee `k` of its curve
+//! ([`crate::inverter`]), and `i = i_m - b`:
 //!
 //! ```text
-//! f:   ψ_s⁺ = ψ_s + Δ (u_s - v u_l - r_s i)                         stator voltage equation
+//! f:   ψ_s⁺ = ψ_s + Δ (u_s - ε_v u_l - ε_k u_k - r_s i)             stator voltage equation
 //!      m⁺   = m + r_R Δ (i·n - i_μ(m)),    i_μ(m) = γ m g(m)/l_M    rotor equation along n
-//!      b, r_s, v, γ, c                                              random walks
+//!      b, r_s, ε_v = ln (1 + v), ε_k = ln k, γ, c                   random walks
 //! h:   |ψ_R| - m = 0,    ψ_R = ψ_s - σl_s i,    n = ψ_R/|ψ_R|
 //! ```
 //!
@@ -15,13 +16,16 @@
 //! `i_d = i·n`, `i_q = i·t` the derivatives are
 //!
 //! ```text
-//! F:   ∂χ⁺/∂b = Δ r_s I,   ∂χ⁺/∂r_s = -Δ i,   ∂χ⁺/∂v = -Δ u_l
+//! F:   ∂χ⁺/∂b = Δ r_s I,   ∂χ⁺/∂r_s = -Δ i,   ∂χ⁺/∂ε_v = -Δ u_l,   ∂χ⁺/∂ε_k = -Δ u_k
 //!      ∂m⁺/∂χ = r_R Δ (i_q/|ψ_R|) tᵀ                                the flux turns, i·n changes
 //!      ∂m⁺/∂b = -r_R Δ nᵀ
 //!      ∂m⁺/∂m = 1 - (r_R Δ/l_M) γ d(m g)/dm,   d(m g)/dm = g + S c (m/m_N)^S
 //!      ∂m⁺/∂γ = -(r_R Δ/l_M) m g,   ∂m⁺/∂c = -(r_R Δ/l_M) γ m ((m/m_N)^S - 1)
 //! H:   ∂h/∂χ  = nᵀ,   ∂h/∂m = -1
 //! ```
+//!
+//! Factor `1 + v` and knee `k` of the inverter model act within the model itself: `u_l` and `u_k` are those of the
+//! present estimates, and a correction multiplies both.
 //!
 //! The covariance is not that of `ψ_s` but of `χ = ψ_s + σl_s b = ψ_R + σl_s i_m`, the stator flux that the measured
 //! current would give. An offset moves `ψ_R = ψ_s - σl_s (i_m - b)`, but not `ψ_R = χ - σl_s i_m`: with `χ` as state `b`
@@ -35,6 +39,7 @@ use super::covariance::{Column, N};
 use super::noise::TRANSIENT;
 
 use crate::base::{Base, PerUnit, rounded};
+use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Rotator};
@@ -50,10 +55,12 @@ pub(super) const B: usize = 3;
 pub(super) const RS: usize = 5;
 /// Relative error `v` of the inverter model's voltage.
 pub(super) const V: usize = 6;
+/// Knee `k` of the inverter model, relative to the parameter's: its logarithm.
+pub(super) const KNEE: usize = 7;
 /// Reciprocal of the magnetising inductance, relative to its prior: `γ`.
-pub(super) const GAMMA: usize = 7;
+pub(super) const GAMMA: usize = 8;
 /// Saturated part `c` of the magnetising current.
-pub(super) const C: usize = 8;
+pub(super) const C: usize = 9;
 
 /// Largest saturated part of the magnetising current.
 pub(super) const C_MAX: f64 = 0.5;
@@ -63,14 +70,15 @@ pub(super) const SCALE_PSI: f64 = 0.05;
 pub(super) const SCALE_B: f64 = 0.01;
 pub(super) const SCALE_R: f64 = 0.05;
 pub(super) const SCALE_V: f64 = 0.1;
+pub(super) const SCALE_K: f64 = 0.2;
 pub(super) const SCALE_GAMMA: f64 = 0.05;
 pub(super) const SCALE_C: f64 = 0.1;
 
-/// A value for each state.
+/// A value for each state, both components of a vector alike.
 #[inline(always)]
-pub(super) fn by_state<T: Copy>(psi: T, m: T, b: T, r_s: T, v: T, gamma: T, c: T) -> [T; N] {
+pub(super) fn by_state<T: Copy>([psi, m, b, r_s, v, knee, gamma, c]: [T; 8]) -> [T; N] {
     let mut x = [psi; N];
-    (x[M], x[B], x[B + 1], x[RS], x[V], x[GAMMA], x[C]) = (m, b, b, r_s, v, gamma, c);
+    (x[M], x[B], x[B + 1], x[RS], x[V], x[KNEE], x[GAMMA], x[C]) = (m, b, b, r_s, v, knee, gamma, c);
     x
 }
 
@@ -161,7 +169,7 @@ pub(super) struct BlockMeans<R: Real> {
     /// Current reference, stator coordinates.
     pub i_s: AlphaBeta<R>,
     /// Voltage of the inverter model.
-    pub u_l: AlphaBeta<R>,
+    pub loss: Distortion<R>,
     /// Stator frequency.
     pub omega_s: R,
     /// The rotor flux is large enough for its direction to mean something.
@@ -181,7 +189,7 @@ pub(super) struct OperatingPoint<R: Real> {
     /// for excitation.
     pub i_s: AlphaBeta<R>,
     /// Voltage of the inverter model.
-    pub u_l: AlphaBeta<R>,
+    pub loss: Distortion<R>,
     /// `r_R Δ i_q/|ψ_R|`: change of `m` in a block per turn of the flux.
     pub turn: R,
     /// `m`, `m g(m)`, and `γ d(m g)/dm`.
@@ -225,7 +233,8 @@ impl<R: Real> Model<R> {
     pub fn scale(&self) -> Column<R> {
         let r = R::from_f64;
         let r_s = self.r_s * r(SCALE_R);
-        by_state(r(SCALE_PSI), r(SCALE_PSI), r(SCALE_B), r_s, r(SCALE_V), r(SCALE_GAMMA), r(SCALE_C))
+        let [psi, b, v, k, gamma, c] = [SCALE_PSI, SCALE_B, SCALE_V, SCALE_K, SCALE_GAMMA, SCALE_C].map(r);
+        by_state([psi, psi, b, r_s, v, k, gamma, c])
     }
 
     /// The magnetising curve at flux `m` and saturation `c`.
@@ -258,7 +267,7 @@ impl<R: Real> Model<R> {
             n: x.n,
             inv_psi_r: x.inv_psi_r,
             i_s: x.i_s,
-            u_l: x.u_l,
+            loss: x.loss,
             turn: self.r_r_block * (x.i_q * x.inv_psi_r).limit(R::TWO),
             m,
             m_g: curve.m_g,
@@ -294,15 +303,16 @@ impl<R: Real> Model<R> {
         ]
     }
 
-    /// Row of one component of `χ` in `F`, given that component of `i` and `u_l`: coefficients of the same
-    /// component of `b`, of `r_s` and of `v`; that of the component itself is one.
+    /// Row of one component of `χ` in `F`, given that component of `i`, `u_l` and `u_k`: coefficients of the same
+    /// component of `b`, of `r_s`, `ε_v` and `ε_k`; that of the component itself is one.
     #[inline(always)]
-    pub fn flux_row(&self, i: R, u_l: R, r_s: R) -> [R; 3] {
+    pub fn flux_row(&self, i: R, u_l: R, u_k: R, r_s: R) -> [R; 4] {
         let r = R::from_f64;
         let by_b = self.delta * r(SCALE_B / SCALE_PSI);
         let by_r_s = self.delta * self.r_s * r(SCALE_R / SCALE_PSI);
         let by_v = self.delta * r(SCALE_V / SCALE_PSI);
-        [by_b * r_s, -by_r_s * i, -by_v * u_l]
+        let by_k = self.delta * r(SCALE_K / SCALE_PSI);
+        [by_b * r_s, -by_r_s * i, -by_v * u_l, -by_k * u_k]
     }
 
     /// `H`, the row of the measurement `h = |ψ_R| - m`.

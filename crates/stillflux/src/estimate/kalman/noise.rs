@@ -11,6 +11,7 @@
 //! | `b` | 5e-4 pu once read with gates off, else 0.05 pu | 5e-4 pu | physical: drift of a sensor (0.1 % a minute), four times |
 //! | `r_s` | 20 % | 0.3 % | physical: winding temperature, an overload |
 //! | `v` | 0.15 | 3e-3 | physical: dead time and threshold by tolerance, switch temperature |
+//! | `ln k` | 0.7 with a capacitance among the parameters, else 0 | 3e-3 | physical: capacitance of devices, cable, motor |
 //! | `γ` | 0.07 | 1e-4 | physical: tolerance of `L_M` |
 //! | `c` | 0.05 with a curve, 0.15 without | 1e-4 | allowance |
 //!
@@ -19,7 +20,9 @@
 //! term of `|ψ_R|`, and what a step is assumed to have changed.
 
 use super::covariance::{Column, N};
-use super::model::{B, C, GAMMA, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_PSI, SCALE_R, SCALE_V, V, by_state};
+use super::model::{
+    B, C, GAMMA, KNEE, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_PSI, SCALE_R, SCALE_V, V, by_state,
+};
 use crate::base::{Base, rounded};
 use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
@@ -33,6 +36,9 @@ const PRIOR_GAMMA: f64 = 0.07;
 const PRIOR_R_S: f64 = 0.2;
 /// Relative deviation of the inverter model's voltage. Physical: dead time and threshold.
 const PRIOR_V: f64 = 0.15;
+/// Knee of the inverter model, logarithm: within a factor of two of the parameter. Physical: cable and motor add to
+/// what the bridge's data sheet says.
+const PRIOR_K: f64 = 0.7;
 /// Saturated part of the magnetising current, with and without a saturation curve among the parameters.
 /// Allowance: what machines of this kind have.
 const PRIOR_C: (f64, f64) = (0.05, 0.15);
@@ -45,6 +51,7 @@ const WALK_M: f64 = 1e-3;
 const WALK_B: f64 = 5e-4;
 const WALK_R_S: f64 = 3e-3;
 const WALK_V: f64 = 3e-3;
+const WALK_K: f64 = 3e-3;
 const WALK_GAMMA: f64 = 1e-4;
 const WALK_C: f64 = 1e-4;
 /// Part of the induced voltage that may be wrong, uncorrelated from block to block. Allowance.
@@ -100,10 +107,10 @@ pub struct Identified {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Noise<R: Real> {
-    /// At the start: offset, resistance, inverter error, saturation.
-    prior: [R; 4],
-    /// What each block adds: flux, `m`, offset, resistance, inverter error, `γ`, `c`.
-    walk: [R; 7],
+    /// At the start: offset, resistance, inverter error, knee, saturation.
+    prior: [R; 5],
+    /// What each block adds: flux, `m`, offset, resistance, inverter error, knee, `γ`, `c`.
+    walk: [R; 8],
     /// What a block adds per unit of excess of the innovations: offset, resistance.
     step: [R; 2],
     /// Added to the flux per squared stator frequency.
@@ -129,23 +136,25 @@ impl<R: Real> Noise<R> {
         let r = rounded::<R>;
         let b = Base::new(machine);
         let r_s = (machine.R_s + inverter.r_d) / b.z;
-        let scale = by_state(SCALE_PSI, SCALE_PSI, SCALE_B, SCALE_R * r_s, SCALE_V, SCALE_GAMMA, SCALE_C);
+        let scale = by_state([SCALE_PSI, SCALE_PSI, SCALE_B, SCALE_R * r_s, SCALE_V, SCALE_K, SCALE_GAMMA, SCALE_C]);
         let prior_b = if calibrated { PRIOR_B.0 } else { PRIOR_B.1 };
         let prior_c = if c_known { PRIOR_C.0 } else { PRIOR_C.1 };
-        let prior = by_state(PRIOR_PSI, PRIOR_PSI, prior_b, PRIOR_R_S * r_s, PRIOR_V, PRIOR_GAMMA, prior_c);
-        let walk = by_state(WALK_PSI, WALK_M, WALK_B, WALK_R_S * r_s, WALK_V, WALK_GAMMA, WALK_C);
-        let step = by_state(STEP_PSI, 0.0, STEP_B, STEP_R_S * r_s, 0.0, 0.0, 0.0);
+        let prior = by_state([PRIOR_PSI, PRIOR_PSI, prior_b, PRIOR_R_S * r_s, PRIOR_V, PRIOR_K, PRIOR_GAMMA, prior_c]);
+        let walk = by_state([WALK_PSI, WALK_M, WALK_B, WALK_R_S * r_s, WALK_V, WALK_K, WALK_GAMMA, WALK_C]);
+        let step = by_state([STEP_PSI, 0.0, STEP_B, STEP_R_S * r_s, 0.0, 0.0, 0.0, 0.0]);
+        let capacitive = inverter.c_out > 0.0 && inverter.dead_time > 0.0;
         let on = |k: usize| match k {
             B..RS => identified.offset,
             RS | V => identified.resistance,
+            KNEE => identified.resistance && capacitive,
             _ => true,
         };
         let variance =
             |k: usize, x: &[f64; N], seconds: f64| r(if on(k) { scaled(x[k], scale[k]) * seconds } else { 0.0 });
         let swing = 2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / b.i;
         Self {
-            prior: [B, RS, V, C].map(|k| variance(k, &prior, 1.0)),
-            walk: [PSI, M, B, RS, V, GAMMA, C].map(|k| variance(k, &walk, seconds)),
+            prior: [B, RS, V, KNEE, C].map(|k| variance(k, &prior, 1.0)),
+            walk: [PSI, M, B, RS, V, KNEE, GAMMA, C].map(|k| variance(k, &walk, seconds)),
             step: [B, RS].map(|k| variance(k, &step, 1.0)),
             induced: r(INDUCED * INDUCED * seconds / (SCALE_PSI * SCALE_PSI)),
             zero: r(swing.max(ZERO_MIN)),
@@ -155,18 +164,18 @@ impl<R: Real> Noise<R> {
 
     /// Variances at the start.
     pub fn prior(&self) -> Column<R> {
-        let [b, r_s, v, c] = self.prior;
+        let [b, r_s, v, knee, c] = self.prior;
         let psi = R::from_f64(const { scaled(PRIOR_PSI, SCALE_PSI) });
-        by_state(psi, psi, b, r_s, v, R::from_f64(const { scaled(PRIOR_GAMMA, SCALE_GAMMA) }), c)
+        by_state([psi, psi, b, r_s, v, knee, R::from_f64(const { scaled(PRIOR_GAMMA, SCALE_GAMMA) }), c])
     }
 
     /// Variances that each block adds; `excess`: of the innovations over their measure.
     #[inline(always)]
     pub fn walk(&self, excess: R) -> Column<R> {
-        let [psi, m, b, r_s, v, gamma, c] = self.walk;
+        let [psi, m, b, r_s, v, knee, gamma, c] = self.walk;
         let [of_b, of_r_s] = self.step.map(|x| x * excess);
         let of_psi = R::from_f64(const { scaled(STEP_PSI, SCALE_PSI) }) * excess;
-        by_state(psi + of_psi, m, b + of_b, r_s + of_r_s, v, gamma, c)
+        by_state([psi + of_psi, m, b + of_b, r_s + of_r_s, v, knee, gamma, c])
     }
 
     /// Variance added to each component of the flux at a stator frequency.

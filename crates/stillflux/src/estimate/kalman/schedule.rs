@@ -10,11 +10,11 @@
 //! correction.
 
 use super::covariance::{Column, N};
-use super::model::{B, C, GAMMA, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
+use super::model::{B, C, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
 use super::noise::{FLOOR, Noise, RESIDUAL, SECOND_ORDER};
 use super::{Filter, FilterConfig, NIS_SURPRISE};
 use crate::scalar::Real;
-use crate::space::Rotator;
+use crate::space::{AlphaBeta, Rotator};
 
 /// Control periods that the work of a block needs, the closing one included.
 pub(super) const SLOTS: u32 = 10;
@@ -36,10 +36,8 @@ enum Slot {
     Noise,
     /// Innovation variance and gain.
     Gain,
-    /// Update of the first, the middle and the last rows.
-    UpdateFirst,
-    UpdateMiddle,
-    UpdateLast,
+    /// Update of some rows.
+    Update(usize, usize),
     /// A block may have more periods than there is work.
     Idle,
 }
@@ -55,9 +53,9 @@ impl Slot {
             4 => Self::Flux(true),
             5 => Self::Noise,
             6 => Self::Gain,
-            7 => Self::UpdateFirst,
-            8 => Self::UpdateMiddle,
-            9 => Self::UpdateLast,
+            7 => Self::Update(0, 5),
+            8 => Self::Update(5, 8),
+            9 => Self::Update(8, N),
             _ => Self::Idle,
         }
     }
@@ -94,9 +92,7 @@ impl<R: Real> Filter<R> {
             Slot::Flux(second) => self.flux_advance(c, second),
             Slot::Noise => self.add_noise(c),
             Slot::Gain => self.weigh(c),
-            Slot::UpdateFirst => self.update_first(),
-            Slot::UpdateMiddle => self.update_middle(),
-            Slot::UpdateLast => self.update_last(),
+            Slot::Update(from, to) => self.update(from, to),
             Slot::Idle => {}
         }
     }
@@ -117,11 +113,16 @@ impl<R: Real> Filter<R> {
 
     #[inline(never)]
     fn flux_advance(&mut self, c: &FilterConfig<R>, second: bool) {
-        let (i, u) = (&self.point.i_s, &self.point.u_l);
-        let (i, u) = if second { (i.im(), u.im()) } else { (i.re(), u.re()) };
-        let (i, u) = if self.point.held() { (R::ZERO, R::ZERO) } else { (i, u) };
-        let [by_b, by_r_s, by_v] = c.model.flux_row(i, u, self.r_s());
-        self.p.advance_pair::<B, 2>(second, by_b, &[(RS, by_r_s), (V, by_v)]);
+        let q = &self.point;
+        let (i, u_l, u_k) = (q.i_s, q.loss.vector(), AlphaBeta::<R>::from_phases(q.loss.by_knee()));
+        let of = |x: AlphaBeta<R>| match (q.held(), second) {
+            (true, _) => R::ZERO,
+            (_, true) => x.im(),
+            (_, false) => x.re(),
+        };
+        // The loss falls as the knee grows.
+        let [by_b, by_r_s, by_v, by_k] = c.model.flux_row(of(i), of(u_l), -of(u_k), self.r_s());
+        self.p.advance_pair::<B, 3>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k)]);
     }
 
     /// What the states may have done by themselves.
@@ -134,9 +135,10 @@ impl<R: Real> Filter<R> {
         if q.held() {
             // Held at their values and variances, and decorrelated: no innovation moves them, and what they were
             // correlated with is told by the voltage error that grows with frequency.
-            (walk[RS], walk[V]) = (R::ZERO, R::ZERO);
-            self.p.isolate(RS);
-            self.p.isolate(V);
+            for k in [RS, V, KNEE] {
+                walk[k] = R::ZERO;
+                self.p.isolate(k);
+            }
         }
         walk[M] += c.noise.lag(q.transient);
         let induced = c.noise.induced(omega);
@@ -190,39 +192,11 @@ impl<R: Real> Filter<R> {
         self.scratch = Scratch::Gain(ph);
     }
 
+    /// Rows `from..to` of the covariance lose what the innovation has told.
     #[inline(never)]
-    fn update_first(&mut self) {
-        self.update::<5>(|p, ph, gain| {
-            p.reduce::<0>(ph[0], gain, R::from_f64(FLOOR));
-            p.reduce::<1>(ph[1], gain, R::from_f64(FLOOR));
-            p.reduce::<2>(ph[2], gain, R::from_f64(FLOOR));
-            p.reduce::<3>(ph[3], gain, R::from_f64(FLOOR));
-            p.reduce::<4>(ph[4], gain, R::from_f64(FLOOR));
-        });
-    }
-
-    #[inline(never)]
-    fn update_middle(&mut self) {
-        self.update::<7>(|p, ph, gain| {
-            p.reduce::<5>(ph[5], gain, R::from_f64(FLOOR));
-            p.reduce::<6>(ph[6], gain, R::from_f64(FLOOR));
-        });
-    }
-
-    #[inline(never)]
-    fn update_last(&mut self) {
-        self.update::<N>(|p, ph, gain| {
-            p.reduce::<7>(ph[7], gain, R::from_f64(FLOOR));
-            p.reduce::<8>(ph[8], gain, R::from_f64(FLOOR));
-        });
-    }
-
-    /// Some rows of the covariance lose what the innovation has told; `K` gains are needed for them.
-    #[inline(always)]
-    fn update<const K: usize>(&mut self, rows: impl Fn(&mut super::covariance::Covariance<R>, &Column<R>, &[R])) {
+    fn update(&mut self, from: usize, to: usize) {
         if let Scratch::Gain(ph) = &self.scratch {
-            let gain: [R; K] = core::array::from_fn(|k| ph[k] * self.inv_s);
-            rows(&mut self.p, ph, &gain);
+            self.p.reduce(from, to, ph, self.inv_s, R::from_f64(FLOOR));
         }
     }
 

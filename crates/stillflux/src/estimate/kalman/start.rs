@@ -1,10 +1,10 @@
 //! Every beginning of the filter: priors, restored values, a machine without flux, one with the flux of a direct
 //! current, and a covariance that no longer means anything. All go through one reset of the covariance.
 
-use super::model::{B, C, GAMMA, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
+use super::model::{B, C, GAMMA, KNEE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
 use super::noise::SIGMA_AGAIN;
 use super::schedule::Scratch;
-use super::{B_MAX, Column, Covariance, Filter, FilterConfig, GAMMA_RANGE, Learned, R_S_RANGE, V_MAX};
+use super::{B_MAX, Column, Covariance, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, Learned, R_S_RANGE, V_MAX};
 use crate::estimate::integral::FluxIntegral;
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::{AlphaBeta, Dq};
@@ -24,8 +24,8 @@ const fn known(k: usize) -> f64 {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Initial<R: Real> {
     learned: Learned<R>,
-    /// Scaled variances of `b`, `r_s`, `v`, `γ`.
-    variance: [R; 4],
+    /// Scaled variances of `b`, `r_s`, `v`, `k`, `γ`.
+    variance: [R; 5],
 }
 
 impl<R: Real> Filter<R> {
@@ -34,8 +34,8 @@ impl<R: Real> Filter<R> {
     pub fn new(c: &FilterConfig<R>) -> Self {
         let prior = c.noise.prior();
         let initial = Initial {
-            learned: Learned { b: AlphaBeta::default(), r_s: c.model.r_s, v: R::ZERO, gamma: R::ONE },
-            variance: [B, RS, V, GAMMA].map(|k| prior[k]),
+            learned: Learned { b: AlphaBeta::default(), r_s: c.model.r_s, v: R::ZERO, knee: R::ONE, gamma: R::ONE },
+            variance: [B, RS, V, KNEE, GAMMA].map(|k| prior[k]),
         };
         let mut filter = Self::with(initial, Integrator::new(c.saturation));
         filter.reset_from_initial(c);
@@ -45,13 +45,14 @@ impl<R: Real> Filter<R> {
     /// States and memory of a block at their beginning; the covariance is not set.
     #[inline(always)]
     fn with(initial: Initial<R>, c: Integrator<R>) -> Self {
-        let Learned { b, r_s, v, gamma } = initial.learned;
+        let Learned { b, r_s, v, knee, gamma } = initial.learned;
         Self {
             psi_s: FluxIntegral::default(),
             m: Integrator::default(),
             b: [Integrator::new(b.re()), Integrator::new(b.im())],
             r_s: Integrator::new(r_s),
             v: Integrator::new(v),
+            knee: Integrator::new(knee),
             gamma: Integrator::new(gamma),
             c,
             i_s: AlphaBeta::default(),
@@ -85,9 +86,9 @@ impl<R: Real> Filter<R> {
     fn reset_from_initial(&mut self, c: &FilterConfig<R>) {
         *self = Self::with(self.initial, self.c);
         let mut variance = c.noise.prior();
-        let [of_b, of_r_s, of_v, of_gamma] = self.initial.variance;
+        let [of_b, of_r_s, of_v, of_knee, of_gamma] = self.initial.variance;
         (variance[B], variance[B + 1]) = (of_b, of_b);
-        (variance[RS], variance[V], variance[GAMMA]) = (of_r_s, of_v, of_gamma);
+        (variance[RS], variance[V], variance[KNEE], variance[GAMMA]) = (of_r_s, of_v, of_knee, of_gamma);
         self.reset_covariance(&variance);
     }
 
@@ -102,16 +103,17 @@ impl<R: Real> Filter<R> {
                 b: learned.b.limit_components(r(B_MAX)),
                 r_s: clamp_seldom(learned.r_s, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1)),
                 v: clamp_seldom(learned.v, r(-V_MAX), r(V_MAX)),
+                knee: clamp_seldom(learned.knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1)),
                 gamma: clamp_seldom(learned.gamma, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1)),
             },
-            variance: [B, RS, V, GAMMA].map(|k| prior[k] * r(known(k))),
+            variance: [B, RS, V, KNEE, GAMMA].map(|k| prior[k] * r(known(k))),
         };
         self.reset_from_initial(c);
     }
 
     /// What is worth keeping.
     pub fn learned(&self) -> Learned<R> {
-        Learned { b: self.b(), r_s: self.r_s(), v: self.v(), gamma: self.gamma.value() }
+        Learned { b: self.b(), r_s: self.r_s(), v: self.v(), knee: self.knee(), gamma: self.gamma.value() }
     }
 
     /// Begins with a machine without flux; what has been learned stays, less certain by what temperature may have
@@ -124,6 +126,7 @@ impl<R: Real> Filter<R> {
                 self.kept::<B>(&prior),
                 self.kept::<RS>(&prior),
                 self.kept::<V>(&prior),
+                self.kept::<KNEE>(&prior),
                 self.kept::<GAMMA>(&prior),
             ],
         };
