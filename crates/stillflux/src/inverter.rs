@@ -5,9 +5,9 @@
 //! u_s = u*_inv - u_th(i_s) - r_d i_s                                                         (7)
 //! ```
 //!
-//! A leg that commutates with dead time `T_d` loses `T_d/T_s u_dc` of its average voltage in the direction
-//! of its current, exactly as a threshold does: both are one term here, `U = u_th + T_d/T_s u_dc`. The term `r_d i_s`
-//! is *not* compensated: it is in series with the winding and `r̂_s` identifies the sum (Section III-E).
+//! A leg that commutates with dead time `T_d` also loses `U = T_d/T_s u_dc` of its average voltage in the direction of
+//! its current. The term `r_d i_s` is *not* compensated: it is in series with the winding and `r̂_s` identifies the sum
+//! (Section III-E).
 //!
 //! **Near current zero** the node of a leg has a capacitance `C` (switches, cable, motor), and in the dead time the
 //! phase current has to move its charge. When the switch that carries `i` turns off, the node ramps with `i/C` and
@@ -19,15 +19,15 @@
 //!        = |i|/(2 I_k)        |i| < I_k     the other switch ends it
 //! ```
 //!
-//! in the direction of the current. `I_k` is the *knee*; the tail is long (5 % are missing at ten times the knee). For
-//! the threshold the same shape is taken: it is a tenth of the dead time's voltage.
+//! in the direction of the current. `I_k` is the *knee*; the tail is long (5 % are missing at ten times the knee). The
+//! threshold has no part in it: outside the dead time a device conducts, however small the current is.
 //!
 //! Without capacitance a small current reaches zero within the dead time and stays there (both switches are open),
 //! so the error passes from one sign to the other over a band of at most `(2/3) u_dc T_d/L_σ`, and narrower where the
 //! legs commutate together (half of it was seen at 2.2 kW, a tenth at 11 kW, both at standstill). A band wider than
 //! the real one draws a field at rest to the place where a phase current is zero and keeps it there, where the
-//! voltage is known least; a narrower one pushes it away. The linear part of the model is therefore not narrower than a
-//! tenth of that band, and not wider unless the knee is.
+//! voltage is known least; a narrower one pushes it away. The model takes a tenth of that band, for the threshold and,
+//! unless the knee is larger, for the dead time.
 
 use crate::base::{Base, PerUnit};
 use crate::params::{Inverter, Machine};
@@ -51,14 +51,15 @@ pub struct InverterModel<R: Real> {
     u_th: R,
     /// Dead time as part of the period.
     dead_time: R,
-    /// Least half width of the linear part.
+    /// Least half width of the linear part, and its reciprocal over `SCALE`.
     band: R,
+    inv_band: R,
     /// The knee `I_k` of the parameters.
     knee: R,
     /// The curve for it.
     nominal: Knee<R>,
 }
-words!(InverterModel: u_th, dead_time, band, knee, nominal);
+words!(InverterModel: u_th, dead_time, band, inv_band, knee, nominal);
 
 /// The curve of a leg's error over its current, for one knee. Depends on nothing that changes within milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,9 +92,11 @@ impl<R: Real> Knee<R> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Distortion<R: Real> {
-    /// `e(i)` of each phase: add it to the reference to compensate.
+    /// Loss of each phase: add it to the reference to compensate.
     pub phases: [R; 3],
-    /// `U`, the loss far from current zero.
+    /// Its part without the dead time, `u_th`.
+    pub least: R,
+    /// The whole of it far from current zero, `u_th + U`.
     pub full: R,
 }
 
@@ -105,11 +108,11 @@ impl<R: Real> Distortion<R> {
     }
 
     /// By how much the loss of each phase falls when the knee grows, per relative change of it:
-    /// `-∂e/∂ln I_k = min(|e|, U - |e|) sign e`.
+    /// `-∂e/∂ln I_k = min(e, U - e)` for a positive current.
     #[inline(always)]
     pub fn by_knee(&self) -> [R; 3] {
         self.phases.map(|e| {
-            let magnitude = e.abs().min(self.full - e.abs()).max(R::ZERO);
+            let magnitude = (e.abs() - self.least).min(self.full - e.abs()).max(R::ZERO);
             if e < R::ZERO { -magnitude } else { magnitude }
         })
     }
@@ -123,15 +126,17 @@ impl<R: Real> InverterModel<R> {
         let swing = 2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / base.i;
         let knee =
             if inverter.dead_time > 0.0 { inverter.c_out * inverter.u_dc / inverter.dead_time / base.i } else { 0.0 };
-        let (knee, band) = (R::from_f64(knee.min(KNEE_MAX)), R::from_f64((BAND * swing).clamp(2e-4, 0.05)));
-        Self { u_th: pu.u_th, dead_time: pu.dead_time, band, knee, nominal: Knee::new(knee, band) }
+        let knee = R::from_f64(knee.min(KNEE_MAX));
+        let width = (BAND * swing).clamp(2e-4, 0.05);
+        let (band, inv_band) = (R::from_f64(width), R::from_f64(1.0 / (SCALE * width)));
+        Self { u_th: pu.u_th, dead_time: pu.dead_time, band, inv_band, knee, nominal: Knee::new(knee, band) }
     }
 
     /// A model of an ideal inverter: no compensation.
     #[must_use]
     pub fn ideal() -> Self {
-        let (knee, band) = (R::ZERO, R::ONE);
-        Self { u_th: R::ZERO, dead_time: R::ZERO, band, knee, nominal: Knee::new(knee, band) }
+        let (knee, band, inv_band) = (R::ZERO, R::ONE, R::from_f64(1.0 / SCALE));
+        Self { u_th: R::ZERO, dead_time: R::ZERO, band, inv_band, knee, nominal: Knee::new(knee, band) }
     }
 
     /// The curve for a knee `relative` times that of the parameters.
@@ -155,19 +160,21 @@ impl<R: Real> InverterModel<R> {
     /// is what has been found of threshold and dead time, relative to their values here.
     #[inline]
     pub fn distortion(&self, knee: &Knee<R>, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> Distortion<R> {
-        let full = (self.u_th + self.dead_time * u_dc) * gain;
+        let (least, dead) = (self.u_th * gain, self.dead_time * u_dc * gain);
+        let full = least + dead;
         let scale = R::from_f64(SCALE);
-        let (tail, slope) = (full * knee.tail, full * scale);
+        let tail = dead * knee.tail;
         let leg = |i: R| {
-            if likely(!i.within(knee.width)) {
-                let e = full - tail * (i.abs() * scale).recip();
-                if i < R::ZERO { -e } else { e }
+            let magnitude = i.abs();
+            let e = if likely(magnitude > knee.width) {
+                full - tail * (magnitude * scale).recip()
             } else {
-                i * knee.slope * slope
-            }
+                magnitude * knee.slope * (dead * scale) + least * (magnitude * self.inv_band * scale).min(R::ONE)
+            };
+            if i < R::ZERO { -e } else { e }
         };
         let [a, b, c] = i_s.to_phases();
-        Distortion { phases: [leg(a), leg(b), leg(c)], full }
+        Distortion { phases: [leg(a), leg(b), leg(c)], least, full }
     }
 }
 
@@ -205,7 +212,7 @@ mod tests {
 
     /// A bridge with capacitance, and the current of its knee.
     fn capacitive() -> (InverterModel<f64>, f64, f64) {
-        let (m, inv) = (Machine::preset_2k2(), Inverter { u_th: 0.0, c_out: 1e-9, ..Inverter::preset_2k2() });
+        let (m, inv) = (Machine::preset_2k2(), Inverter { c_out: 1e-9, ..Inverter::preset_2k2() });
         let pu = PerUnit::new(&m, &inv).unwrap();
         (InverterModel::new(&m, &inv, &pu), pu.u_dc, 0.27 / Base::new(&m).i)
     }
@@ -215,8 +222,8 @@ mod tests {
         let (model, u_dc, i_k) = capacitive();
         let knee = model.knee(1.0);
         let full = u_dc * model.dead_time;
-        for x in [0.01, 0.3, 0.999, 1.001, 1.5, 3.0, 10.0, 20.0] {
-            let e = model.distortion(&knee, &AlphaBeta::new(x * i_k, 0.0), u_dc, 1.0).phases[0] / full;
+        for x in [0.02, 0.3, 0.999, 1.001, 1.5, 3.0, 10.0, 20.0] {
+            let e = (model.distortion(&knee, &AlphaBeta::new(x * i_k, 0.0), u_dc, 1.0).phases[0] - model.u_th) / full;
             let law = if x < 1.0 { 0.5 * x } else { 1.0 - 0.5 / x };
             assert!((e - law).abs() < 1e-9, "{x}: {e}, not {law}");
         }

@@ -3,14 +3,15 @@
 //! be this, and the derivatives in the model must be those of its equations.
 
 use super::model::{
-    B, BlockMeans, C, C_MAX, GAMMA, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_PSI,
+    B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_PSI,
     SCALE_R, SCALE_V, V,
 };
 use super::{
-    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, N, NIS_CORNER, NIS_SURPRISE, R_S_RANGE, SIGMA_LOST,
-    V_MAX, noise,
+    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, N, NIS_CORNER, NIS_SURPRISE, R_S_RANGE,
+    SIGMA_LOST, V_MAX, noise,
 };
 use crate::base::{Base, PerUnit};
+use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine, Saturation};
 use crate::space::{AlphaBeta, Dq, Rotator};
 use nalgebra::{SMatrix, SVector, Vector2};
@@ -33,7 +34,18 @@ fn vector(v: &AlphaBeta<f64>) -> Vector2<f64> {
 
 /// Sizes of the scaled states.
 fn scale(model: &Model<f64>) -> State {
-    State::from([SCALE_PSI, SCALE_PSI, SCALE_PSI, SCALE_B, SCALE_B, SCALE_R * model.r_s, SCALE_V, SCALE_GAMMA, SCALE_C])
+    State::from([
+        SCALE_PSI,
+        SCALE_PSI,
+        SCALE_PSI,
+        SCALE_B,
+        SCALE_B,
+        SCALE_R * model.r_s,
+        SCALE_V,
+        SCALE_K,
+        SCALE_GAMMA,
+        SCALE_C,
+    ])
 }
 
 /// `ψ_s`, `m` and `b` of a state whose first components are `χ`.
@@ -42,13 +54,15 @@ fn parts(model: &Model<f64>, x: &State) -> (Vector2<f64>, f64, Vector2<f64>) {
     (Vector2::new(x[PSI], x[PSI + 1]) - b * model.sigma_l_s, x[M], b)
 }
 
-/// `f` of the model: a state after a block with the measured current `i_m` and the voltages `u_s` and `u_l`.
-fn f(model: &Model<f64>, x: &State, i_m: Vector2<f64>, u_s: Vector2<f64>, u_l: Vector2<f64>) -> State {
+/// `f` of the model: a state after a block with the measured current `i_m`, the voltage `u_s` and the inverter model's
+/// loss. `V` and `KNEE` hold the logarithmic errors.
+fn f(model: &Model<f64>, x: &State, i_m: Vector2<f64>, u_s: Vector2<f64>, loss: &Distortion<f64>) -> State {
+    let (u_l, u_k) = (vector(&loss.vector()), -vector(&AlphaBeta::from_phases(loss.by_knee())));
     let (psi_s, m, b) = parts(model, x);
     let i = i_m - b;
     let n = (psi_s - i * model.sigma_l_s).normalize();
     let mut next = *x;
-    let psi_next = psi_s + (u_s - u_l * x[V] - i * x[RS]) * model.delta;
+    let psi_next = psi_s + (u_s - u_l * x[V] - u_k * x[KNEE] - i * x[RS]) * model.delta;
     let chi = psi_next + b * model.sigma_l_s;
     (next[PSI], next[PSI + 1]) = (chi.x, chi.y);
     next[M] = m + model.r_r_block * i.dot(&n) - model.decay * x[GAMMA] * model.curve(m, x[C]).m_g;
@@ -62,7 +76,7 @@ fn h(model: &Model<f64>, x: &State, i_m: Vector2<f64>) -> f64 {
 }
 
 /// The operating point of a state.
-fn point(model: &Model<f64>, x: &State, i_m: Vector2<f64>, u_l: Vector2<f64>, omega_s: f64) -> OperatingPoint<f64> {
+fn point(model: &Model<f64>, x: &State, i_m: Vector2<f64>, loss: Distortion<f64>, omega_s: f64) -> OperatingPoint<f64> {
     let (psi_s, m, b) = parts(model, x);
     let i = i_m - b;
     let psi_r = psi_s - i * model.sigma_l_s;
@@ -73,7 +87,7 @@ fn point(model: &Model<f64>, x: &State, i_m: Vector2<f64>, u_l: Vector2<f64>, om
         i_d: i.dot(&n),
         i_q: n.x * i.y - n.y * i.x,
         i_s: AlphaBeta::new(i.x, i.y),
-        u_l: AlphaBeta::new(u_l.x, u_l.y),
+        loss,
         omega_s,
         valid: true,
     };
@@ -89,10 +103,12 @@ fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, r_s: f64, gamma: f64
     }
     let held = at.omega_s.abs() > OMEGA_HELD;
     for k in 0..2 {
-        let (i, u) = (vector(&at.i_s)[k], vector(&at.u_l)[k]);
-        let (i, u) = if held { (0.0, 0.0) } else { (i, u) };
-        let [by_b, by_r_s, by_v] = model.flux_row(i, u, r_s);
-        (big_f[(PSI + k, B + k)], big_f[(PSI + k, RS)], big_f[(PSI + k, V)]) = (by_b, by_r_s, by_v);
+        let seen = if held { 0.0 } else { 1.0 };
+        let (u_l, u_k) = (vector(&at.loss.vector()), -vector(&AlphaBeta::from_phases(at.loss.by_knee())));
+        let row = model.flux_row(vector(&at.i_s)[k] * seen, u_l[k] * seen, u_k[k] * seen, r_s);
+        for (j, x) in [B + k, RS, V, KNEE].into_iter().zip(row) {
+            big_f[(PSI + k, j)] = x;
+        }
     }
     big_f
 }
@@ -143,16 +159,17 @@ fn transition_and_measurement_rows_are_the_derivatives_of_the_model() {
         let (model, scale) = (&c.model, scale(&c.model));
         for _ in 0..200 {
             let i_m = Vector2::new(r(), r());
-            let (u_s, u_l) = (Vector2::new(r(), r()) * 0.1, Vector2::new(r(), r()) * 0.05);
+            let u_s = Vector2::new(r(), r()) * 0.1;
+            let loss = Distortion { phases: [r() * 0.03, r() * 0.03, r() * 0.03], least: 0.003, full: 0.033 };
             let mut x = State::zeros();
             (x[PSI], x[PSI + 1]) = (0.8 + 0.2 * r(), 0.6 + 0.2 * r());
             (x[M], x[B], x[B + 1]) = (0.9 + 0.2 * r(), 0.01 * r(), 0.01 * r());
-            (x[RS], x[V]) = (model.r_s * (1.0 + 0.2 * r()), 0.1 * r());
+            (x[RS], x[V], x[KNEE]) = (model.r_s * (1.0 + 0.2 * r()), 0.1 * r(), 0.2 * r());
             (x[GAMMA], x[C]) = (1.0 + 0.1 * r(), 0.2 + 0.1 * r());
-            let at = point(model, &x, i_m, u_l, 0.05);
+            let at = point(model, &x, i_m, loss, 0.05);
 
             let exact = transition(model, &at, x[RS], x[GAMMA]);
-            let numeric = differences(&x, &scale, |x| f(model, x, i_m, u_s, u_l).component_div(&scale));
+            let numeric = differences(&x, &scale, |x| f(model, x, i_m, u_s, &loss).component_div(&scale));
             assert!((exact - numeric).amax() < 1e-6, "F is off by {}", exact - numeric);
 
             let exact = measurement(&at);
@@ -195,6 +212,7 @@ impl Reference {
                 b.im(),
                 filter.r_s(),
                 filter.v(),
+                filter.knee(),
                 value(&filter.gamma),
                 value(&filter.c),
             ]),
@@ -247,7 +265,7 @@ impl Reference {
             i_d: along * inv,
             i_q: across * inv,
             i_s: Rotator { cos: d.x, sin: d.y }.to_stator(&input.i_ref),
-            u_l: input.u_l,
+            loss: input.loss,
             omega_s: input.omega_s,
             valid: true,
         };
@@ -259,7 +277,10 @@ impl Reference {
         } else {
             self.trial -= 1;
         }
-        self.x += (self.gain * z).component_mul(&scale(&model));
+        let mut by = (self.gain * z).component_mul(&scale(&model));
+        by[V] *= 1.0 + self.x[V];
+        by[KNEE] *= self.x[KNEE];
+        self.x += by;
         let r_s = model.r_s;
         for (k, (low, high)) in [
             (M, (0.0, 3.0)),
@@ -267,6 +288,7 @@ impl Reference {
             (B + 1, (-B_MAX, B_MAX)),
             (RS, (R_S_RANGE.0 * r_s, R_S_RANGE.1 * r_s)),
             (V, (-V_MAX, V_MAX)),
+            (KNEE, KNEE_RANGE),
             (GAMMA, GAMMA_RANGE),
             (C, (0.0, C_MAX)),
         ] {
@@ -286,7 +308,7 @@ impl Reference {
         let excess = if held { 0.0 } else { (self.nis - NIS_SURPRISE).max(0.0) };
         let mut q = Matrix::from_diagonal(&State::from(self.c.noise.walk(excess)));
         if held {
-            for k in [RS, V] {
+            for k in [RS, V, KNEE] {
                 q[(k, k)] = 0.0;
                 let own = p[(k, k)];
                 p.row_mut(k).fill(0.0);
@@ -388,12 +410,12 @@ impl ClosedLoop {
         let after = self.psi_r + next * sigma;
         // The inverter model takes a third of LOSS per phase, by the sign of its current.
         let phases = AlphaBeta::new(mean.x, mean.y).to_phases();
-        let u_l = AlphaBeta::from_phases(phases.map(|i| LOSS * (i * 50.0).clamp(-1.0, 1.0)));
-        let u = (after - before) / t_s + mean * (c.model.r_s * self.r_s) + vector(&u_l) * LOSS_ERROR;
+        let loss = Distortion { phases: phases.map(|i| LOSS * (i * 20.0).clamp(-1.0, 1.0)), least: 0.0, full: LOSS };
+        let u = (after - before) / t_s + mean * (c.model.r_s * self.r_s) + vector(&loss.vector()) * LOSS_ERROR;
         self.i = next;
         let i_m = next + self.offset;
         let omega_s = omega + self.r_r * i_q / self.psi_r.norm();
-        let input = Input { u_s: AlphaBeta::new(u.x, u.y), u_l, i_m: AlphaBeta::new(i_m.x, i_m.y), i_ref, omega_s };
+        let input = Input { u_s: AlphaBeta::new(u.x, u.y), loss, i_m: AlphaBeta::new(i_m.x, i_m.y), i_ref, omega_s };
         self.filter.step(&self.c, &input, false);
         input
     }
@@ -502,15 +524,15 @@ fn held_states_are_decorrelated_and_stay_where_they_are() {
     for _ in 0..40 {
         rig.step(0.3, 0.5);
     }
-    let (r_s, v, variance) = (rig.filter.r_s(), rig.filter.v(), [RS, V].map(|k| rig.filter.p.get(k, k)));
+    let (r_s, v, variance) = (rig.filter.r_s(), rig.filter.v(), [RS, V, KNEE].map(|k| rig.filter.p.get(k, k)));
     // The winding warms where it cannot be seen.
     rig.r_s *= 1.3;
     for _ in 0..10_000 {
         rig.step(0.3, 0.5);
     }
     assert_eq!((rig.filter.r_s(), rig.filter.v()), (r_s, v));
-    assert_eq!([RS, V].map(|k| rig.filter.p.get(k, k)), variance);
-    for held in [RS, V] {
+    assert_eq!([RS, V, KNEE].map(|k| rig.filter.p.get(k, k)), variance);
+    for held in [RS, V, KNEE] {
         assert!((0..N).all(|k| k == held || rig.filter.p.get(held, k) == 0.0));
     }
 }
