@@ -22,6 +22,7 @@ use stillflux::estimate::speed::SpeedEstimator;
 use stillflux::inverter::InverterModel;
 use stillflux::params::{Inverter, Machine};
 use stillflux::scalar::{Real, Timer};
+use stillflux::si::SiUnits;
 use stillflux::space::{AlphaBeta, Dq};
 use stillflux_sim::simulate::{Profile, ReferenceProfile, Scenario};
 use stillflux_sim::{Plant, PlantParams};
@@ -58,13 +59,12 @@ fn configuration<R: Real>(scheme: Scheme) -> DriveConfig<R> {
 #[must_use]
 pub fn running<R: Real>(scheme: Scheme, samples: usize) -> (Drive<R>, Vec<Measurement<R>>) {
     let (machine, inverter) = machine();
-    let base = Base::new(&machine);
+    let units = SiUnits::new(&machine);
     let mut drive = Drive::new(configuration(scheme));
     let mut plant = Plant::new(PlantParams::new(machine, inverter)).expect("valid parameters");
     let mut sample = plant.sample();
     let mut step = |drive: &mut Drive<R>, omega: f64, load: f64| {
-        let i_abc = sample.i_abc.map(|i| R::from_f64(i / base.i));
-        let measured = Measurement { i_abc, u_dc: R::from_f64(sample.u_dc / base.u) };
+        let measured = units.measurement(&sample);
         let out = drive.step(&measured, &Reference::Speed(R::from_f64(omega)));
         sample = plant.step(out.duty.map(R::to_f64), out.gates_on, load);
         measured
