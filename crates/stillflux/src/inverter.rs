@@ -19,8 +19,7 @@
 //! draws the field to that place and keeps it there, where the voltage is known least; a narrower one
 //! pushes it away. The model therefore takes a tenth of the physical band, linear inside.
 
-use crate::base::{Base, PerUnit};
-use crate::params::{Inverter, Machine};
+use crate::base::PerUnit;
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 use crate::words::words;
@@ -49,13 +48,11 @@ words!(InverterModel: u_th, dead_time, band, inv_band);
 impl<R: Real> InverterModel<R> {
     /// Model of an inverter that feeds a machine.
     #[must_use]
-    pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit<R>) -> Self {
-        let base = Base::new(machine);
-        let swing = 2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / base.i;
-        let band = (BAND * swing).clamp(2e-4, 0.05);
+    pub fn new(pu: &PerUnit) -> Self {
+        let band = (BAND * pu.dead_time_swing).clamp(2e-4, 0.05);
         Self {
-            u_th: pu.u_th,
-            dead_time: pu.dead_time,
+            u_th: R::from_f64(pu.u_th),
+            dead_time: R::from_f64(pu.dead_time),
             band: R::from_f64(band),
             inv_band: R::from_f64(1.0 / (SCALE * band)),
         }
@@ -87,11 +84,12 @@ impl<R: Real> InverterModel<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::params::{Inverter, Machine};
 
     fn model() -> (InverterModel<f64>, PerUnit<f64>) {
         let (m, inv) = (Machine::preset_2k2(), Inverter { dead_time: 0.0, ..Inverter::preset_2k2() });
         let pu = PerUnit::new(&m, &inv).unwrap();
-        (InverterModel::new(&m, &inv, &pu), pu)
+        (InverterModel::new(&pu), pu)
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Configuration of the enhanced scheme: what its estimators and its flux shift read, per unit.
 
 use super::settings::{DriveParams, SLOW_PERIODS};
-use crate::base::{Base, PerUnit, rounded};
+use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
@@ -31,23 +31,22 @@ words!(EnhancedConfig: filter, balance, shift, probe_periods);
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
-    pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit<R>, p: &DriveParams, i_q_max: f64) -> Self {
-        let b = Base::new(machine);
+    pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
-        let psi_r = p.psi_ref * machine.L_M / machine.L_s();
+        let psi_r = p.psi_ref * pu.l_m / pu.l_s;
         let identified =
             Identified { offset: p.offset_estimator, resistance: p.resistance_adaptation, flux: p.noise_compensator };
         Self {
-            filter: FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified),
+            filter: FilterConfig::new(machine, inverter, &pu.round(), p.psi_ref, p.calibrate_offset, identified),
             balance: BalanceConfig {
                 step: rounded(BALANCE_RATE / inverter.f_s),
                 step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),
             },
             shift: ShiftConfig {
-                omega_s_min: rounded(p.omega_s_min / b.omega),
-                slip: rounded(machine.R_R / b.z / (psi_r * psi_r)),
+                omega_s_min: rounded(p.omega_s_min / pu.base.omega),
+                slip: rounded(pu.r_r / (psi_r * psi_r)),
                 // From 0.1 to 0.3 of rated torque.
-                inv_torque_fade: rounded(5.0 * b.torque / machine.T_N),
+                inv_torque_fade: rounded(5.0 / pu.torque_rated),
                 // A tenth of the torque that the current allows is kept in reserve.
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
                 step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),

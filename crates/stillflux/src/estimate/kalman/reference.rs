@@ -364,7 +364,7 @@ impl ClosedLoop {
             psi_r: Vector2::new(psi, 0.0),
             i,
             r_r: pu.r_r,
-            inv_tau_r: pu.inv_tau_r,
+            inv_tau_r: 1.0 / pu.tau_r,
             i_d,
             r_s: 1.05,
             offset: Vector2::new(3e-4, -2e-4),
