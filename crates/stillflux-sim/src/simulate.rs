@@ -12,6 +12,7 @@ use stillflux::params::{Inverter, Machine, ParamError, check};
 
 use crate::plant::{Plant, PlantParams};
 use stillflux::si::{Arithmetic, EstimateSi, MeasurementSi, MemorySi, ReferenceSi, SiDrive, Vector};
+use stillflux::space::AlphaBeta;
 
 /// Piecewise linear function of time; two points at one time make a step.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -408,12 +409,11 @@ impl<'s> Run<'s> {
     fn moment(&self, reference: f64) -> Moment<'_> {
         let psi = self.plant.truth().psi_s;
         let begin = self.psi_begin.unwrap_or(psi);
-        let [a, b, c] = self.sample.i_abc;
         Moment {
             plant: &self.plant,
             estimate: self.drive.estimate(),
             drive: &self.drive,
-            measured: [(2.0 * a - b - c) / 3.0, (b - c) / 3f64.sqrt()],
+            measured: AlphaBeta::from_phases(self.sample.i_abc).into(),
             reference,
             drift: [0, 1].map(|k| self.u_i_integral[k] - (psi[k] - begin[k])),
         }

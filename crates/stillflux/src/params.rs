@@ -42,6 +42,14 @@ pub fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'static
     if value >= min && value <= max { Ok(()) } else { Err(ParamError { field, value, min, max, unit }) }
 }
 
+/// Checks a stator resistance in Ω.
+///
+/// # Errors
+/// A resistance outside its admissible range.
+pub fn check_resistance(R_s: f64) -> Result<(), ParamError> {
+    check("R_s", R_s, 1e-5, 1e3, "ohm")
+}
+
 /// Magnetic saturation of the Γ-form stator inductance, `L_s(psi) = L_u / (1 + (a psi)^S)`.
 ///
 /// A plant property: the drive models the machine at its rated flux.
@@ -225,7 +233,7 @@ impl Machine {
     /// The first field found outside its range.
     #[inline(never)]
     pub fn validate(&self) -> Result<(), ParamError> {
-        check("R_s", self.R_s, 1e-5, 1e3, "ohm")?;
+        check_resistance(self.R_s)?;
         check("R_R", self.R_R, 1e-5, 1e3, "ohm")?;
         check("L_sigma", self.L_sigma, 1e-6, 10.0, "H")?;
         check("L_M", self.L_M, 1e-5, 100.0, "H")?;

@@ -4,7 +4,7 @@ use super::settings::{DriveParams, SLOW_PERIODS, SPEED_PERIODS};
 use crate::base::{PerUnit, rounded};
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
-use crate::estimate::offset::{OffsetConfig, longest_window};
+use crate::estimate::offset::{OffsetConfig, U_OFF_MAX, longest_window};
 use crate::estimate::resistance::ResistanceConfig;
 use crate::params::Inverter;
 use crate::scalar::Real;
@@ -38,7 +38,7 @@ impl<R: Real> PaperConfig<R> {
         let offset = OffsetConfig {
             t_s: r(t_s),
             gain: r(p.offset_gain),
-            limit: r(0.05),
+            limit: r(U_OFF_MAX),
             hysteresis: r(0.2 * p.psi_ref),
             interval: r(t_speed),
             turn: r(t_speed / core::f64::consts::TAU),

@@ -8,7 +8,7 @@ use super::interface::Memory;
 use crate::config::{DriveConfig, PaperConfig};
 use crate::estimate::confidence::Confidence;
 use crate::estimate::flux::FluxEstimator;
-use crate::estimate::resistance::ResistanceEstimator;
+use crate::estimate::resistance::{self, ResistanceEstimator};
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use crate::scalar::{Integrator, Real};
 use crate::space::{AlphaBeta, Dq, Rotator};
@@ -47,7 +47,8 @@ impl<R: Real> PaperEstimators<R> {
 
     /// A resistance from the magnetisation or from memory, within its limits.
     fn set_resistance(&mut self, c: &DriveConfig<R>, r_s: R) {
-        self.resistance.start(r_s.clamp(c.paper.r_s * R::HALF, c.paper.r_s * R::from_f64(1.5)));
+        let (lo, hi) = resistance::range(c.paper.r_s);
+        self.resistance.start(r_s.clamp(lo, hi));
     }
 
     /// Begins at a flux that the magnetisation has built up along the a-axis.

@@ -27,6 +27,9 @@ use crate::scalar::{QuickIntegrator, Real, likely};
 use crate::space::AlphaBeta;
 use crate::words::words;
 
+/// Largest offset voltage, per unit: several times what current sensors and inverter cause.
+pub const U_OFF_MAX: f64 = 0.05;
+
 /// Settings of the offset estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
