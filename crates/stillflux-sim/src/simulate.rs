@@ -288,6 +288,7 @@ impl<'s> Run<'s> {
                         min: f64::NAN,
                         max: f64::NAN,
                         unit: "",
+                        note: "",
                     })
                 })
                 .collect::<Result<_, _>>()?,

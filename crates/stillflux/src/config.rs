@@ -7,7 +7,7 @@ mod enhanced;
 mod paper;
 mod settings;
 
-pub use settings::{DriveParams, LowConfidence, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+pub use settings::{DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 
 use crate::base::{PerUnit, rounded};
 use crate::control::current::CurrentConfig;
@@ -269,5 +269,21 @@ mod tests {
             }
         }
         assert!(Scheme::ALL.contains(&Scheme::default()));
+    }
+
+    #[test]
+    fn a_setting_of_the_other_scheme_is_refused_by_name() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let defaults = DriveParams::new(&machine, &inverter);
+        let paper = PaperParams { noise_gain: (0.06, 0.4), ..defaults.paper };
+        let enhanced = EnhancedParams { identify_resistance: false, ..defaults.enhanced };
+        for (changed, own, field, other) in [
+            (DriveParams { paper, ..defaults }, Scheme::Paper, "noise_gain[1]", Scheme::Enhanced),
+            (DriveParams { enhanced, ..defaults }, Scheme::Enhanced, "identify_resistance", Scheme::Paper),
+        ] {
+            assert_eq!(DriveParams { scheme: own, ..changed }.validate(&machine, &inverter), Ok(()));
+            let e = DriveParams { scheme: other, ..changed }.validate(&machine, &inverter).unwrap_err();
+            assert!(e.field == field && e.note.contains("scheme"), "{e}");
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Configuration of the enhanced scheme: what its estimators and its flux shift read, per unit.
 
-use super::settings::{DriveParams, SLOW_PERIODS};
+use super::settings::{DriveParams, EnhancedParams, SLOW_PERIODS};
 use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
@@ -34,8 +34,10 @@ impl<R: Real> EnhancedConfig<R> {
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
-        let identified =
-            Identified { offset: p.offset_estimator, resistance: p.resistance_adaptation, flux: p.noise_compensator };
+        let identified = {
+            let EnhancedParams { identify_offset, identify_resistance, apply_innovation, .. } = p.enhanced;
+            Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
+        };
         Self {
             filter: FilterConfig::new(machine, inverter, &pu.round(), p.psi_ref, p.calibrate_offset, identified),
             balance: BalanceConfig {
@@ -43,7 +45,7 @@ impl<R: Real> EnhancedConfig<R> {
                 step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),
             },
             shift: ShiftConfig {
-                omega_s_min: rounded(p.omega_s_min / pu.base.omega),
+                omega_s_min: rounded(p.enhanced.omega_s_min / pu.base.omega),
                 slip: rounded(pu.r_r / (psi_r * psi_r)),
                 // From 0.1 to 0.3 of rated torque.
                 inv_torque_fade: rounded(5.0 / pu.torque_rated),

@@ -33,11 +33,11 @@ impl<R: Real> PaperConfig<R> {
         let r = rounded::<R>;
         let t_s = pu.t_s;
         let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));
-        let noise = if p.noise_compensator { p.noise_gain } else { (0.0, 0.0) };
+        let noise = if p.paper.noise_compensator { p.paper.noise_gain } else { (0.0, 0.0) };
         let r_s_periods = magnetise_periods / 4;
         let offset = OffsetConfig {
             t_s: r(t_s),
-            gain: r(p.offset_gain),
+            gain: r(p.paper.offset_gain),
             limit: r(U_OFF_MAX),
             hysteresis: r(0.2 * p.psi_ref),
             interval: r(t_speed),
@@ -50,12 +50,12 @@ impl<R: Real> PaperConfig<R> {
                 t_s: r(t_s),
                 noise_min: r(noise.0),
                 noise_max: r(noise.1),
-                offset: p.offset_estimator.then_some(offset),
+                offset: p.paper.offset_estimator.then_some(offset),
             },
-            resistance: p.resistance_adaptation.then(|| ResistanceConfig {
+            resistance: p.paper.resistance_adaptation.then(|| ResistanceConfig {
                 l_sum: r(pu.l_s + pu.sigma_l_s),
                 l_product: r(pu.l_s * pu.sigma_l_s),
-                gain: r(t_slow * (p.resistance_gain / pu.base.omega)),
+                gain: r(t_slow * (p.paper.resistance_gain / pu.base.omega)),
                 i_q_min: r(0.15 * pu.torque_rated / p.psi_ref),
                 i_q_high: r(0.6 * pu.torque_rated / p.psi_ref),
                 omega_min: r(0.004),
