@@ -33,7 +33,7 @@ impl Status {
             core::Status::Magnetising => ("magnetising", None, None),
             core::Status::Running => ("running", None, None),
             core::Status::Faulted { cause, period } => {
-                ("faulted", Some(fault_name(cause).to_owned()), Some(f64::from(period) / f_s))
+                ("faulted", Some(cause.to_string()), Some(f64::from(period) / f_s))
             }
         };
         Self { state: state.to_owned(), fault, time }
@@ -48,25 +48,19 @@ impl Status {
     }
 }
 
-fn fault_name(cause: Fault) -> &'static str {
-    match cause {
-        Fault::OverCurrent => "over-current",
-        Fault::UnderVoltage => "under-voltage",
-        Fault::OverVoltage => "over-voltage",
-        Fault::Measurement => "measurement",
-        Fault::Reference => "reference",
-        Fault::CurrentOffset => "current offset",
-        Fault::EstimateLost => "estimate lost",
-        Fault::LowConfidence => "low confidence",
-    }
-}
-
 #[pymethods]
 impl Status {
     #[new]
     #[pyo3(signature = (state, fault=None, time=None))]
     fn new(state: String, fault: Option<String>, time: Option<f64>) -> Self {
         Self { state, fault, time }
+    }
+
+    /// The cause of the fault as a stable number, else None.
+    #[getter]
+    fn fault_code(&self) -> Option<u32> {
+        let name = self.fault.as_deref()?;
+        Fault::ALL.into_iter().find(|fault| fault.to_string() == name).map(Fault::code)
     }
 
     fn __getnewargs__(&self) -> (String, Option<String>, Option<f64>) {
@@ -151,8 +145,11 @@ estimate! {
     torque,
     /// Stator resistance including the inverter's r_d, Ω.
     R_s,
-    /// Residual of equation (15), per unit.
+    /// Residual ε of equation (15), per unit; zero in the scheme "enhanced".
     epsilon,
+    /// Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s; zero in the
+    /// scheme "paper".
+    innovation,
     /// Confidence in the field angle, 0 to 1.
     confidence,
 }

@@ -7,7 +7,6 @@
 use std::borrow::Cow;
 
 use stillflux::config::DriveParams;
-use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 
 use crate::plant::{Plant, PlantParams};
@@ -192,25 +191,14 @@ signals! {
     "estimate.torque", "N m", Real, |m| m.estimate.torque;
     "estimate.R_s", "ohm", Real, |m| m.estimate.R_s;
     "estimate.epsilon", "p.u.", Real, |m| m.estimate.epsilon;
+    "estimate.innovation", "V s", Real, |m| m.estimate.innovation;
     "estimate.confidence", "", Real, |m| m.estimate.confidence;
-    "status", "", Real, |m| status_code(m.drive.status());
+    "status", "", Real, |m| f64::from(m.drive.status().code());
 }
 
 /// Angle from `a` to `b`, rad.
 fn angle_between(a: &Vector, b: &Vector) -> f64 {
     (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1])
-}
-
-/// Status as a number: 0 stopped, 1 reading offset, 2 magnetising, 3 running, 4 faulted.
-#[must_use]
-pub fn status_code(status: Status) -> f64 {
-    match status {
-        Status::Stopped => 0.0,
-        Status::ReadingOffset => 1.0,
-        Status::Magnetising => 2.0,
-        Status::Running => 3.0,
-        Status::Faulted { .. } => 4.0,
-    }
 }
 
 /// One recorded signal.

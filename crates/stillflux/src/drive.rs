@@ -86,7 +86,7 @@ impl<R: Real> Drive<R> {
     /// Estimates of the latest period; what the step does not need in this form is computed here.
     pub fn estimate(&self) -> Estimate<R> {
         let Control { i_dq, i_dq_ref, psi_ref, ref voltage, .. } = self.common.control;
-        let Estimated { flux, speed, psi_1, u_off, i_s, r_s, epsilon, confidence } =
+        let Estimated { flux, speed, psi_1, u_off, i_s, r_s, epsilon, innovation, confidence } =
             with_estimators!(&self.estimators, e => e.estimated());
         Estimate {
             flux,
@@ -101,6 +101,7 @@ impl<R: Real> Drive<R> {
             torque: flux.magnitude * i_dq.im(),
             r_s,
             epsilon,
+            innovation,
             confidence: if self.status() == Status::Running { confidence } else { R::ZERO },
         }
     }

@@ -45,7 +45,9 @@ fn check<R: Real>(d: &mut Drive<R>, m: &Measurement<R>, reference: &Reference<R>
         assert!(duty >= R::ZERO && duty <= R::ONE, "{duty:?}");
     }
     let e = d.estimate();
-    for x in [e.speed.omega_m, e.speed.omega_s, e.torque, e.r_s, e.confidence, e.flux.magnitude, e.epsilon] {
+    for x in
+        [e.speed.omega_m, e.speed.omega_s, e.torque, e.r_s, e.confidence, e.flux.magnitude, e.epsilon, e.innovation]
+    {
         assert!(x.is_finite(), "{e:?}");
     }
     assert!(e.flux.psi_s.is_finite() && e.u_off.is_finite() && e.i_dq_ref.is_finite());

@@ -169,6 +169,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
             i_s: self.i_s,
             r_s: self.resistance.r_s(),
             epsilon: self.resistance.epsilon(),
+            innovation: R::ZERO,
             confidence: self.confidence.value(),
         }
     }
