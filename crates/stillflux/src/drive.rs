@@ -160,6 +160,9 @@ impl<R: Real> Common<R> {
         let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter_gain());
         if likely(running) {
             self.slow_tasks(c, estimators, reference, u_dc);
+            if !likely(self.sequence.status() == Status::Running) {
+                return self.blocked();
+            }
         }
         Output { duty, gates_on: true }
     }

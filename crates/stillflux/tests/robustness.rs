@@ -41,6 +41,7 @@ fn running<R: Real>(scheme: Scheme) -> Drive<R> {
 
 fn check<R: Real>(d: &mut Drive<R>, m: &Measurement<R>, reference: &Reference<R>) {
     let out = d.step(m, reference);
+    assert!(!(out.gates_on && matches!(d.status(), Status::Faulted { .. })), "{:?}", d.status());
     for duty in out.duty {
         assert!(duty >= R::ZERO && duty <= R::ONE, "{duty:?}");
     }
@@ -189,5 +190,27 @@ fn whatever_a_memory_holds_a_drive_takes_no_more_than_its_limits() {
         for x in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert_limited(scheme, x);
         }
+    }
+}
+
+/// Supervision finds its faults after the duties of the period are known.
+#[test]
+fn the_period_of_a_fault_has_its_gates_off_whatever_the_cause() {
+    let ok = healthy::<f32>();
+    for &scheme in SCHEMES {
+        // No current and no torque: the estimate leaves its circle without any measurement being wrong.
+        let mut d = running::<f32>(scheme);
+        let mut periods = 0;
+        let last = loop {
+            let out = d.step(&ok, &Reference::Speed(1.0));
+            periods += 1;
+            assert!(periods < 100_000, "{scheme:?}: no fault");
+            if matches!(d.status(), Status::Faulted { .. }) {
+                break out;
+            }
+            assert!(out.gates_on);
+        };
+        assert!(matches!(d.status(), Status::Faulted { cause: Fault::EstimateLost, .. }), "{:?}", d.status());
+        assert!(!last.gates_on && last.duty == [0.5; 3], "{scheme:?}");
     }
 }
