@@ -173,9 +173,11 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert drive.settings["omega_s_min"] == pytest.approx(0.006 * motor.base["omega"])
     with pytest.raises(ValueError, match=r"omega_s_min = -1 .*range 0 to 15"):
         sf.Drive(motor, inverter, omega_s_min=-1.0)
-    with pytest.raises(TypeError, match="'noise_gain' is a setting of the scheme 'paper', .* is 'enhanced'"):
+    with pytest.raises(TypeError, match=r"'noise_gain' is a setting of the scheme 'paper', .* is 'enhanced'"):
         sf.Drive(motor, inverter, noise_gain=(0.06, 0.5))
-    with pytest.raises(TypeError, match="'omega_s_min' is a setting of the scheme 'enhanced', .* is 'paper'"):
+    with pytest.raises(
+        TypeError, match=r"'omega_s_min' is a setting of the scheme 'enhanced', .* is 'paper'"
+    ):
         sf.Drive(motor, inverter, scheme="paper", omega_s_min=0.0)
     with pytest.raises(TypeError, match="'bandwidth'"):
         sf.Drive(motor, inverter, bandwidth=3.0)  # type: ignore[call-arg]

@@ -69,8 +69,8 @@ class DriveSettings(TypedDict, total=False):
     apply_innovation: bool
     """Correct the states by the filter's innovation; without it the flux is a pure integral."""
     omega_s_min: float
-    """Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered,
-    by at most 30 %. 0: the flux stays."""
+    """Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is
+    lowered, by at most 30 %. 0: the flux stays."""
 
 
 class PlantOptions(TypedDict, total=False):
