@@ -131,7 +131,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
         Box::new(move || {
             period += 1;
             if period % SPEED_PERIODS == 0 {
-                flux.follow(config.flux_config(), black_box(r(0.03)));
+                flux.set_stator_frequency(config.flux_config(), black_box(r(0.03)));
             }
             flux.step(config.flux_config(), black_box(&u), &i, r(0.08), R::ONE);
             black_box(flux.magnitude());

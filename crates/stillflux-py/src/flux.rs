@@ -187,7 +187,7 @@ impl FluxEstimator {
             // As often as in the drive.
             if k % SPEED_PERIODS as usize == 0 {
                 estimate = speed.step(self.config.speed_config(), &psi_s, &i[k]);
-                flux.follow(self.config.flux_config(), omega.map_or(estimate.omega_s, |w| w[k]));
+                flux.set_stator_frequency(self.config.flux_config(), omega.map_or(estimate.omega_s, |w| w[k]));
             }
             let u_hf = flux.estimate().u_hf;
             c.psi_s.push(scaled(&psi_s, b.psi));

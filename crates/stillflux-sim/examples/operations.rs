@@ -232,7 +232,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             mean(SPEED_PERIODS, || {
                 calls += 1;
                 if calls.is_multiple_of(SPEED_PERIODS) {
-                    flux.follow(config.flux_config(), r(0.05));
+                    flux.set_stator_frequency(config.flux_config(), r(0.05));
                 }
                 flux.step(config.flux_config(), &u, &i, r(0.08), r(1.0));
             }),

@@ -58,7 +58,7 @@ impl<R: Real> PaperEstimators<R> {
             self.set_resistance(c, self.r_s_mean.value());
         }
         self.flux.start(psi_s, *i_s);
-        self.flux.follow(&c.paper.flux, R::ZERO);
+        self.flux.set_stator_frequency(&c.paper.flux, R::ZERO);
         self.confidence.start();
         self.speed_estimator.start(&psi_s, R::ZERO);
     }
@@ -119,7 +119,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     #[inline(never)]
     fn update_speed(&mut self, c: &DriveConfig<R>) {
         self.speed = self.speed_estimator.step(&c.speed, &self.flux.value(), &self.i_s);
-        self.flux.follow(&c.paper.flux, self.speed.omega_s);
+        self.flux.set_stator_frequency(&c.paper.flux, self.speed.omega_s);
     }
 
     /// Resistance (Fig. 12) and confidence.

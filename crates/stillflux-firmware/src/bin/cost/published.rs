@@ -80,7 +80,7 @@ impl<R: Word> Blocks<R> {
         };
         blocks.flux.offset.restore(e.u_off);
         blocks.flux.start(psi, i_s);
-        blocks.flux.follow(config.flux_config(), R::ZERO);
+        blocks.flux.set_stator_frequency(config.flux_config(), R::ZERO);
         blocks.speed.start(&psi, R::ZERO);
         blocks.resistance.start(drive.memory().r_s);
         blocks
@@ -173,7 +173,7 @@ struct FluxInput<R: Word> {
 #[inline(never)]
 fn flux_estimator<R: Word>(s: &mut FluxEstimator<R>, c: &DriveConfig<R>, x: &FluxInput<R>) {
     if let Some(omega_s) = x.omega_s {
-        s.follow(c.flux_config(), omega_s);
+        s.set_stator_frequency(c.flux_config(), omega_s);
     }
     s.step(c.flux_config(), &x.u_s, &x.i_s, x.r_s, x.psi_ref);
 }
