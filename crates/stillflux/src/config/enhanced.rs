@@ -9,7 +9,7 @@ use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
 
-/// Duration for which a start only looks, s: how fast the machine turns.
+/// Duration of the speed search at the beginning of a start, s.
 const PROBE_TIME: f64 = 0.01;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
 const BALANCE_RATE: f64 = 17.0;
