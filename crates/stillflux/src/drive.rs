@@ -39,7 +39,7 @@ use crate::space::AlphaBeta;
 use control::Control;
 use estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use scheme::{SchemeEstimators, with_estimators};
-use sequence::{Sequence, Stage};
+use sequence::{Action, Sequence};
 
 /// A sensorless induction motor drive.
 #[derive(Clone, Copy, Debug)]
@@ -168,7 +168,6 @@ impl<R: Real> Common<R> {
     }
 
     /// All states but `Running`: whether this is a period of the start-up.
-    #[cold]
     #[inline(always)]
     fn prepare<E: Estimators<R>>(
         &mut self,
@@ -178,11 +177,11 @@ impl<R: Real> Common<R> {
         reference: &Reference<R>,
         i_s: &AlphaBeta<R>,
     ) -> bool {
-        let stage = self.sequence.advance(c, measured, reference);
-        if stage == Stage::StartUp {
+        let action = self.sequence.advance(c, measured, reference);
+        if action == Action::StartUp {
             return true;
         }
-        if stage == Stage::Ready {
+        if action == Action::Ready {
             estimators.begin();
             self.control.begin();
         }
