@@ -41,14 +41,17 @@ def _paths(tree: str, prefix: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
 def imports(root: Path) -> dict[str, set[str]]:
     """What each file imports: `use` declarations and paths from `crate::` or `super::` in the code.
 
-    A parent that hands on what a child defines (`pub use child::Name`) does not depend on it.
+    A parent that hands on what a child defines (`pub use child::Name`) does not depend on it, and a child that
+    extends a type of its own parent (`impl super::Name`) is a part of the parent: that way back is no import.
     """
     files = {_module(path, root): path for path in sorted(root.rglob("*.rs"))}
     graph: dict[str, set[str]] = {}
     for module, path in files.items():
         code = _code(path.read_text())
-        found = [p for tree in re.findall(r"(?m)^\s*(?:pub\(\w+\) )?use ([^;]+);", code) for p in _paths(tree)]
-        found += [tuple(p.split("::")) for p in re.findall(r"(?<!\$)\b(?:crate|super)(?:::\w+)+", code)]
+        found = [
+            p for tree in re.findall(r"(?m)^\s*(?:pub\(\w+\) )?use ([^;]+);", code) for p in _paths(tree)
+        ]
+        found += [tuple(p.split("::")) for p in re.findall(r"(?<!\$)\b(?:crate|super|self)(?:::\w+)+", code)]
         targets = set()
         for parts in found:
             if parts[0] == "crate":
@@ -56,13 +59,15 @@ def imports(root: Path) -> dict[str, set[str]]:
             elif parts[0] == "super":
                 up = next(k for k, part in enumerate(parts) if part != "super")
                 absolute = (*module[: len(module) - up], *parts[up:])
+            elif parts[0] == "self":
+                absolute = (*module, *parts[1:])
             elif (*module, parts[0]) in files:
                 absolute = (*module, *parts)
             else:
                 continue
             while absolute not in files:
                 absolute = absolute[:-1]
-            if absolute and absolute != module:
+            if absolute and absolute != module and absolute != module[:-1]:
                 targets.add("::".join(absolute))
         graph["::".join(module)] = targets
     return graph
@@ -103,10 +108,11 @@ def test_a_circle_of_imports_is_found(tmp_path: Path, a: str, b: str, found: boo
     assert bool(circle(imports(tmp_path))) == found
 
 
-def test_a_parent_may_hand_on_what_its_child_defines(tmp_path: Path) -> None:
+def test_children_extend_their_parent_but_form_no_circle_among_themselves(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
-    (tmp_path / "a.rs").write_text("mod b;\npub use b::B;\n")
-    (tmp_path / "a" / "b.rs").write_text("use super::A;\n")
+    (tmp_path / "a.rs").write_text("mod b;\nmod c;\nuse self::b::B;\npub use c::C;\n")
+    (tmp_path / "a" / "b.rs").write_text("use super::A;\nuse super::c::C;\n")
+    (tmp_path / "a" / "c.rs").write_text("use super::A;\n")
     assert not circle(imports(tmp_path))
-    (tmp_path / "a.rs").write_text("mod b;\nuse b::B;\n")
+    (tmp_path / "a" / "c.rs").write_text("use super::b::B;\n")
     assert circle(imports(tmp_path))

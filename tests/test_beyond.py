@@ -166,7 +166,7 @@ def doubtful(what: Literal["keep", "limit", "fault"]) -> sf.Result:
         omega=[(0.0, 0.0), (12.0, 0.0)],
         load=step(12.0, 1.0),
     )
-    return sf.simulate(scenario.with_settings(low_confidence=what, noise_compensator=False, omega_s_min=0.0))
+    return sf.simulate(scenario.with_settings(low_confidence=what, apply_innovation=False, omega_s_min=0.0))
 
 
 def test_low_confidence_leaves_the_torque_limits_it_or_stops_the_drive() -> None:

@@ -159,9 +159,13 @@ def test_faults_are_latched_with_cause_and_time(
 
 
 def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
-    drive = sf.Drive(motor, inverter, noise_gain=(0.03, 0.2), offset_estimator=False)
-    assert drive.settings["noise_gain"] == (0.03, 0.2)
-    assert drive.settings["offset_estimator"] is False
+    paper = sf.Drive(motor, inverter, scheme="paper", noise_gain=(0.03, 0.2), offset_estimator=False)
+    assert paper.settings["noise_gain"] == (0.03, 0.2)
+    assert paper.settings["offset_estimator"] is False
+    assert "omega_s_min" not in paper.settings
+    drive = sf.Drive(motor, inverter, identify_offset=False)
+    assert drive.settings["identify_offset"] is False
+    assert "offset_estimator" not in drive.settings
     assert drive.settings["low_confidence"] == "keep"
     assert sf.Drive(motor, inverter, low_confidence="limit").settings["low_confidence"] == "limit"
     with pytest.raises(ValueError, match="low_confidence = 'stop' is not one of 'keep', 'limit', 'fault'"):
@@ -169,6 +173,12 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert drive.settings["omega_s_min"] == pytest.approx(0.006 * motor.base["omega"])
     with pytest.raises(ValueError, match=r"omega_s_min = -1 .*range 0 to 15"):
         sf.Drive(motor, inverter, omega_s_min=-1.0)
+    with pytest.raises(TypeError, match=r"'noise_gain' is a setting of the scheme 'paper', .* is 'enhanced'"):
+        sf.Drive(motor, inverter, noise_gain=(0.06, 0.5))
+    with pytest.raises(
+        TypeError, match=r"'omega_s_min' is a setting of the scheme 'enhanced', .* is 'paper'"
+    ):
+        sf.Drive(motor, inverter, scheme="paper", omega_s_min=0.0)
     with pytest.raises(TypeError, match="'bandwidth'"):
         sf.Drive(motor, inverter, bandwidth=3.0)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="psi_ref"):

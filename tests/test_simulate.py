@@ -29,6 +29,17 @@ def test_records_truth_and_estimate_apart(scenario: sf.Scenario) -> None:
         result["speed"]
 
 
+def test_the_status_signal_has_named_values(scenario: sf.Scenario) -> None:
+    changes = [(1.9, {"u_dc": 50.0})]
+    result = sf.simulate(scenario.replace(changes=changes, record_every=1))
+    seen = [sf.StatusCode(int(code)) for code in result["status"]]
+    order = [code for k, code in enumerate(seen) if k == 0 or seen[k - 1] != code]
+    code = sf.StatusCode
+    assert order == [code.READING_OFFSET, code.MAGNETISING, code.RUNNING, code.FAULTED]
+    assert result.status.fault == "under-voltage"
+    assert result.status.fault_code == 2
+
+
 def test_same_scenario_same_result(scenario: sf.Scenario) -> None:
     noisy = scenario.replace(plant={"adc_noise": 0.02, "seed": 5})
     first, second = sf.simulate(noisy), sf.simulate(noisy)

@@ -19,9 +19,11 @@ use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::kalman::{Filter, Input};
 use stillflux::estimate::resistance::ResistanceEstimator;
 use stillflux::estimate::speed::SpeedEstimator;
+use stillflux::inverter::Distortion;
 use stillflux::inverter::InverterModel;
 use stillflux::params::{Inverter, Machine};
 use stillflux::scalar::{Real, Timer};
+use stillflux::si::SiUnits;
 use stillflux::space::{AlphaBeta, Dq};
 use stillflux_sim::simulate::{Profile, ReferenceProfile, Scenario};
 use stillflux_sim::{Plant, PlantParams};
@@ -58,13 +60,12 @@ fn configuration<R: Real>(scheme: Scheme) -> DriveConfig<R> {
 #[must_use]
 pub fn running<R: Real>(scheme: Scheme, samples: usize) -> (Drive<R>, Vec<Measurement<R>>) {
     let (machine, inverter) = machine();
-    let base = Base::new(&machine);
+    let units = SiUnits::new(&machine);
     let mut drive = Drive::new(configuration(scheme));
     let mut plant = Plant::new(PlantParams::new(machine, inverter)).expect("valid parameters");
     let mut sample = plant.sample();
     let mut step = |drive: &mut Drive<R>, omega: f64, load: f64| {
-        let i_abc = sample.i_abc.map(|i| R::from_f64(i / base.i));
-        let measured = Measurement { i_abc, u_dc: R::from_f64(sample.u_dc / base.u) };
+        let measured = units.measurement(&sample);
         let out = drive.step(&measured, &Reference::Speed(R::from_f64(omega)));
         sample = plant.step(out.duty.map(R::to_f64), out.gates_on, load);
         measured
@@ -105,7 +106,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
     let config: &'static DriveConfig<R> = Box::leak(Box::new(configuration(Scheme::Paper)));
     let enhanced: &'static DriveConfig<R> = Box::leak(Box::new(configuration(Scheme::Enhanced)));
     let filter_config = enhanced.filter_config();
-    let model = InverterModel::new(&machine, &inverter, &PerUnit::<R>::new(&machine, &inverter).expect("valid"));
+    let model = InverterModel::<R>::new(&PerUnit::new(&machine, &inverter).expect("valid"));
     let timer = Timer::new(8500);
     let (u, i) = (AlphaBeta::new(r(0.05), r(0.03)), AlphaBeta::new(r(0.6), r(0.4)));
     let (i_dq, i_ref) = (Dq::new(r(0.6), r(0.4)), Dq::new(r(0.61), r(0.42)));
@@ -131,7 +132,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
         Box::new(move || {
             period += 1;
             if period % SPEED_PERIODS == 0 {
-                flux.follow(config.flux_config(), black_box(r(0.03)));
+                flux.set_stator_frequency(config.flux_config(), black_box(r(0.03)));
             }
             flux.step(config.flux_config(), black_box(&u), &i, r(0.08), R::ONE);
             black_box(flux.magnitude());
@@ -155,13 +156,14 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
             black_box(speed_control.step(config.speed_control_config(), black_box(r(0.03)), r(0.02), R::ONE));
         }),
         Box::new(move || {
-            black_box(model.distortion(black_box(&i), r(1.65), R::ONE));
+            black_box(model.distortion(model.nominal(), black_box(&i), r(1.65), R::ONE));
         }),
         Box::new(move || {
             black_box(applied(&modulate(black_box([r(0.1), r(-0.2), r(0.1)]), r(0.6), Some(&timer))));
         }),
         Box::new(move || {
-            let seen = Input { u_s: black_box(u), u_l: u, i_m: i, i_ref, omega_s: r(0.03) };
+            let loss = Distortion { phases: [r(0.03), r(-0.02), r(-0.01)], least: R::ZERO, full: r(0.03) };
+            let seen = Input { u_s: black_box(u), loss, i_m: i, i_ref, omega_s: r(0.03) };
             filter.step(filter_config, &seen, false);
             black_box(filter.magnitude());
         }),

@@ -10,6 +10,7 @@ from stillflux.parameters import Inverter, Motor
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
+from stillflux.status import StatusCode
 
 __all__ = [
     "Drive",
@@ -23,6 +24,7 @@ __all__ = [
     "Result",
     "Scenario",
     "Status",
+    "StatusCode",
     "Trace",
     "simulate",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stillflux.result import Result
+from stillflux.status import StatusCode
 
 __all__ = [
     "angle_error",
@@ -26,7 +27,7 @@ def angle_error(result: Result) -> NDArray[np.float64]:
 
     Zero while the drive does not run: there is no estimate to judge.
     """
-    error = np.where(result["status"] == 3, result["angle_error"], 0.0)
+    error = np.where(result["status"] == StatusCode.RUNNING, result["angle_error"], 0.0)
     return np.degrees(np.unwrap(error))
 
 
@@ -87,7 +88,7 @@ def settled_after(result: Result, event: float, band: float) -> float:
 
 def start_time(result: Result) -> float:
     """Time at which the drive began to run, s; inf if it did not."""
-    running = np.flatnonzero(result["status"] == 3)
+    running = np.flatnonzero(result["status"] == StatusCode.RUNNING)
     return float(result.t[running[0]]) if len(running) else float("inf")
 
 

@@ -37,18 +37,6 @@ class DriveSettings(TypedDict, total=False):
     """Natural frequency of the speed estimator's phase-locked loop, Hz."""
     inverter_model: bool
     """Compensation of threshold and dead time."""
-    offset_estimator: bool
-    """Offset voltage estimator."""
-    offset_gain: float
-    """Part of the measured offset voltage taken over per fundamental period."""
-    noise_compensator: bool
-    """Noise compensator."""
-    noise_gain: tuple[float, float]
-    """Smallest and largest gain of the noise compensator, per unit."""
-    resistance_adaptation: bool
-    """Stator resistance adaptation."""
-    resistance_gain: float
-    """Its gain: relative change of R_s per second and unit of ε."""
     calibrate_offset: bool
     """Read the current offsets before each start, and R_s while magnetising."""
     offset_time: float
@@ -58,9 +46,31 @@ class DriveSettings(TypedDict, total=False):
     low_confidence: Literal["keep", "limit", "fault"]
     """What to do while the confidence in the field angle is below 0.5: nothing, limit the torque in
     proportion, or stop with a fault."""
+
+    # Of the scheme "paper" alone; an error in the other one.
+    offset_estimator: bool
+    """Offset voltage estimator of Fig. 4."""
+    offset_gain: float
+    """Part of the measured offset voltage taken over per fundamental period, 0.01 to 1."""
+    noise_compensator: bool
+    """Noise compensator of Section III-D."""
+    noise_gain: tuple[float, float]
+    """Smallest and largest gain of the noise compensator, per unit."""
+    resistance_adaptation: bool
+    """Stator resistance adaptation of Fig. 12."""
+    resistance_gain: float
+    """Its gain: change of R_s per unit, per second and unit of ε of (15), 0 to 5."""
+
+    # Of the scheme "enhanced" alone; an error in the other one.
+    identify_offset: bool
+    """Estimate the offset of the current sensors."""
+    identify_resistance: bool
+    """Estimate stator resistance and inverter error."""
+    apply_innovation: bool
+    """Correct the states by the filter's innovation; without it the flux is a pure integral."""
     omega_s_min: float
-    """Stator frequency that the enhanced scheme keeps under load, electrical rad/s: where it would be smaller
-    the flux is lowered, by at most 30 %. 0: the flux stays."""
+    """Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is
+    lowered, by at most 30 %. 0: the flux stays."""
 
 
 class PlantOptions(TypedDict, total=False):

@@ -8,6 +8,7 @@ import numpy as np
 
 from stillflux.metrics import angle_error
 from stillflux.result import Result
+from stillflux.status import StatusCode
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,7 +83,7 @@ def flux_trajectory(result: Result) -> Figure:
 
     figure = Figure(figsize=(4.5, 4.5), layout="constrained")
     panel = figure.subplots()
-    running = np.flatnonzero(result["status"] == 3)
+    running = np.flatnonzero(result["status"] == StatusCode.RUNNING)
     for signal, label in (("psi_s", "true"), ("estimate.psi_s", "estimated")):
         # The first period of the run has no estimate yet. Points at equal distances along the path.
         psi = result[signal][running[1:]]

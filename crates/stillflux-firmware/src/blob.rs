@@ -59,7 +59,14 @@ impl Parameters {
     /// What the drive takes back, per unit.
     pub fn memory<R: Real>(&self) -> Memory<R> {
         let Self { machine, u_off, r_s: R_s, i_off, .. } = *self;
-        SiUnits::new(&machine).memory_per_unit(&MemorySi { u_off, R_s, i_off, loss_error: 0.0, L_M: machine.L_M })
+        SiUnits::new(&machine).memory_per_unit(&MemorySi {
+            u_off,
+            R_s,
+            i_off,
+            loss_error: 0.0,
+            knee: 1.0,
+            L_M: machine.L_M,
+        })
     }
 }
 

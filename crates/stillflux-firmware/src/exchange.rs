@@ -1,7 +1,7 @@
 //! Format of the processor-in-the-loop exchange: little-endian words, the same source on host and target.
 //!
 //! To the target, 16 bytes a period: four converter readings, kind of the reference, its value. Back,
-//! 16 words a period: duties, compare values, state, and the main estimates as the arithmetic holds them.
+//! 17 words a period: duties, compare values, state, and the main estimates as the arithmetic holds them.
 
 use crate::control::{Command, Control};
 use stillflux::counts::Counts;
@@ -11,7 +11,7 @@ use stillflux::scalar::{Q, Real};
 /// Bytes of a frame to the target.
 pub const FRAME: usize = 16;
 /// Bytes of an answer.
-pub const ANSWER: usize = 64;
+pub const ANSWER: usize = 68;
 
 /// An arithmetic whose values are one machine word.
 pub trait Word: Real {
@@ -83,18 +83,16 @@ impl<R: Word> Frame<R> {
 /// What a period gave, as it travels.
 pub fn answer<R: Word>(control: &Control<R>, command: &Command) -> [u8; ANSWER] {
     let e = control.drive.estimate();
-    let state = match control.drive.status() {
-        Status::Stopped => 0,
-        Status::ReadingOffset => 1,
-        Status::Magnetising => 2,
-        Status::Running => 3,
-        Status::Faulted { cause, .. } => 4 + cause as u32,
+    let status = control.drive.status();
+    let fault = match status {
+        Status::Faulted { cause, .. } => cause.code(),
+        _ => 0,
     };
     let words = [
         command.compare[0],
         command.compare[1],
         command.compare[2],
-        state | u32::from(command.gates_on) << 31,
+        status.code() | fault << 8 | u32::from(command.gates_on) << 31,
         e.flux.psi_s.re().to_word(),
         e.flux.psi_s.im().to_word(),
         e.speed.omega_m.to_word(),
@@ -106,6 +104,7 @@ pub fn answer<R: Word>(control: &Control<R>, command: &Command) -> [u8; ANSWER] 
         e.i_dq_ref.re().to_word(),
         e.i_dq_ref.im().to_word(),
         e.epsilon.to_word(),
+        e.innovation.to_word(),
         e.confidence.to_word(),
     ];
     let mut bytes = [0; ANSWER];

@@ -7,11 +7,12 @@ from pathlib import Path
 
 from . import toolchain
 
-FRAME, ANSWER = 16, 64
+FRAME, ANSWER = 16, 68
 #: Words of an answer, as `src/exchange.rs` has them.
 WORDS = [
     *("compare_a", "compare_b", "compare_c", "state", "psi_alpha", "psi_beta", "omega_m", "omega_s"),
-    *("torque", "u_off_alpha", "u_off_beta", "r_s", "i_d_ref", "i_q_ref", "epsilon", "confidence"),
+    *("torque", "u_off_alpha", "u_off_beta", "r_s", "i_d_ref", "i_q_ref", "epsilon", "innovation"),
+    "confidence",
 ]
 
 

@@ -33,7 +33,7 @@ impl Status {
             core::Status::Magnetising => ("magnetising", None, None),
             core::Status::Running => ("running", None, None),
             core::Status::Faulted { cause, period } => {
-                ("faulted", Some(fault_name(cause).to_owned()), Some(f64::from(period) / f_s))
+                ("faulted", Some(cause.to_string()), Some(f64::from(period) / f_s))
             }
         };
         Self { state: state.to_owned(), fault, time }
@@ -48,25 +48,19 @@ impl Status {
     }
 }
 
-fn fault_name(cause: Fault) -> &'static str {
-    match cause {
-        Fault::OverCurrent => "over-current",
-        Fault::UnderVoltage => "under-voltage",
-        Fault::OverVoltage => "over-voltage",
-        Fault::Measurement => "measurement",
-        Fault::Reference => "reference",
-        Fault::CurrentOffset => "current offset",
-        Fault::EstimateLost => "estimate lost",
-        Fault::LowConfidence => "low confidence",
-    }
-}
-
 #[pymethods]
 impl Status {
     #[new]
     #[pyo3(signature = (state, fault=None, time=None))]
     fn new(state: String, fault: Option<String>, time: Option<f64>) -> Self {
         Self { state, fault, time }
+    }
+
+    /// The cause of the fault as a stable number, else None.
+    #[getter]
+    fn fault_code(&self) -> Option<u32> {
+        let name = self.fault.as_deref()?;
+        Fault::ALL.into_iter().find(|fault| fault.to_string() == name).map(Fault::code)
     }
 
     fn __getnewargs__(&self) -> (String, Option<String>, Option<f64>) {
@@ -151,8 +145,11 @@ estimate! {
     torque,
     /// Stator resistance including the inverter's r_d, Ω.
     R_s,
-    /// Residual of equation (15), per unit.
+    /// Residual ε of equation (15), per unit; zero in the scheme "enhanced".
     epsilon,
+    /// Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s; zero in the
+    /// scheme "paper".
+    innovation,
     /// Confidence in the field angle, 0 to 1.
     confidence,
 }
@@ -164,6 +161,7 @@ pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, Py
     dict.set_item("R_s", m.R_s)?;
     dict.set_item("i_off", (m.i_off[0], m.i_off[1], m.i_off[2]))?;
     dict.set_item("loss_error", m.loss_error)?;
+    dict.set_item("knee", m.knee)?;
     dict.set_item("L_M", m.L_M)?;
     Ok(dict)
 }
@@ -177,16 +175,18 @@ pub fn memory_from(dict: &Bound<'_, PyDict>) -> PyResult<MemorySi> {
         R_s: extract("memory R_s", &item("R_s")?)?,
         i_off: three("memory i_off", &item("i_off")?)?,
         loss_error: extract("memory loss_error", &item("loss_error")?)?,
+        // A memory from before the knee was learned has none: that of the parameters.
+        knee: dict.get_item("knee")?.map_or(Ok(1.0), |x| extract("memory knee", &x))?,
         L_M: extract("memory L_M", &item("L_M")?)?,
     };
-    let MemorySi { u_off, R_s, i_off, loss_error, L_M } = memory;
+    let MemorySi { u_off, R_s, i_off, loss_error, knee, L_M } = memory;
     if [u_off[0], u_off[1], i_off[0], i_off[1], i_off[2], loss_error].iter().all(|x| x.is_finite())
-        && [R_s, L_M].iter().all(|x| x.is_finite() && *x > 0.0)
+        && [R_s, knee, L_M].iter().all(|x| x.is_finite() && *x > 0.0)
     {
         Ok(memory)
     } else {
         Err(PyValueError::new_err(format!(
-            "memory = {memory:?} is outside the admissible range: all values finite, R_s and L_M positive"
+            "memory = {memory:?} is outside the admissible range: all values finite, R_s, knee and L_M positive"
         )))
     }
 }
@@ -299,7 +299,7 @@ impl Drive {
     }
 
     /// Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A), loss_error
-    /// (of the inverter model's voltage, relative), L_M (H).
+    /// (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`), L_M (H).
     fn memory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         memory_dict(py, &self.drive.memory())
     }

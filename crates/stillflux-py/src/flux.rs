@@ -4,7 +4,7 @@ use numpy::{Complex64, PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use stillflux::base::Base;
+use stillflux::base::{Base, PerUnit};
 use stillflux::config::{DriveConfig, SPEED_PERIODS};
 use stillflux::estimate::flux::FluxEstimator as CoreFlux;
 use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
@@ -100,13 +100,13 @@ impl FluxEstimator {
     fn new(motor: Motor, inverter: Inverter, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let (machine, inverter) = (motor.machine()?, inverter.params()?);
         let params = drive_params(&machine, &inverter, "paper", settings)?;
-        let base = Base::new(&machine);
+        let pu = PerUnit::new(&machine, &inverter).map_err(value_error)?;
         Ok(Self {
             config: DriveConfig::new(&machine, &inverter, &params).map_err(value_error)?,
             psi_ref: params.psi_ref,
-            r_s: (machine.R_s + inverter.r_d) / base.z,
+            r_s: pu.r_s,
             f_s: inverter.f_s,
-            base,
+            base: pu.base,
         })
     }
 
@@ -187,7 +187,7 @@ impl FluxEstimator {
             // As often as in the drive.
             if k % SPEED_PERIODS as usize == 0 {
                 estimate = speed.step(self.config.speed_config(), &psi_s, &i[k]);
-                flux.follow(self.config.flux_config(), omega.map_or(estimate.omega_s, |w| w[k]));
+                flux.set_stator_frequency(self.config.flux_config(), omega.map_or(estimate.omega_s, |w| w[k]));
             }
             let u_hf = flux.estimate().u_hf;
             c.psi_s.push(scaled(&psi_s, b.psi));

@@ -1,10 +1,10 @@
 //! Motor and inverter data classes of Python as Rust parameters, and the settings of a drive.
 
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::base::Base;
-use stillflux::config::{DriveParams, LowConfidence, Scheme};
+use stillflux::config::{DriveParams, EnhancedParams, LowConfidence, PaperParams, Scheme};
 use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
 use stillflux::si::Arithmetic;
 
@@ -182,10 +182,15 @@ fn one_of<T: Copy>(field: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T
 }
 
 macro_rules! drive_settings {
-    ($($field:ident),* $(,)?) => {
+    (common: $($field:ident),* ; paper: $($paper:ident),* ; enhanced: $($enhanced:ident),* $(;)?) => {
+        const PAPER: &[&str] = &[$(stringify!($paper)),*];
+        const ENHANCED: &[&str] = &[$(stringify!($enhanced)),*];
+
         fn set(p: &mut DriveParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bool> {
             match name {
                 $(stringify!($field) => p.$field = extract(name, value)?,)*
+                $(stringify!($paper) => p.paper.$paper = extract(name, value)?,)*
+                $(stringify!($enhanced) => p.enhanced.$enhanced = extract(name, value)?,)*
                 "low_confidence" => {
                     p.low_confidence = one_of(name, &extract::<String>(name, value)?, &LOW_CONFIDENCE)?;
                 }
@@ -194,24 +199,48 @@ macro_rules! drive_settings {
             Ok(true)
         }
 
-        /// The settings of a drive as dict.
+        /// The settings of a drive as dict: those of its scheme.
         pub fn settings_dict<'py>(py: Python<'py>, p: &DriveParams) -> PyResult<Bound<'py, PyDict>> {
             // Without `..`: a setting added to the drive has to be added here.
-            let DriveParams { scheme: _, low_confidence, $($field),* } = *p;
+            let DriveParams { scheme, low_confidence, paper, enhanced, $($field),* } = *p;
+            let PaperParams { $($paper),* } = paper;
+            let EnhancedParams { $($enhanced),* } = enhanced;
             let dict = PyDict::new(py);
             $(dict.set_item(stringify!($field), $field)?;)*
             let name = LOW_CONFIDENCE.iter().find(|(_, what)| *what == low_confidence).map(|(name, _)| *name);
             dict.set_item("low_confidence", name)?;
+            match scheme {
+                Scheme::Paper => { $(dict.set_item(stringify!($paper), $paper)?;)* }
+                Scheme::Enhanced => { $(dict.set_item(stringify!($enhanced), $enhanced)?;)* }
+            }
             Ok(dict)
         }
     };
 }
 
 drive_settings! {
+    common:
     psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
-    inverter_model, offset_estimator, offset_gain, noise_compensator, noise_gain,
-    resistance_adaptation, resistance_gain, calibrate_offset, offset_time, magnetise_time, omega_s_min,
+    inverter_model, calibrate_offset, offset_time, magnetise_time;
+    paper:
+    offset_estimator, offset_gain, noise_compensator, noise_gain, resistance_adaptation, resistance_gain;
+    enhanced:
+    identify_offset, identify_resistance, apply_innovation, omega_s_min;
+}
+
+/// A setting of the other scheme is an error, whatever its value.
+fn check_scheme(scheme: Scheme, name: &str) -> PyResult<()> {
+    let (own, other, others) = match scheme {
+        Scheme::Paper => ("paper", "enhanced", ENHANCED),
+        Scheme::Enhanced => ("enhanced", "paper", PAPER),
+    };
+    if others.contains(&name) {
+        return Err(PyTypeError::new_err(format!(
+            "'{name}' is a setting of the scheme '{other}', the scheme of this drive is '{own}'"
+        )));
+    }
+    Ok(())
 }
 
 /// Settings of a drive: the defaults of machine and inverter, changed by keywords.
@@ -221,8 +250,12 @@ pub fn drive_params(
     scheme: &str,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<DriveParams> {
-    let mut p = DriveParams { scheme: one_of("scheme", scheme, &SCHEMES)?, ..DriveParams::new(machine, inverter) };
-    each_keyword(settings, "the drive", |name, value| set(&mut p, name, value))?;
+    let scheme = one_of("scheme", scheme, &SCHEMES)?;
+    let mut p = DriveParams { scheme, ..DriveParams::new(machine, inverter) };
+    each_keyword(settings, "the drive", |name, value| {
+        check_scheme(scheme, name)?;
+        set(&mut p, name, value)
+    })?;
     p.validate(machine, inverter).map_err(value_error)?;
     Ok(p)
 }

@@ -4,7 +4,7 @@ use numpy::{Complex64, PyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use stillflux::params::{self, Machine, check};
+use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
 use stillflux_sim::{Mode, PlantParams, Thermal, Truth};
 
@@ -62,7 +62,7 @@ pub fn plant_params(
 
 /// Stator resistance that a plant admits.
 pub fn resistance(R_s: f64) -> PyResult<f64> {
-    check("R_s", R_s, 1e-5, 1e3, "ohm").map_err(value_error)?;
+    check_resistance(R_s).map_err(value_error)?;
     Ok(R_s)
 }
 

@@ -219,7 +219,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut filter = Filter::new(filter_config);
     filter.start(filter_config, &i);
     filter.settle(filter_config, r(1.0));
-    let seen = Input { u_s: u, u_l: u, i_m: i, i_ref: i_dq, omega_s: r(0.05) };
+    let loss = config.inverter_model().distortion(config.inverter_model().nominal(), &i, r(1.65), r(1.0));
+    let seen = Input { u_s: u, loss, i_m: i, i_ref: i_dq, omega_s: r(0.05) };
     let mut balance = Balance::default();
     let mut enhanced_drive = running(enhanced);
     let half = r(0.3);
@@ -232,7 +233,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             mean(SPEED_PERIODS, || {
                 calls += 1;
                 if calls.is_multiple_of(SPEED_PERIODS) {
-                    flux.follow(config.flux_config(), r(0.05));
+                    flux.set_stator_frequency(config.flux_config(), r(0.05));
                 }
                 flux.step(config.flux_config(), &u, &i, r(0.08), r(1.0));
             }),
@@ -252,7 +253,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 current_control.step(config.current_config(), &i_dq, &i_dq, &feedforward, r(0.9))
             }),
         ),
-        ("inverter_model", operations(|| config.inverter_model().distortion(&i, r(1.65), r(1.0)))),
+        (
+            "inverter_model",
+            operations(|| {
+                config.inverter_model().distortion(config.inverter_model().nominal(), &i, r(1.65), r(1.0)).phases
+            }),
+        ),
         ("modulator", operations(|| applied(&modulate([r(0.1), r(-0.3), r(0.2)], r(0.6), config.timer())))),
         ("drive_step", mean(SLOW_PERIODS, || drive.step(&measured, &Reference::Speed(r(0.0))))),
         ("filter", mean(BLOCK, || filter.step(filter_config, &seen, false))),

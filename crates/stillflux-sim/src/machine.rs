@@ -12,6 +12,7 @@
 
 use crate::mechanics::Shaft;
 use stillflux::params::Machine;
+use stillflux::space::AlphaBeta;
 
 pub(crate) type V2 = [f64; 2];
 
@@ -33,14 +34,13 @@ pub(crate) const AXIS: [V2; 3] = [[1.0, 0.0], [-0.5, S3], [-0.5, -S3]];
 /// Phase quantities of a space vector.
 #[inline(always)]
 pub(crate) fn phases(v: V2) -> [f64; 3] {
-    let (m, q) = (-0.5 * v[0], S3 * v[1]);
-    [v[0], m + q, m - q]
+    AlphaBeta::from(v).to_phases()
 }
 
 /// Space vector of three leg potentials; the common part drops out.
 #[inline(always)]
 pub(crate) fn space_vector(v: [f64; 3]) -> V2 {
-    [(2.0 * v[0] - v[1] - v[2]) * (1.0 / 3.0), (v[1] - v[2]) * (0.5 / S3)]
+    AlphaBeta::from_phases(v).into()
 }
 
 /// What is integrated: Γ-form fluxes in V·s, mechanical speed in rad/s.

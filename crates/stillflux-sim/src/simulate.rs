@@ -7,11 +7,11 @@
 use std::borrow::Cow;
 
 use stillflux::config::DriveParams;
-use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 
 use crate::plant::{Plant, PlantParams};
 use stillflux::si::{Arithmetic, EstimateSi, MeasurementSi, MemorySi, ReferenceSi, SiDrive, Vector};
+use stillflux::space::AlphaBeta;
 
 /// Piecewise linear function of time; two points at one time make a step.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -191,25 +191,14 @@ signals! {
     "estimate.torque", "N m", Real, |m| m.estimate.torque;
     "estimate.R_s", "ohm", Real, |m| m.estimate.R_s;
     "estimate.epsilon", "p.u.", Real, |m| m.estimate.epsilon;
+    "estimate.innovation", "V s", Real, |m| m.estimate.innovation;
     "estimate.confidence", "", Real, |m| m.estimate.confidence;
-    "status", "", Real, |m| status_code(m.drive.status());
+    "status", "", Real, |m| f64::from(m.drive.status().code());
 }
 
 /// Angle from `a` to `b`, rad.
 fn angle_between(a: &Vector, b: &Vector) -> f64 {
     (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1])
-}
-
-/// Status as a number: 0 stopped, 1 reading offset, 2 magnetising, 3 running, 4 faulted.
-#[must_use]
-pub fn status_code(status: Status) -> f64 {
-    match status {
-        Status::Stopped => 0.0,
-        Status::ReadingOffset => 1.0,
-        Status::Magnetising => 2.0,
-        Status::Running => 3.0,
-        Status::Faulted { .. } => 4.0,
-    }
 }
 
 /// One recorded signal.
@@ -287,6 +276,7 @@ impl<'s> Run<'s> {
                         min: f64::NAN,
                         max: f64::NAN,
                         unit: "",
+                        note: "",
                     })
                 })
                 .collect::<Result<_, _>>()?,
@@ -408,12 +398,11 @@ impl<'s> Run<'s> {
     fn moment(&self, reference: f64) -> Moment<'_> {
         let psi = self.plant.truth().psi_s;
         let begin = self.psi_begin.unwrap_or(psi);
-        let [a, b, c] = self.sample.i_abc;
         Moment {
             plant: &self.plant,
             estimate: self.drive.estimate(),
             drive: &self.drive,
-            measured: [(2.0 * a - b - c) / 3.0, (b - c) / 3f64.sqrt()],
+            measured: AlphaBeta::from_phases(self.sample.i_abc).into(),
             reference,
             drift: [0, 1].map(|k| self.u_i_integral[k] - (psi[k] - begin[k])),
         }

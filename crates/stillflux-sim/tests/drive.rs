@@ -308,7 +308,7 @@ fn averaged_mode_runs_the_same_drive() {
 #[test]
 fn confidence_falls_where_nothing_is_observed_and_an_unknown_offset_remains() {
     let [bench, _] = Bench::of(Scheme::Paper, 60.0);
-    let o = bench.with(|s| s.drive.offset_estimator = false).run();
+    let o = bench.with(|s| s.drive.paper.offset_estimator = false).run();
     let confidence = o.data("estimate.confidence");
     let (early, late) = (o.rows(2.0, 2.1).start, o.rows(59.0, 60.0).start);
     assert!(confidence[early] > 0.7 && confidence[late] < 0.5, "{} {}", confidence[early], confidence[late]);

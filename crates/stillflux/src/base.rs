@@ -7,7 +7,6 @@
 
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::Real;
-use crate::words::words;
 
 /// Base quantities, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,36 +50,46 @@ pub(crate) fn rounded<R: Real>(x: f64) -> R {
     R::from_f64(x)
 }
 
-/// Machine and inverter in per unit, with the products the control step needs, computed once.
+/// Machine and inverter in per unit: the one derivation, in double precision, of what the configurations of all blocks
+/// compute with. Each of them rounds its own values to the arithmetic at the end, once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub struct PerUnit<R: Real> {
+pub struct PerUnit<R: Real = f64> {
+    /// Base quantities.
+    pub base: Base,
     /// Stator resistance (with the inverter's `r_d`: the two are in series and identified as one).
     pub r_s: R,
     /// Stator inductance.
     pub l_s: R,
     /// Leakage inductance `sigma l_s`.
     pub sigma_l_s: R,
+    /// Magnetising inductance `l_M` of the inverse-Γ circuit.
+    pub l_m: R,
     /// Rotor resistance of the inverse-Γ circuit, `l_M / tau_r`.
     pub r_r: R,
-    /// Reciprocal of the rotor time constant.
-    pub inv_tau_r: R,
+    /// Rotor time constant.
+    pub tau_r: R,
+    /// Inertia: the torque that changes the speed by one in normalised time.
+    pub j: R,
     /// Control period in normalised time, `omega_sR T_s`.
     pub t_s: R,
     /// Threshold voltage.
     pub u_th: R,
     /// Dead-time voltage loss per volt of dc link, `T_d / T_s`.
     pub dead_time: R,
+    /// What a phase current can change by within the dead time, `2/3 u_dc T_d / (sigma L_s)`.
+    pub dead_time_swing: R,
+    /// Current that moves the charge of a leg's node within the dead time, `c_out u_dc / T_d`; 0 without dead time.
+    pub knee: R,
     /// Rated torque.
     pub torque_rated: R,
     /// Rated dc-link voltage.
     pub u_dc: R,
 }
-words!(PerUnit: r_s, l_s, sigma_l_s, r_r, inv_tau_r, t_s, u_th, dead_time, torque_rated, u_dc);
 
-impl<R: Real> PerUnit<R> {
-    /// Converts validated parameters.
+impl PerUnit {
+    /// Converts parameters.
     ///
     /// # Errors
     /// The first parameter outside its admissible range.
@@ -88,19 +97,55 @@ impl<R: Real> PerUnit<R> {
         machine.validate()?;
         inverter.validate()?;
         let b = Base::new(machine);
-        let r = rounded::<R>;
         Ok(Self {
-            r_s: r((machine.R_s + inverter.r_d) / b.z),
-            l_s: r(machine.L_s() / b.l),
-            sigma_l_s: r(machine.L_sigma / b.l),
-            r_r: r(machine.R_R / b.z),
-            inv_tau_r: r(machine.R_R / (machine.L_M * b.omega)),
-            t_s: r(b.omega / inverter.f_s),
-            u_th: r(inverter.u_th / b.u),
-            dead_time: r(inverter.dead_time * inverter.f_s),
-            torque_rated: r(machine.T_N / b.torque),
-            u_dc: r(inverter.u_dc / b.u),
+            base: b,
+            r_s: (machine.R_s + inverter.r_d) / b.z,
+            l_s: machine.L_s() / b.l,
+            sigma_l_s: machine.L_sigma / b.l,
+            l_m: machine.L_M / b.l,
+            r_r: machine.R_R / b.z,
+            tau_r: machine.L_M / machine.R_R * b.omega,
+            j: machine.J * b.omega_m * b.omega / b.torque,
+            t_s: b.omega / inverter.f_s,
+            u_th: inverter.u_th / b.u,
+            dead_time: inverter.dead_time * inverter.f_s,
+            dead_time_swing: 2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / b.i,
+            knee: if inverter.dead_time > 0.0 {
+                inverter.c_out * inverter.u_dc / inverter.dead_time / b.i
+            } else {
+                0.0
+            },
+            torque_rated: machine.T_N / b.torque,
+            u_dc: inverter.u_dc / b.u,
         })
+    }
+
+    /// A frequency in Hz as angular frequency.
+    pub(crate) fn hz(&self, f: f64) -> f64 {
+        core::f64::consts::TAU * f / self.base.omega
+    }
+
+    /// All values in another arithmetic.
+    #[must_use]
+    pub fn round<R: Real>(&self) -> PerUnit<R> {
+        let r = rounded::<R>;
+        PerUnit {
+            base: self.base,
+            r_s: r(self.r_s),
+            l_s: r(self.l_s),
+            sigma_l_s: r(self.sigma_l_s),
+            l_m: r(self.l_m),
+            r_r: r(self.r_r),
+            tau_r: r(self.tau_r),
+            j: r(self.j),
+            t_s: r(self.t_s),
+            u_th: r(self.u_th),
+            dead_time: r(self.dead_time),
+            dead_time_swing: r(self.dead_time_swing),
+            knee: r(self.knee),
+            torque_rated: r(self.torque_rated),
+            u_dc: r(self.u_dc),
+        }
     }
 }
 
@@ -114,11 +159,11 @@ mod tests {
             (Machine::preset_2k2(), Inverter::preset_2k2(), (0.080, 1.67, 0.143, 0.107)),
             (Machine::preset_11k(), Inverter::preset_11k(), (0.020, 1.91, 0.058, 0.296)),
         ] {
-            let p = PerUnit::<f64>::new(&machine, &Inverter { r_d: 0.0, ..inverter }).unwrap();
+            let p = PerUnit::new(&machine, &Inverter { r_d: 0.0, ..inverter }).unwrap();
             assert!((p.r_s - want.0).abs() < 5e-4);
             assert!((p.l_s - want.1).abs() < 1e-2);
             assert!((p.sigma_l_s - want.2).abs() < 1e-3);
-            assert!((1.0 / p.inv_tau_r / machine.omega_sR() - want.3).abs() < 1e-3);
+            assert!((p.tau_r / machine.omega_sR() - want.3).abs() < 1e-3);
         }
     }
 }

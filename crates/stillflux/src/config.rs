@@ -7,9 +7,9 @@ mod enhanced;
 mod paper;
 mod settings;
 
-pub use settings::{DriveParams, LowConfidence, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+pub use settings::{DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 
-use crate::base::{Base, PerUnit, rounded};
+use crate::base::{PerUnit, rounded};
 use crate::control::current::CurrentConfig;
 use crate::control::flux::FluxControlConfig;
 #[cfg(feature = "enhanced")]
@@ -169,20 +169,15 @@ impl<R: Real> DriveConfig<R> {
     /// The first field of machine, inverter or settings outside its admissible range.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn new(machine: &Machine, inverter: &Inverter, p: &DriveParams) -> Result<Self, ParamError> {
-        let pu = PerUnit::<R>::new(machine, inverter)?;
+        let pu = PerUnit::new(machine, inverter)?;
         p.scheme.check()?;
         p.validate(machine, inverter)?;
-        let b = Base::new(machine);
+        let PerUnit { base: b, t_s, l_s, sigma_l_s, tau_r, .. } = pu;
         let r = rounded::<R>;
-        let hz = |f: f64| core::f64::consts::TAU * f / b.omega;
         let periods = |t: f64| inverter.periods(t);
 
-        let t_s = b.omega / inverter.f_s;
         let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));
         let slow_periods = |t: f64| periods(t / f64::from(SLOW_PERIODS));
-        let l_s = machine.L_s() / b.l;
-        let sigma_l_s = machine.L_sigma / b.l;
-        let tau_r = machine.L_M / machine.R_R * b.omega;
         let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
@@ -191,38 +186,33 @@ impl<R: Real> DriveConfig<R> {
         // Readings are within their range if the currents are, less the largest offset taken off them.
         let plain = (p.i_range / b.i - I_OFF_MAX).max(0.0);
 
-        let k_p = hz(p.current_bandwidth) * sigma_l_s;
-        let flux_gain = hz(p.flux_bandwidth) / l_s;
-        let j = machine.J * b.omega_m * b.omega / b.torque;
-        let speed_gain = j * hz(p.speed_bandwidth);
-        let omega_n = hz(p.pll_bandwidth);
+        let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
+        let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
+        let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
+        let omega_n = pu.hz(p.pll_bandwidth);
         let magnetise_periods = periods(p.magnetise_time);
         // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
 
         Ok(Self {
-            t_s: pu.t_s,
-            inverter: if p.inverter_model {
-                InverterModel::new(machine, inverter, &pu)
-            } else {
-                InverterModel::ideal()
-            },
+            t_s: r(t_s),
+            inverter: if p.inverter_model { InverterModel::new(&pu) } else { InverterModel::ideal() },
             timer: (inverter.f_clk > 0.0).then(|| Timer::new((inverter.f_clk / (2.0 * inverter.f_s)) as u32)),
             scheme: p.scheme,
             #[cfg(feature = "paper")]
-            paper: PaperConfig::new(machine, inverter, &pu, p, magnetise_periods),
+            paper: PaperConfig::new(&pu, inverter, p, magnetise_periods),
             #[cfg(feature = "enhanced")]
             enhanced: EnhancedConfig::new(machine, inverter, &pu, p, i_q_max),
             speed: SpeedConfig {
                 t_s: r(t_speed),
-                sigma_l_s: pu.sigma_l_s,
-                r_r: pu.r_r,
+                sigma_l_s: r(sigma_l_s),
+                r_r: r(pu.r_r),
                 k_p: r(2.0 * omega_n),
                 k_i: r(t_speed * omega_n * omega_n),
             },
             current: CurrentConfig {
                 k_p: r(k_p),
-                k_i: r(t_s * k_p * hz(p.current_bandwidth) / 5.0),
+                k_i: r(t_s * k_p * pu.hz(p.current_bandwidth) / 5.0),
                 inv_k_p: r(1.0 / k_p),
             },
             flux_control: FluxControlConfig {
@@ -239,7 +229,7 @@ impl<R: Real> DriveConfig<R> {
             },
             speed_control: SpeedControlConfig {
                 k_p: r(speed_gain),
-                k_i: r(t_slow * speed_gain * hz(p.speed_bandwidth) / 4.0),
+                k_i: r(t_slow * speed_gain * pu.hz(p.speed_bandwidth) / 4.0),
                 torque_max: r(p.torque_max / b.torque),
             },
             low_confidence: p.low_confidence,
@@ -279,5 +269,21 @@ mod tests {
             }
         }
         assert!(Scheme::ALL.contains(&Scheme::default()));
+    }
+
+    #[test]
+    fn a_setting_of_the_other_scheme_is_refused_by_name() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let defaults = DriveParams::new(&machine, &inverter);
+        let paper = PaperParams { noise_gain: (0.06, 0.4), ..defaults.paper };
+        let enhanced = EnhancedParams { identify_resistance: false, ..defaults.enhanced };
+        for (changed, own, field, other) in [
+            (DriveParams { paper, ..defaults }, Scheme::Paper, "noise_gain[1]", Scheme::Enhanced),
+            (DriveParams { enhanced, ..defaults }, Scheme::Enhanced, "identify_resistance", Scheme::Paper),
+        ] {
+            assert_eq!(DriveParams { scheme: own, ..changed }.validate(&machine, &inverter), Ok(()));
+            let e = DriveParams { scheme: other, ..changed }.validate(&machine, &inverter).unwrap_err();
+            assert!(e.field == field && e.note.contains("scheme"), "{e}");
+        }
     }
 }

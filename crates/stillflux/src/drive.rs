@@ -39,7 +39,7 @@ use crate::space::AlphaBeta;
 use control::Control;
 use estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use scheme::{SchemeEstimators, with_estimators};
-use sequence::{Sequence, Stage};
+use sequence::{Action, Sequence};
 
 /// A sensorless induction motor drive.
 #[derive(Clone, Copy, Debug)]
@@ -86,7 +86,7 @@ impl<R: Real> Drive<R> {
     /// Estimates of the latest period; what the step does not need in this form is computed here.
     pub fn estimate(&self) -> Estimate<R> {
         let Control { i_dq, i_dq_ref, psi_ref, ref voltage, .. } = self.common.control;
-        let Estimated { flux, speed, psi_1, u_off, i_s, r_s, epsilon, confidence } =
+        let Estimated { flux, speed, psi_1, u_off, i_s, r_s, epsilon, innovation, confidence } =
             with_estimators!(&self.estimators, e => e.estimated());
         Estimate {
             flux,
@@ -101,6 +101,7 @@ impl<R: Real> Drive<R> {
             torque: flux.magnitude * i_dq.im(),
             r_s,
             epsilon,
+            innovation,
             confidence: if self.status() == Status::Running { confidence } else { R::ZERO },
         }
     }
@@ -159,12 +160,14 @@ impl<R: Real> Common<R> {
         let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter(c));
         if likely(running) {
             self.slow_tasks(c, estimators, reference, u_dc);
+            if !likely(self.sequence.status() == Status::Running) {
+                return self.blocked();
+            }
         }
         Output { duty, gates_on: true }
     }
 
     /// All states but `Running`: whether this is a period of the start-up.
-    #[cold]
     #[inline(always)]
     fn prepare<E: Estimators<R>>(
         &mut self,
@@ -174,11 +177,11 @@ impl<R: Real> Common<R> {
         reference: &Reference<R>,
         i_s: &AlphaBeta<R>,
     ) -> bool {
-        let stage = self.sequence.advance(c, measured, reference);
-        if stage == Stage::StartUp {
+        let action = self.sequence.advance(c, measured, reference);
+        if action == Action::StartUp {
             return true;
         }
-        if stage == Stage::Ready {
+        if action == Action::Ready {
             estimators.begin();
             self.control.begin();
         }

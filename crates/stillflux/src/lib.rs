@@ -9,7 +9,7 @@
 //! in a file of its own and can be used alone: [`inverter`] (4)-(7), [`estimate::flux`] Fig. 7,
 //! [`estimate::offset`] Fig. 4 and (9), [`estimate::resistance`] Fig. 12, [`estimate::speed`],
 //! [`control`]. Parameters are SI and validated ([`params`], [`config`]); inside, everything is per unit
-//! ([`base`]).
+//! ([`base`]). [`si`] converts measurements, references, estimates and memory for callers in SI.
 //!
 //! The features `paper` (the published scheme) and `enhanced` choose the estimators that a build of the drive holds;
 //! both are on by default, a product needs one.

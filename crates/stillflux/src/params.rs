@@ -24,13 +24,24 @@ pub struct ParamError {
     pub max: f64,
     /// Unit of all three.
     pub unit: &'static str,
+    /// What else explains the range; may be empty.
+    pub note: &'static str,
+}
+
+impl ParamError {
+    /// The error with an explanation.
+    #[must_use]
+    pub fn with_note(self, note: &'static str) -> Self {
+        Self { note, ..self }
+    }
 }
 
 impl fmt::Display for ParamError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { field, value, min, max, unit } = self;
+        let Self { field, value, min, max, unit, note } = self;
         let sep = if unit.is_empty() { "" } else { " " };
-        write!(f, "{field} = {value}{sep}{unit} is outside the admissible range {min} to {max}{sep}{unit}")
+        write!(f, "{field} = {value}{sep}{unit} is outside the admissible range {min} to {max}{sep}{unit}")?;
+        if note.is_empty() { Ok(()) } else { write!(f, ": {note}") }
     }
 }
 
@@ -39,7 +50,15 @@ impl core::error::Error for ParamError {}
 /// Checks `min <= value <= max` (and with it that the value is finite).
 #[inline(never)]
 pub fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'static str) -> Result<(), ParamError> {
-    if value >= min && value <= max { Ok(()) } else { Err(ParamError { field, value, min, max, unit }) }
+    if value >= min && value <= max { Ok(()) } else { Err(ParamError { field, value, min, max, unit, note: "" }) }
+}
+
+/// Checks a stator resistance in Ω.
+///
+/// # Errors
+/// A resistance outside its admissible range.
+pub fn check_resistance(R_s: f64) -> Result<(), ParamError> {
+    check("R_s", R_s, 1e-5, 1e3, "ohm")
 }
 
 /// Magnetic saturation of the Γ-form stator inductance, `L_s(psi) = L_u / (1 + (a psi)^S)`.
@@ -225,7 +244,7 @@ impl Machine {
     /// The first field found outside its range.
     #[inline(never)]
     pub fn validate(&self) -> Result<(), ParamError> {
-        check("R_s", self.R_s, 1e-5, 1e3, "ohm")?;
+        check_resistance(self.R_s)?;
         check("R_R", self.R_R, 1e-5, 1e3, "ohm")?;
         check("L_sigma", self.L_sigma, 1e-6, 10.0, "H")?;
         check("L_M", self.L_M, 1e-5, 100.0, "H")?;

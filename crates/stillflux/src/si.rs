@@ -85,8 +85,11 @@ pub struct EstimateSi {
     pub torque: f64,
     /// Stator resistance with `r_d`, Ω.
     pub R_s: f64,
-    /// Residual of (15), per unit.
+    /// Residual ε of (15), per unit; zero in the enhanced scheme.
     pub epsilon: f64,
+    /// Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s; zero in the
+    /// published scheme.
+    pub innovation: f64,
     /// Confidence, 0 to 1.
     pub confidence: f64,
 }
@@ -173,6 +176,7 @@ impl SiUnits {
             torque: e.torque.to_f64() * b.torque,
             R_s: e.r_s.to_f64() * b.z,
             epsilon: e.epsilon.to_f64(),
+            innovation: e.innovation.to_f64() * b.psi,
             confidence: e.confidence.to_f64(),
         }
     }

@@ -87,11 +87,6 @@ impl<R: Real, F> Space<R, F> {
         self.v.y
     }
 
-    /// The components as a `nalgebra` vector.
-    pub fn as_vector(&self) -> &Vector2<R> {
-        &self.v
-    }
-
     /// Scalar product, `Re(conj(a) b)`.
     #[inline]
     pub fn dot(&self, o: &Self) -> R {
@@ -108,12 +103,6 @@ impl<R: Real, F> Space<R, F> {
     #[inline]
     pub fn norm_sq(&self) -> R {
         self.dot(self)
-    }
-
-    /// Multiplied by `j`.
-    #[inline]
-    pub fn j(&self) -> Self {
-        Self::new(-self.v.y, self.v.x)
     }
 
     /// Each component limited to `±bound`.

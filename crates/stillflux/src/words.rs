@@ -99,7 +99,7 @@ pub(crate) use words;
 #[cfg(test)]
 mod tests {
     use super::Words;
-    use crate::config::{DriveConfig, DriveParams, Scheme};
+    use crate::config::{DriveConfig, DriveParams, PaperParams, Scheme};
     use crate::params::{Inverter, Machine};
     use crate::scalar::{Q, Real};
 
@@ -123,7 +123,11 @@ mod tests {
         for &scheme in Scheme::ALL {
             round_trip::<f32>(|p| DriveParams { scheme, ..p });
             round_trip::<f64>(|p| DriveParams { scheme, ..p });
-            round_trip::<Q>(|p| DriveParams { scheme, resistance_adaptation: false, offset_estimator: false, ..p });
+            round_trip::<Q>(|p| DriveParams { scheme, inverter_model: false, ..p });
+        }
+        if Scheme::ALL.contains(&Scheme::Paper) {
+            let paper = PaperParams { resistance_adaptation: false, offset_estimator: false, ..PaperParams::default() };
+            round_trip::<Q>(|p| DriveParams { scheme: Scheme::Paper, paper, ..p });
         }
     }
 }

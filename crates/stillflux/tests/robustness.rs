@@ -41,11 +41,14 @@ fn running<R: Real>(scheme: Scheme) -> Drive<R> {
 
 fn check<R: Real>(d: &mut Drive<R>, m: &Measurement<R>, reference: &Reference<R>) {
     let out = d.step(m, reference);
+    assert!(!(out.gates_on && matches!(d.status(), Status::Faulted { .. })), "{:?}", d.status());
     for duty in out.duty {
         assert!(duty >= R::ZERO && duty <= R::ONE, "{duty:?}");
     }
     let e = d.estimate();
-    for x in [e.speed.omega_m, e.speed.omega_s, e.torque, e.r_s, e.confidence, e.flux.magnitude, e.epsilon] {
+    for x in
+        [e.speed.omega_m, e.speed.omega_s, e.torque, e.r_s, e.confidence, e.flux.magnitude, e.epsilon, e.innovation]
+    {
         assert!(x.is_finite(), "{e:?}");
     }
     assert!(e.flux.psi_s.is_finite() && e.u_off.is_finite() && e.i_dq_ref.is_finite());
@@ -162,7 +165,7 @@ fn restored<R: Real>(scheme: Scheme, x: R) -> [f64; 6] {
     let params = DriveParams { scheme, calibrate_offset: false, ..DriveParams::new(&machine, &inverter) };
     let mut d = Drive::<R>::new(DriveConfig::new(&machine, &inverter, &params).unwrap());
     let r_s = d.memory().r_s.to_f64();
-    d.restore(&Memory { u_off: AlphaBeta::new(x, -x), r_s: x, i_off: [x; 3], loss_error: x, inv_l_m: x });
+    d.restore(&Memory { u_off: AlphaBeta::new(x, -x), r_s: x, i_off: [x; 3], loss_error: x, knee: x, inv_l_m: x });
     let m = d.memory();
     [m.u_off.re(), m.u_off.im(), m.r_s * R::from_f64(1.0 / r_s), m.i_off[0], m.loss_error, m.inv_l_m].map(R::to_f64)
 }
@@ -187,5 +190,27 @@ fn whatever_a_memory_holds_a_drive_takes_no_more_than_its_limits() {
         for x in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert_limited(scheme, x);
         }
+    }
+}
+
+/// Supervision finds its faults after the duties of the period are known.
+#[test]
+fn the_period_of_a_fault_has_its_gates_off_whatever_the_cause() {
+    let ok = healthy::<f32>();
+    for &scheme in SCHEMES {
+        // No current and no torque: the estimate leaves its circle without any measurement being wrong.
+        let mut d = running::<f32>(scheme);
+        let mut periods = 0;
+        let last = loop {
+            let out = d.step(&ok, &Reference::Speed(1.0));
+            periods += 1;
+            assert!(periods < 100_000, "{scheme:?}: no fault");
+            if matches!(d.status(), Status::Faulted { .. }) {
+                break out;
+            }
+            assert!(out.gates_on);
+        };
+        assert!(matches!(d.status(), Status::Faulted { cause: Fault::EstimateLost, .. }), "{:?}", d.status());
+        assert!(!last.gates_on && last.duty == [0.5; 3], "{scheme:?}");
     }
 }

@@ -271,7 +271,7 @@ def rated_at_line(
     The flux stays rated: the drive is not allowed to leave the line.
     """
     omega = line_speed(motor_of(machine), torque)
-    return drive(
+    scenario = drive(
         machine,
         scheme,
         arithmetic,
@@ -279,7 +279,8 @@ def rated_at_line(
         omega=ramp(START, AT_SPEED, omega),
         load=ramp(LOAD_AT, REACHED, torque),
         duration=REACHED + time,
-    ).with_settings(omega_s_min=0.0)
+    )
+    return scenario.with_settings(omega_s_min=0.0) if scheme == "enhanced" else scenario
 
 
 LEAVE_TIME, LEAVE_REST, LEAVE_BY = 10.0, 5.0, 0.02

@@ -1,7 +1,7 @@
 //! Configuration of the enhanced scheme: what its estimators and its flux shift read, per unit.
 
-use super::settings::{DriveParams, SLOW_PERIODS};
-use crate::base::{Base, PerUnit, rounded};
+use super::settings::{DriveParams, EnhancedParams, SLOW_PERIODS};
+use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
@@ -9,7 +9,7 @@ use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
 
-/// Duration for which a start only looks, s: how fast the machine turns.
+/// Duration of the speed search at the beginning of a start, s.
 const PROBE_TIME: f64 = 0.01;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
 const BALANCE_RATE: f64 = 17.0;
@@ -31,23 +31,24 @@ words!(EnhancedConfig: filter, balance, shift, probe_periods);
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
-    pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit<R>, p: &DriveParams, i_q_max: f64) -> Self {
-        let b = Base::new(machine);
+    pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
-        let psi_r = p.psi_ref * machine.L_M / machine.L_s();
-        let identified =
-            Identified { offset: p.offset_estimator, resistance: p.resistance_adaptation, flux: p.noise_compensator };
+        let psi_r = p.psi_ref * pu.l_m / pu.l_s;
+        let identified = {
+            let EnhancedParams { identify_offset, identify_resistance, apply_innovation, .. } = p.enhanced;
+            Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
+        };
         Self {
-            filter: FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified),
+            filter: FilterConfig::new(machine, inverter, &pu.round(), p.psi_ref, p.calibrate_offset, identified),
             balance: BalanceConfig {
                 step: rounded(BALANCE_RATE / inverter.f_s),
                 step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),
             },
             shift: ShiftConfig {
-                omega_s_min: rounded(p.omega_s_min / b.omega),
-                slip: rounded(machine.R_R / b.z / (psi_r * psi_r)),
+                omega_s_min: rounded(p.enhanced.omega_s_min / pu.base.omega),
+                slip: rounded(pu.r_r / (psi_r * psi_r)),
                 // From 0.1 to 0.3 of rated torque.
-                inv_torque_fade: rounded(5.0 * b.torque / machine.T_N),
+                inv_torque_fade: rounded(5.0 / pu.torque_rated),
                 // A tenth of the torque that the current allows is kept in reserve.
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
                 step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),

@@ -1,12 +1,12 @@
 //! Configuration of the published scheme: what its estimators read, per unit.
 
 use super::settings::{DriveParams, SLOW_PERIODS, SPEED_PERIODS};
-use crate::base::{Base, PerUnit, rounded};
+use crate::base::{PerUnit, rounded};
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
-use crate::estimate::offset::{OffsetConfig, longest_window};
+use crate::estimate::offset::{OffsetConfig, U_OFF_MAX, longest_window};
 use crate::estimate::resistance::ResistanceConfig;
-use crate::params::{Inverter, Machine};
+use crate::params::Inverter;
 use crate::scalar::Real;
 use crate::words::words;
 
@@ -29,28 +29,16 @@ words!(PaperConfig: flux, resistance, confidence, r_s, inv_r_s, r_s_periods, inv
 
 impl<R: Real> PaperConfig<R> {
     /// Settings for validated parameters and a magnetisation of so many periods.
-    pub fn new(
-        machine: &Machine,
-        inverter: &Inverter,
-        pu: &PerUnit<R>,
-        p: &DriveParams,
-        magnetise_periods: u32,
-    ) -> Self {
-        let b = Base::new(machine);
+    pub fn new(pu: &PerUnit, inverter: &Inverter, p: &DriveParams, magnetise_periods: u32) -> Self {
         let r = rounded::<R>;
-        let t_s = b.omega / inverter.f_s;
+        let t_s = pu.t_s;
         let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));
-        let hz = |f: f64| core::f64::consts::TAU * f / b.omega;
-        let l_s = machine.L_s() / b.l;
-        let sigma_l_s = machine.L_sigma / b.l;
-        let r_s = (machine.R_s + inverter.r_d) / b.z;
-        let dead_time = inverter.dead_time * inverter.f_s * inverter.u_dc / b.u;
-        let noise = if p.noise_compensator { p.noise_gain } else { (0.0, 0.0) };
+        let noise = if p.paper.noise_compensator { p.paper.noise_gain } else { (0.0, 0.0) };
         let r_s_periods = magnetise_periods / 4;
         let offset = OffsetConfig {
-            t_s: pu.t_s,
-            gain: r(p.offset_gain),
-            limit: r(0.05),
+            t_s: r(t_s),
+            gain: r(p.paper.offset_gain),
+            limit: r(U_OFF_MAX),
             hysteresis: r(0.2 * p.psi_ref),
             interval: r(t_speed),
             turn: r(t_speed / core::f64::consts::TAU),
@@ -59,31 +47,31 @@ impl<R: Real> PaperConfig<R> {
         };
         Self {
             flux: FluxConfig {
-                t_s: pu.t_s,
+                t_s: r(t_s),
                 noise_min: r(noise.0),
                 noise_max: r(noise.1),
-                offset: p.offset_estimator.then_some(offset),
+                offset: p.paper.offset_estimator.then_some(offset),
             },
-            resistance: p.resistance_adaptation.then(|| ResistanceConfig {
-                l_sum: r(l_s + sigma_l_s),
-                l_product: r(l_s * sigma_l_s),
-                gain: r(t_slow * (p.resistance_gain / b.omega)),
-                i_q_min: r(0.15 * machine.T_N / b.torque / p.psi_ref),
-                i_q_high: r(0.6 * machine.T_N / b.torque / p.psi_ref),
+            resistance: p.paper.resistance_adaptation.then(|| ResistanceConfig {
+                l_sum: r(pu.l_s + pu.sigma_l_s),
+                l_product: r(pu.l_s * pu.sigma_l_s),
+                gain: r(t_slow * (p.paper.resistance_gain / pu.base.omega)),
+                i_q_min: r(0.15 * pu.torque_rated / p.psi_ref),
+                i_q_high: r(0.6 * pu.torque_rated / p.psi_ref),
                 omega_min: r(0.004),
                 omega_max: r(0.1),
                 transient: r(0.05),
-                corner: r(t_slow * hz(2.0)),
+                corner: r(t_slow * pu.hz(2.0)),
                 hold: inverter.periods(0.2 / f64::from(SLOW_PERIODS)),
             }),
             confidence: ConfidenceConfig {
                 t_s: r(t_slow),
-                u_floor: r(1e-4 * r_s + 1e-4 * dead_time),
-                u_initial: r(0.01 * r_s),
-                corner: r(t_slow * hz(0.2)),
+                u_floor: r(1e-4 * pu.r_s + 1e-4 * pu.dead_time * pu.u_dc),
+                u_initial: r(0.01 * pu.r_s),
+                corner: r(t_slow * pu.hz(0.2)),
             },
-            r_s: pu.r_s,
-            inv_r_s: r(1.0 / r_s),
+            r_s: r(pu.r_s),
+            inv_r_s: r(1.0 / pu.r_s),
             r_s_periods,
             inv_r_s_periods: r(1.0 / f64::from(r_s_periods)),
         }

@@ -38,7 +38,8 @@ impl Scheme {
     /// An error if the scheme is left out of this build.
     pub(super) fn check(self) -> Result<(), ParamError> {
         let (first, last) = (f64::from(u8::from(Self::BUILT & 1 == 0)), f64::from(Self::BUILT >> 1));
-        check("scheme", f64::from(self as u8), first, last, "(0: feature paper, 1: feature enhanced)")
+        check("scheme", f64::from(self as u8), first, last, "")
+            .map_err(|e| e.with_note("0 is built with the feature `paper`, 1 with `enhanced`"))
     }
 }
 
@@ -86,6 +87,112 @@ impl Words for LowConfidence {
     }
 }
 
+/// Settings of the published scheme.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PaperParams {
+    /// Offset estimator of Fig. 4.
+    pub offset_estimator: bool,
+    /// Part of the measured offset voltage taken over per fundamental period, 0.01 to 1.
+    pub offset_gain: f64,
+    /// Noise compensator of Section III-D.
+    pub noise_compensator: bool,
+    /// Smallest and largest gain of the noise compensator, per unit, 0 to 1 and up to 4.
+    pub noise_gain: (f64, f64),
+    /// Stator resistance adaptation of Fig. 12.
+    pub resistance_adaptation: bool,
+    /// Gain of the adaptation: change of `r̂_s` in per unit, per second and unit of ε, 0 to 5. In per unit the answer
+    /// to a wrong resistance, `2 k i_q/ω_s`, is the same for all machines.
+    pub resistance_gain: f64,
+}
+
+impl Default for PaperParams {
+    fn default() -> Self {
+        Self {
+            offset_estimator: true,
+            offset_gain: 0.5,
+            noise_compensator: true,
+            noise_gain: (0.06, 0.5),
+            resistance_adaptation: true,
+            resistance_gain: 0.42,
+        }
+    }
+}
+
+impl PaperParams {
+    fn validate(&self) -> Result<(), ParamError> {
+        check("offset_gain", self.offset_gain, 0.01, 1.0, "")?;
+        check("noise_gain[0]", self.noise_gain.0, 0.0, 1.0, "")?;
+        check("noise_gain[1]", self.noise_gain.1, self.noise_gain.0, 4.0, "")?;
+        check("resistance_gain", self.resistance_gain, 0.0, 5.0, "p.u./s")
+    }
+
+    /// An error for the first field that is not at its default.
+    fn refuse_changes(&self) -> Result<(), ParamError> {
+        let d = Self::default();
+        let same = |field, value, default| {
+            check(field, value, default, default, "")
+                .map_err(|e| e.with_note("a setting of the published scheme, and the drive runs the enhanced one"))
+        };
+        let switch = |field, value, default| same(field, f64::from(u8::from(value)), f64::from(u8::from(default)));
+        switch("offset_estimator", self.offset_estimator, d.offset_estimator)?;
+        same("offset_gain", self.offset_gain, d.offset_gain)?;
+        switch("noise_compensator", self.noise_compensator, d.noise_compensator)?;
+        same("noise_gain[0]", self.noise_gain.0, d.noise_gain.0)?;
+        same("noise_gain[1]", self.noise_gain.1, d.noise_gain.1)?;
+        switch("resistance_adaptation", self.resistance_adaptation, d.resistance_adaptation)?;
+        same("resistance_gain", self.resistance_gain, d.resistance_gain)
+    }
+}
+
+/// Settings of the enhanced scheme.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct EnhancedParams {
+    /// Estimate the offset of the current sensors.
+    pub identify_offset: bool,
+    /// Estimate stator resistance and inverter error.
+    pub identify_resistance: bool,
+    /// Correct the states by the filter's innovation; without it the flux is a pure integral.
+    pub apply_innovation: bool,
+    /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
+    /// most 30 % ([`crate::control::shift`]). 0: the flux stays.
+    pub omega_s_min: f64,
+}
+
+impl EnhancedParams {
+    /// Defaults for a machine.
+    #[must_use]
+    pub fn new(machine: &Machine) -> Self {
+        Self {
+            identify_offset: true,
+            identify_resistance: true,
+            apply_innovation: true,
+            omega_s_min: 0.006 * machine.omega_sR(),
+        }
+    }
+
+    fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
+        check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")
+    }
+
+    /// An error for the first field that is not at its default.
+    fn refuse_changes(&self, machine: &Machine) -> Result<(), ParamError> {
+        let d = Self::new(machine);
+        let same = |field, value, default| {
+            check(field, value, default, default, "")
+                .map_err(|e| e.with_note("a setting of the enhanced scheme, and the drive runs the published one"))
+        };
+        let switch = |field, value, default| same(field, f64::from(u8::from(value)), f64::from(u8::from(default)));
+        switch("identify_offset", self.identify_offset, d.identify_offset)?;
+        switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;
+        switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
+        same("omega_s_min", self.omega_s_min, d.omega_s_min)
+    }
+}
+
 /// Settings of a drive. [`DriveParams::new`] derives every value from machine and inverter; change single
 /// fields from there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,19 +227,6 @@ pub struct DriveParams {
     pub pll_bandwidth: f64,
     /// Inverter model: compensation of threshold and dead time.
     pub inverter_model: bool,
-    /// Offset estimator; in the enhanced scheme, offsets as states of the filter.
-    pub offset_estimator: bool,
-    /// Part of the measured offset voltage taken over per fundamental period.
-    pub offset_gain: f64,
-    /// Noise compensator; in the enhanced scheme, correction by the filter's residual at all.
-    pub noise_compensator: bool,
-    /// Smallest and largest gain of the noise compensator, per unit.
-    pub noise_gain: (f64, f64),
-    /// Stator resistance adaptation; in the enhanced scheme, resistance and inverter error as states.
-    pub resistance_adaptation: bool,
-    /// Gain of the adaptation: change of `r̂_s` in per unit, per second and unit of ε. In per unit the answer to a
-    /// wrong resistance, `2 k i_q/ω_s`, is the same for all machines.
-    pub resistance_gain: f64,
     /// Read the current offsets with gates off before each start, and `r̂_s` while magnetising.
     pub calibrate_offset: bool,
     /// Duration of the reading of the offsets, s.
@@ -141,9 +235,10 @@ pub struct DriveParams {
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
     pub low_confidence: LowConfidence,
-    /// Stator frequency that the enhanced scheme keeps under load, electrical rad/s: where it would be smaller the
-    /// flux is lowered, by at most 30 % ([`crate::control::shift`]). 0: the flux stays.
-    pub omega_s_min: f64,
+    /// Settings of the published scheme: the defaults, unless the drive runs it.
+    pub paper: PaperParams,
+    /// Settings of the enhanced scheme: the defaults, unless the drive runs it.
+    pub enhanced: EnhancedParams,
 }
 
 impl DriveParams {
@@ -167,24 +262,19 @@ impl DriveParams {
             speed_bandwidth: 9.0,
             pll_bandwidth: 25.0,
             inverter_model: true,
-            offset_estimator: true,
-            offset_gain: 0.5,
-            noise_compensator: true,
-            noise_gain: (0.06, 0.5),
-            resistance_adaptation: true,
-            resistance_gain: 0.42,
             calibrate_offset: true,
             offset_time: 0.1,
             magnetise_time: (4.0 * tau_r).max(1.4),
             low_confidence: LowConfidence::Keep,
-            omega_s_min: 0.006 * machine.omega_sR(),
+            paper: PaperParams::default(),
+            enhanced: EnhancedParams::new(machine),
         }
     }
 
     /// Checks every field against its admissible range.
     ///
     /// # Errors
-    /// The first field found outside its range.
+    /// The first field found outside its range, or changed although it belongs to the scheme that does not run.
     pub fn validate(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
         let i_n = machine.I_N * core::f64::consts::SQRT_2;
         let f_s = inverter.f_s;
@@ -204,12 +294,13 @@ impl DriveParams {
         check("speed_bandwidth", self.speed_bandwidth, 0.05, 20.0, "Hz")?;
         // A fifteenth of the rate at which the loop runs.
         check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
-        check("offset_gain", self.offset_gain, 0.01, 1.0, "")?;
-        check("noise_gain[0]", self.noise_gain.0, 0.0, 1.0, "")?;
-        check("noise_gain[1]", self.noise_gain.1, self.noise_gain.0, 4.0, "")?;
-        check("resistance_gain", self.resistance_gain, 0.0, 5.0, "p.u./s")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
         check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
-        check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")
+        self.paper.validate()?;
+        self.enhanced.validate(machine)?;
+        match self.scheme {
+            Scheme::Paper => self.enhanced.refuse_changes(machine),
+            Scheme::Enhanced => self.paper.refuse_changes(),
+        }
     }
 }

@@ -25,6 +25,9 @@ const ROTATING: f64 = 0.03;
 /// Part of the magnetising current that separates resistance from inverter error.
 const REDUCED: f64 = 0.7;
 
+/// Unit of the residual that the filter returns, per unit of flux.
+const RESIDUAL_UNIT: f64 = 0.05;
+
 /// The two sums of the speed search; after it, the speed over one.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -224,7 +227,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             u_off: f.b() * -f.r_s(),
             i_s: f.i_s(),
             r_s: f.r_s(),
-            epsilon: f.residual(),
+            epsilon: R::ZERO,
+            innovation: f.residual() * R::from_f64(RESIDUAL_UNIT),
             confidence: f.confidence(),
         }
     }

@@ -72,6 +72,7 @@ pub(super) struct Estimated<R: Real> {
     pub i_s: AlphaBeta<R>,
     pub r_s: R,
     pub epsilon: R,
+    pub innovation: R,
     pub confidence: R,
 }
 

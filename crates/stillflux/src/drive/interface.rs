@@ -1,5 +1,7 @@
 //! What goes into a drive and what comes out of it, per unit.
 
+use core::fmt;
+
 use crate::control::modulator::Duty;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::SpeedEstimate;
@@ -54,28 +56,64 @@ pub struct Output<R: Real> {
     pub gates_on: bool,
 }
 
-/// Why a drive blocked its bridge.
+/// Why a drive blocked its bridge. The numbers are stable: a log or a field bus may carry them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+#[repr(u8)]
 pub enum Fault {
     /// Current above the trip level.
-    OverCurrent,
+    OverCurrent = 1,
     /// dc-link voltage below its range.
-    UnderVoltage,
+    UnderVoltage = 2,
     /// dc-link voltage above its range.
-    OverVoltage,
+    OverVoltage = 3,
     /// A measurement is not finite, or beyond what its sensor can read.
-    Measurement,
+    Measurement = 4,
     /// The reference is not finite.
-    Reference,
-    /// Current offsets at rest beyond what a healthy sensor shows.
-    CurrentOffset,
+    Reference = 5,
+    /// Current offsets at standstill beyond what a healthy sensor shows.
+    CurrentOffset = 6,
     /// The flux estimate left its circle, or the speed estimate its range, for longer than a transient.
-    EstimateLost,
+    EstimateLost = 7,
     /// The confidence in the field angle was below one half for longer than a transient, and the drive has been
     /// told to stop then ([`crate::config::LowConfidence::Fault`]).
-    LowConfidence,
+    LowConfidence = 8,
+}
+
+impl Fault {
+    /// All faults.
+    pub const ALL: [Self; 8] = [
+        Self::OverCurrent,
+        Self::UnderVoltage,
+        Self::OverVoltage,
+        Self::Measurement,
+        Self::Reference,
+        Self::CurrentOffset,
+        Self::EstimateLost,
+        Self::LowConfidence,
+    ];
+
+    /// Its number, 1 to 8.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        self as u32
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::OverCurrent => "over-current",
+            Self::UnderVoltage => "under-voltage",
+            Self::OverVoltage => "over-voltage",
+            Self::Measurement => "measurement",
+            Self::Reference => "reference",
+            Self::CurrentOffset => "current offset",
+            Self::EstimateLost => "estimate lost",
+            Self::LowConfidence => "low confidence",
+        })
+    }
 }
 
 /// State of the sequence.
@@ -99,6 +137,20 @@ pub enum Status {
         /// Control period in which it happened.
         period: u32,
     },
+}
+
+impl Status {
+    /// The state as a stable number: 0 stopped, 1 reading offset, 2 magnetising, 3 running, 4 faulted.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        match self {
+            Self::Stopped => 0,
+            Self::ReadingOffset => 1,
+            Self::Magnetising => 2,
+            Self::Running => 3,
+            Self::Faulted { .. } => 4,
+        }
+    }
 }
 
 /// What a drive stores at a stop and takes back at a start (the paper's nonvolatile memory).
@@ -148,8 +200,21 @@ pub struct Estimate<R: Real> {
     pub torque: R,
     /// Stator resistance (with `r_d`).
     pub r_s: R,
-    /// Residual: ε of (15), or `m - |ψ̂_R|` of the filter in units of 0.05.
+    /// Residual ε of (15); zero in the enhanced scheme.
     pub epsilon: R,
+    /// Innovation of the filter, the rotor flux of the current model less that of the voltage model; zero in the
+    /// published scheme.
+    pub innovation: R,
     /// Confidence in the field angle, 0 to 1; below 0.5 an error of 15° must be expected.
     pub confidence: R,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Fault;
+
+    #[test]
+    fn faults_are_numbered_from_one_without_a_gap() {
+        assert!(Fault::ALL.iter().zip(1..).all(|(fault, code)| fault.code() == code));
+    }
 }

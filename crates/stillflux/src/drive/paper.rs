@@ -9,7 +9,7 @@ use crate::config::{DriveConfig, PaperConfig};
 use crate::control::flux::weight_by_frequency;
 use crate::estimate::confidence::Confidence;
 use crate::estimate::flux::FluxEstimator;
-use crate::estimate::resistance::ResistanceEstimator;
+use crate::estimate::resistance::{self, ResistanceEstimator};
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
 use crate::scalar::{Integrator, Real};
@@ -49,7 +49,8 @@ impl<R: Real> PaperEstimators<R> {
 
     /// A resistance from the magnetisation or from memory, within its limits.
     fn set_resistance(&mut self, c: &DriveConfig<R>, r_s: R) {
-        self.resistance.start(r_s.clamp(c.paper.r_s * R::HALF, c.paper.r_s * R::from_f64(1.5)));
+        let (lo, hi) = resistance::range(c.paper.r_s);
+        self.resistance.start(r_s.clamp(lo, hi));
     }
 
     /// Begins at a flux that the magnetisation has built up along the a-axis.
@@ -59,7 +60,7 @@ impl<R: Real> PaperEstimators<R> {
             self.set_resistance(c, self.r_s_mean.value());
         }
         self.flux.start(psi_s, *i_s);
-        self.flux.follow(&c.paper.flux, R::ZERO);
+        self.flux.set_stator_frequency(&c.paper.flux, R::ZERO);
         self.confidence.start();
         self.speed_estimator.start(&psi_s, R::ZERO);
     }
@@ -120,7 +121,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     #[inline(never)]
     fn update_speed(&mut self, c: &DriveConfig<R>) {
         self.speed = self.speed_estimator.step(&c.speed, &self.flux.value(), &self.i_s);
-        self.flux.follow(&c.paper.flux, self.speed.omega_s);
+        self.flux.set_stator_frequency(&c.paper.flux, self.speed.omega_s);
     }
 
     /// Resistance (Fig. 12) and confidence.
@@ -175,6 +176,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
             i_s: self.i_s,
             r_s: self.resistance.r_s(),
             epsilon: self.resistance.epsilon(),
+            innovation: R::ZERO,
             confidence: self.confidence.value(),
         }
     }

@@ -7,10 +7,8 @@ use super::interface::Memory;
 #[cfg(feature = "paper")]
 use super::paper::PaperEstimators;
 use crate::config::{DriveConfig, Scheme};
+use crate::estimate::offset::U_OFF_MAX;
 use crate::scalar::Real;
-
-/// Largest offset voltage that is restored from memory, per unit.
-const U_OFF_MAX: f64 = 0.05;
 
 /// Estimators of the scheme that a drive runs. A scheme that is left out of the build (feature `paper` or `enhanced`)
 /// is a variant that does not exist.

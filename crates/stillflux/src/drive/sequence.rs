@@ -11,7 +11,7 @@ const U_DC_RANGE: f64 = 100.0;
 
 /// What the sequence asks of a period that is not under control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stage {
+pub(super) enum Action {
     /// The bridge is blocked.
     Blocked,
     /// The bridge is blocked for the last time before a start-up.
@@ -128,16 +128,16 @@ impl<R: Real> Sequence<R> {
     /// All states but `Running`.
     #[cold]
     #[inline(never)]
-    pub fn advance(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, reference: &Reference<R>) -> Stage {
+    pub fn advance(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, reference: &Reference<R>) -> Action {
         self.stage = self.stage.saturating_add(1);
         if !reference.is_admissible() && *reference != Reference::Stop {
             self.fault(Fault::Reference);
         }
         match (self.status, reference) {
-            (Status::Faulted { .. }, _) | (Status::Stopped, Reference::Stop) => return Stage::Blocked,
+            (Status::Faulted { .. }, _) | (Status::Stopped, Reference::Stop) => return Action::Blocked,
             (_, Reference::Stop) => {
                 self.enter(Status::Stopped);
-                return Stage::Blocked;
+                return Action::Blocked;
             }
             (Status::Stopped, _) => {
                 self.offset_mean = [Integrator::default(); 3];
@@ -145,19 +145,19 @@ impl<R: Real> Sequence<R> {
             }
             _ => {}
         }
-        if self.status == Status::ReadingOffset { self.read_offset(c, m) } else { Stage::StartUp }
+        if self.status == Status::ReadingOffset { self.read_offset(c, m) } else { Action::StartUp }
     }
 
     /// Mean of the current samples while no current can flow.
     #[inline(never)]
-    fn read_offset(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> Stage {
+    fn read_offset(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> Action {
         if c.calibrate_offset {
             for k in 0..3 {
                 self.offset_mean[k].add(c.inv_offset_periods, m.i_abc[k]);
             }
         }
         if self.stage < c.offset_periods {
-            return Stage::Blocked;
+            return Action::Blocked;
         }
         if c.calibrate_offset {
             for (to, mean) in self.i_off.iter_mut().zip(&self.offset_mean) {
@@ -165,11 +165,11 @@ impl<R: Real> Sequence<R> {
             }
             if self.i_off.iter().any(|i| i.abs() > R::from_f64(I_OFF_MAX)) {
                 self.fault(Fault::CurrentOffset);
-                return Stage::Blocked;
+                return Action::Blocked;
             }
         }
         self.enter(Status::Magnetising);
-        Stage::Ready
+        Action::Ready
     }
 
     /// Plausibility of the estimate and confidence in it: a fault if one of them is missing for too long.

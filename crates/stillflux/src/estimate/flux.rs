@@ -95,14 +95,14 @@ impl<R: Real> FluxEstimator<R> {
         self.psi_s.add(config.t_s, &(u_i - u_off + u_hf));
     }
 
-    /// Tells the stator frequency, once in [`OffsetConfig::interval`]: what depends on it need not be computed
-    /// in every period.
+    /// Stator frequency, once in [`OffsetConfig::interval`]: sets the gain of the noise compensator and the time base
+    /// of the offset estimator, which need not be computed in every period.
     #[inline(always)]
-    pub fn follow(&mut self, config: &FluxConfig<R>, omega_s: R) {
+    pub fn set_stator_frequency(&mut self, config: &FluxConfig<R>, omega_s: R) {
         let omega = omega_s.abs();
         self.gain = (omega + omega).max(config.noise_min).min(config.noise_max);
         if let Some(c) = &config.offset {
-            self.offset.follow(c, omega_s);
+            self.offset.set_stator_frequency(c, omega_s);
         }
         self.psi_s.confine();
     }
@@ -161,7 +161,7 @@ mod tests {
             let (a, b) = (omega * T_S * f64::from(k), omega * T_S * f64::from(k + 1));
             let u = AlphaBeta::new((b.cos() - a.cos()) / T_S + offset, (b.sin() - a.sin()) / T_S);
             est.step(&config, &u, &AlphaBeta::default(), 0.1, 1.0);
-            est.follow(&config, omega);
+            est.set_stator_frequency(&config, omega);
             let out = est.estimate();
             let d = Rotator { cos: b.cos(), sin: b.sin() }.to_field(&out.psi_s);
             if k >= n * (periods - 1) {

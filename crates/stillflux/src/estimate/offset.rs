@@ -27,6 +27,9 @@ use crate::scalar::{QuickIntegrator, Real, likely};
 use crate::space::AlphaBeta;
 use crate::words::words;
 
+/// Largest offset voltage, per unit: several times what current sensors and inverter cause.
+pub const U_OFF_MAX: f64 = 0.05;
+
 /// Settings of the offset estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -200,7 +203,7 @@ impl<R: Real> OffsetEstimator<R> {
 
     /// Once in [`OffsetConfig::interval`]: time and field angle move on at the stator frequency `omega_s`.
     #[inline(always)]
-    pub fn follow(&mut self, c: &OffsetConfig<R>, omega_s: R) {
+    pub fn set_stator_frequency(&mut self, c: &OffsetConfig<R>, omega_s: R) {
         self.now.interval = self.now.interval.wrapping_add(1);
         self.now.turned += omega_s * c.turn;
         let fast = !omega_s.within(c.omega_max);
@@ -301,7 +304,7 @@ mod tests {
             let (s, c) = (omega * CONFIG.t_s * (f64::from(k) + 0.5)).sin_cos();
             let u = AlphaBeta::new(-a * omega * s + offset.0, a * omega * c + offset.1);
             est.step(&CONFIG, &u, 1.0);
-            est.follow(&CONFIG, omega);
+            est.set_stator_frequency(&CONFIG, omega);
         }
     }
 
@@ -324,7 +327,7 @@ mod tests {
         let before = est.u_off();
         for _ in 0..2_000_000 {
             est.step(&CONFIG, &AlphaBeta::new(1e-3, -1e-3), 1.0);
-            est.follow(&CONFIG, 0.0);
+            est.set_stator_frequency(&CONFIG, 0.0);
         }
         assert_eq!(est.u_off(), before);
         run(&mut est, 0.01, (5e-4, 0.0), 1.0, 1.7);

@@ -14,7 +14,7 @@
 //! * while `i_q` moves: the early response to a load step has a sign of its own,
 //!
 //! and slowed in regeneration and above 60 % load, where the early response of ε has the opposite sign.
-//! `r̂_s` stays within ±50 % of the prior (nameplate or dc measurement).
+//! `r̂_s` stays within ±50 % of the prior ([`range`]): nameplate or dc measurement.
 
 use crate::scalar::{Integrator, Real};
 use crate::space::Dq;
@@ -47,6 +47,13 @@ pub struct ResistanceConfig<R: Real> {
     pub hold: u32,
 }
 words!(ResistanceConfig: l_sum, l_product, gain, i_q_min, i_q_high, omega_min, omega_max, transient, corner, hold);
+
+/// Range of a resistance around its prior, ±50 %: cold and hot windings, and the tolerance of a nameplate.
+#[inline(always)]
+pub fn range<R: Real>(prior: R) -> (R, R) {
+    let half = prior.half();
+    (half, half + prior)
+}
 
 /// State of the adaptation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -84,11 +91,11 @@ impl<R: Real> ResistanceEstimator<R> {
         let negative = i_q < R::ZERO;
         let regeneration = (omega_m < R::ZERO) != negative;
         let gain = if regeneration || i_q.abs() > c.i_q_high { c.gain * R::from_f64(0.1) } else { c.gain };
-        let half = self.prior.half();
-        // The bracket keeps a single disturbed sample from mattering.
+        // The limit keeps a single disturbed sample from mattering.
         let epsilon = self.epsilon.limit(R::HALF);
         let epsilon = if (omega_s < R::ZERO) == negative { epsilon } else { -epsilon };
-        self.r_s.add_clamped(gain, epsilon, half, half + self.prior)
+        let (lo, hi) = range(self.prior);
+        self.r_s.add_clamped(gain, epsilon, lo, hi)
     }
 
     /// Present estimate.

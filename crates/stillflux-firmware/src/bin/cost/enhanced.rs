@@ -87,8 +87,9 @@ impl<R: Word> Blocks<R> {
         let i = input.measured.i_abc;
         let sum = i[0] + i[1] + i[2];
         let i_m = costs.balance.call(|| balance(&mut self.balance, c.balance_config(), i_s, sum));
-        let u_l = AlphaBeta::from_phases(c.inverter_model().distortion(&e.i_s, input.measured.u_dc, R::ONE));
-        let x = kalman::Input { u_s: e.u_s, u_l, i_m, i_ref: before.i_dq_ref, omega_s: before.speed.omega_s };
+        let inverter = c.inverter_model();
+        let loss = inverter.distortion(inverter.nominal(), &e.i_s, input.measured.u_dc, R::ONE);
+        let x = kalman::Input { u_s: e.u_s, loss, i_m, i_ref: before.i_dq_ref, omega_s: before.speed.omega_s };
         let n = costs.filter.sum;
         costs.filter.call(|| predict(&mut self.filter, f, &x));
         let n = costs.filter.sum - n;

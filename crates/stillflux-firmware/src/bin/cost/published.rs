@@ -80,7 +80,7 @@ impl<R: Word> Blocks<R> {
         };
         blocks.flux.offset.restore(e.u_off);
         blocks.flux.start(psi, i_s);
-        blocks.flux.follow(config.flux_config(), R::ZERO);
+        blocks.flux.set_stator_frequency(config.flux_config(), R::ZERO);
         blocks.speed.start(&psi, R::ZERO);
         blocks.resistance.start(drive.memory().r_s);
         blocks
@@ -173,7 +173,7 @@ struct FluxInput<R: Word> {
 #[inline(never)]
 fn flux_estimator<R: Word>(s: &mut FluxEstimator<R>, c: &DriveConfig<R>, x: &FluxInput<R>) {
     if let Some(omega_s) = x.omega_s {
-        s.follow(c.flux_config(), omega_s);
+        s.set_stator_frequency(c.flux_config(), omega_s);
     }
     s.step(c.flux_config(), &x.u_s, &x.i_s, x.r_s, x.psi_ref);
 }
@@ -221,7 +221,7 @@ fn current_control<R: Word>(
 }
 #[inline(never)]
 fn inverter_model<R: Word>(c: &DriveConfig<R>, i_s: &AlphaBeta<R>, u_dc: R) -> [R; 3] {
-    c.inverter_model().distortion(i_s, u_dc, R::ONE)
+    c.inverter_model().distortion(c.inverter_model().nominal(), i_s, u_dc, R::ONE).phases
 }
 #[inline(never)]
 fn modulator<R: Word>(c: &DriveConfig<R>, u: &[R; 3], inv_u_dc: R) -> (Duty<R>, AlphaBeta<R>) {

@@ -36,7 +36,6 @@
 //! fits fixed point; the rows below are scaled accordingly.
 
 use super::covariance::{Column, N};
-use super::noise::TRANSIENT;
 
 use crate::base::{Base, PerUnit, rounded};
 use crate::inverter::Distortion;
@@ -64,6 +63,10 @@ pub(super) const C: usize = 9;
 
 /// Largest saturated part of the magnetising current.
 pub(super) const C_MAX: f64 = 0.5;
+
+/// Part of the distance between current model and steady state that the magnetising curve may have wrong.
+/// Allowance.
+pub(super) const TRANSIENT: f64 = 0.1;
 
 /// Scales of the states, per unit; that of `r_s` is relative to `r_s`.
 pub(super) const SCALE_PSI: f64 = 0.05;

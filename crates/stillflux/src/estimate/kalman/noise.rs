@@ -21,7 +21,8 @@
 
 use super::covariance::{Column, N};
 use super::model::{
-    B, C, GAMMA, KNEE, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_PSI, SCALE_R, SCALE_V, V, by_state,
+    B, C, GAMMA, KNEE, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_PSI, SCALE_R, SCALE_V, TRANSIENT, V,
+    by_state,
 };
 use crate::base::{Base, rounded};
 use crate::params::{Inverter, Machine};
@@ -66,9 +67,6 @@ pub(super) const RESIDUAL: f64 = scaled(RESIDUAL_PU, SCALE_PSI);
 /// Weight of the variance of the second-order term: `|ψ_R|` of a vector turned by `δ` exceeds its projection by
 /// `δ²/2 |ψ_R|`, whose variance for Gaussian `δ` is `σ⁴/2`; four times that. Allowance.
 pub(super) const SECOND_ORDER: f64 = 2.0;
-/// Part of the distance between current model and steady state that the magnetising curve may have wrong.
-/// Allowance.
-pub(super) const TRANSIENT: f64 = 0.1;
 /// Part of the rate of the current model that may be wrong (tolerance of `r_R`), times the root of the number of
 /// blocks for which it stays so. Physical.
 const LAG: f64 = 3.0;

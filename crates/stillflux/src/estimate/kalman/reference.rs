@@ -3,8 +3,8 @@
 //! be this, and the derivatives in the model must be those of its equations.
 
 use super::model::{
-    B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_PSI,
-    SCALE_R, SCALE_V, V,
+    B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K,
+    SCALE_PSI, SCALE_R, SCALE_V, V,
 };
 use super::{
     B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, N, NIS_CORNER, NIS_SURPRISE, R_S_RANGE,
@@ -144,10 +144,11 @@ fn noise_source() -> impl FnMut() -> f64 {
 
 fn machines() -> [(Machine, Inverter); 3] {
     let saturated = Machine { saturation: Some(Saturation { L_u: 0.085, a: 0.758, S: 5.0 }), ..Machine::preset_11k() };
+    let bridge = Inverter { c_out: 1e-9, ..Inverter::preset_2k2() };
     [
-        (Machine::preset_2k2(), Inverter::preset_2k2()),
-        (Machine::preset_11k(), Inverter::preset_11k()),
-        (saturated, Inverter::preset_11k()),
+        (Machine::preset_2k2(), bridge),
+        (Machine::preset_11k(), Inverter { c_out: 2e-9, ..Inverter::preset_11k() }),
+        (saturated, Inverter { c_out: 0.0, ..Inverter::preset_11k() }),
     ]
 }
 
@@ -386,7 +387,7 @@ impl ClosedLoop {
             psi_r: Vector2::new(psi, 0.0),
             i,
             r_r: pu.r_r,
-            inv_tau_r: pu.inv_tau_r,
+            inv_tau_r: 1.0 / pu.tau_r,
             i_d,
             r_s: 1.05,
             offset: Vector2::new(3e-4, -2e-4),
@@ -481,7 +482,7 @@ fn the_scheduled_filter_is_the_dense_one_over_a_closed_loop() {
 
 #[test]
 fn the_covariance_stays_positive_after_a_new_beginning_in_any_slot() {
-    let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+    let [(machine, inverter), ..] = machines();
     let mut rig = ClosedLoop::new(&machine, &inverter);
     // As a loss leaves it: offsets that were never read, nothing corrected, until the angle is unknown.
     let correct = rig.c;
