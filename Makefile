@@ -26,7 +26,7 @@ build: .venv/built
 	touch $@
 
 test-rust: .venv/installed
-	cargo test --workspace --locked
+	cargo test --locked
 
 test: test-rust build
 	$(BIN)/python -m pytest -q -m "not slow"
@@ -62,7 +62,7 @@ metrics: build
 # Time with criterion, instructions with gungraun where valgrind is there, and one table of both beside the
 # target's counts of the last `make firmware-bench`.
 bench: bench-tools
-	PATH="$(abspath target/tools/bin):$$PATH" cargo bench --locked
+	PATH="$(abspath target/tools/bin):$$PATH" cargo bench --locked -p stillflux-benches
 	$(PYTHON) benches/table.py
 
 # Library and runner of gungraun must be of one version: that of Cargo.lock.

@@ -166,4 +166,29 @@ mod tests {
             assert!((p.tau_r / machine.omega_sR() - want.3).abs() < 1e-3);
         }
     }
+
+    #[test]
+    fn every_per_unit_value_is_that_of_its_base() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let (b, p) = (Base::new(&machine), PerUnit::<f64>::new(&machine, &inverter).unwrap());
+        // Rated phase peaks 326.6 V and 7.071 A, 314.2 rad/s, two pole pairs.
+        for (name, got, want) in [
+            ("u", b.u, 326.599),
+            ("i", b.i, 7.071_07),
+            ("psi", b.psi, 1.039_60),
+            ("omega_m", b.omega_m, 157.080),
+            ("torque", b.torque, 22.0533),
+            ("r_s with r_d", p.r_s, 3.9 / 46.1880),
+            ("r_r", p.r_r, 2.1 / 46.1880),
+            ("t_s", p.t_s, 0.031_415_9),
+            ("u_th", p.u_th, 1.0 / 326.599),
+            ("dead time", p.dead_time, 0.02),
+            ("T_N", p.torque_rated, 14.6 / 22.0533),
+            ("u_dc", p.u_dc, 540.0 / 326.599),
+        ] {
+            assert!((got / want - 1.0).abs() < 1e-5, "{name}: {got} instead of {want}");
+        }
+        let power = b.torque * b.omega_m;
+        assert!((power / (1.5 * b.u * b.i) - 1.0).abs() < 1e-12, "torque and speed make the power base");
+    }
 }

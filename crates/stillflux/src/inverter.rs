@@ -252,4 +252,32 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn dead_time_is_lost_as_a_threshold_and_both_scale_with_what_was_found() {
+        let (m, inv) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let pu = PerUnit::new(&m, &inv).unwrap();
+        let model = InverterModel::<f64>::new(&pu);
+        // 1 V and 2 µs of 100 µs at 540 V, of 326.6 V.
+        let lost = |gain| model.distortion(model.nominal(), &AlphaBeta::new(0.7, 0.0), pu.u_dc, gain).phases;
+        let volts = (1.0 + 0.02 * 540.0) / pu.base.u;
+        for gain in [1.0, 1.3, 0.0] {
+            for (u, sign) in lost(gain).iter().zip([1.0, -1.0, -1.0]) {
+                assert!((u - sign * gain * volts).abs() < 1e-12, "{u}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_band_is_a_tenth_of_what_the_current_changes_by_in_a_dead_time() {
+        let (m, inv) = (Machine::preset_11k(), Inverter::preset_11k());
+        let pu = PerUnit::new(&m, &inv).unwrap();
+        let model = InverterModel::<f64>::new(&pu);
+        let band = 0.1 * 2.0 / 3.0 * inv.u_dc * inv.dead_time / m.L_sigma / pu.base.i;
+        let full = model.distortion(model.nominal(), &AlphaBeta::new(1.0, 0.0), pu.u_dc, 1.0).phases[0];
+        for (i, part) in [(0.5, 0.5), (0.9, 0.9), (1.01, 1.0), (-0.5, -0.5)] {
+            let u = model.distortion(model.nominal(), &AlphaBeta::new(i * band, 0.0), pu.u_dc, 1.0).phases[0];
+            assert!((u / full - part).abs() < 1e-9, "{i} of the band: {}", u / full);
+        }
+    }
 }

@@ -303,4 +303,30 @@ mod tests {
         assert!((e.to_stator(&e.to_field(&v)) - v).norm_sq() < 1e-24);
         assert!(Rotator::of(&AlphaBeta::<f64>::default()).0 == Rotator::default());
     }
+
+    #[test]
+    fn j_turns_ahead_and_the_products_are_those_of_complex_numbers() {
+        let (a, b) = (AlphaBeta::new(0.3, -0.8), AlphaBeta::new(1.1, 0.4));
+        assert_eq!(a.j(), AlphaBeta::new(0.8, 0.3));
+        assert!((a.dot(&b) - (0.33 - 0.32)).abs() < 1e-15 && (a.cross(&b) - (0.12 + 0.88)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_vector_is_finite_with_both_components_only() {
+        for (re, im, finite) in [(1.0, 2.0, true), (f64::NAN, 0.0, false), (0.0, f64::INFINITY, false)] {
+            assert_eq!(AlphaBeta::new(re, im).is_finite(), finite);
+        }
+    }
+
+    #[test]
+    fn small_turns_are_exact_to_their_order() {
+        let e = Rotator::<f64> { cos: libm::cos(1.0), sin: libm::sin(1.0) };
+        for x in [0.05, -0.05, 0.2] {
+            let r = e.ahead(x);
+            let turned = libm::atan2(r.sin, r.cos) - 1.0 - x;
+            let magnitude = libm::sqrt(r.cos * r.cos + r.sin * r.sin) - 1.0;
+            assert!((turned - x * x * x / 6.0).abs() < 0.1 * (x * x * x).abs(), "{x} {turned}");
+            assert!((magnitude - x * x * x * x / 8.0).abs() < 0.02 * x * x * x * x, "{x} {magnitude}");
+        }
+    }
 }

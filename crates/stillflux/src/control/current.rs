@@ -77,6 +77,7 @@ mod tests {
         let c = CurrentConfig { k_p: 1.0, k_i: 0.03, inv_k_p: 1.0 };
         let mut ctrl = CurrentController::<f32>::default();
         let u_ff = Dq::new(0.3, -0.2);
+        assert_eq!(ctrl.step(&c, &Dq::default(), &Dq::default(), &u_ff, 1.0), u_ff, "acts at once");
         for _ in 0..10_000 {
             let u = ctrl.step(&c, &Dq::new(3.0, 4.0), &Dq::default(), &u_ff, 1.0);
             assert!(u.norm_sq() < 1.0 + 1e-5);

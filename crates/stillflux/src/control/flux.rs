@@ -164,4 +164,60 @@ mod tests {
         assert!((c.reference(-1.8, 0.9) - 0.5).abs() < 1e-12);
         assert_eq!(c.reference(100.0, 0.9), 0.2);
     }
+
+    /// `i_d*` beyond the feedforward, after `periods` at a flux and a stator frequency.
+    fn correction(ctrl: &mut FluxController<f64>, psi_s: f64, omega_s: f64, periods: u32) -> f64 {
+        let c = config();
+        let mut i_d = 0.0;
+        for _ in 0..periods {
+            i_d = ctrl.step(&c, 1.0, psi_s, 0.3, omega_s);
+        }
+        i_d - c.feedforward(1.0, 0.3)
+    }
+
+    #[test]
+    fn a_flux_that_is_missing_is_asked_for_up_to_the_limit_and_no_more_is_held() {
+        for sign in [1.0, -1.0] {
+            let mut ctrl = FluxController::default();
+            assert!((sign * correction(&mut ctrl, 1.0 - 0.1 * sign, 0.5, 1) - 0.1003).abs() < 1e-6, "k_p and k_i");
+            assert!((sign * correction(&mut ctrl, 1.0 - 0.5 * sign, 0.5, 10_000) - 0.2).abs() < 1e-9);
+            // The integrator holds the limit and nothing beyond it.
+            assert!((sign * correction(&mut ctrl, 1.0 + 0.05 * sign, 0.5, 1) - 0.15).abs() < 2e-3);
+        }
+    }
+
+    #[test]
+    fn the_flux_estimate_counts_as_far_as_the_voltage_tells_it() {
+        for sign in [1.0, -1.0] {
+            let first = |omega: f64| correction(&mut FluxController::default(), 0.9, sign * omega, 1);
+            assert!(first(0.0).abs() < 1e-9 && first(0.0199).abs() < 1e-9);
+            assert!((first(0.04) - 0.5 * 0.1003).abs() < 1e-6);
+            assert!((first(0.06) - 0.1003).abs() < 1e-6 && (first(0.3) - 0.1003).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn at_zero_stator_frequency_the_correction_is_forgotten() {
+        let mut ctrl = FluxController::default();
+        correction(&mut ctrl, 0.5, 0.5, 10_000);
+        let k_i = config().k_i;
+        assert!((correction(&mut ctrl, 0.5, 0.0, (1.0 / k_i) as u32) - 0.2 * (-1.0f64).exp()).abs() < 1e-3);
+        assert!(correction(&mut ctrl, 0.5, 0.0, 10_000).abs() < 1e-9);
+    }
+
+    #[test]
+    fn beyond_pull_out_the_current_is_that_of_pull_out() {
+        let (c, mut ctrl) = (config(), FluxController::default());
+        for i_q in [6.0, -50.0] {
+            let i_d = ctrl.step(&c, 1.0, 1.0, i_q, 0.0);
+            assert!((i_d - c.l_sum * c.inv_two_l_product).abs() < 1e-6, "{i_d}");
+        }
+    }
+
+    #[test]
+    fn the_reciprocal_follows_the_reference() {
+        for psi in [1.0, 0.5, 0.2] {
+            assert!((config().reciprocal(psi) * psi - 1.0).abs() < 1e-12);
+        }
+    }
 }

@@ -138,4 +138,27 @@ mod tests {
         let (factor, _) = settled(&mut FluxShift::default(), -SLIP * 1.6, 1.6);
         assert!(factor >= 0.96);
     }
+
+    #[test]
+    fn between_the_two_sides_a_drive_stays_on_the_one_it_comes_from() {
+        // ω_s at rated flux of -0.7 a: shifted if it was ahead before, left alone if it was not.
+        let (mut ahead, mut behind) = (FluxShift::default(), FluxShift::default());
+        settled(&mut ahead, -SLIP, 1.0);
+        settled(&mut behind, -SLIP - 3.0 * A, 1.0);
+        assert!(settled(&mut ahead, -SLIP - 0.7 * A, 1.0).1 > 0.5 * A);
+        assert_eq!(settled(&mut behind, -SLIP - 0.7 * A, 1.0).0, 1.0);
+    }
+
+    #[test]
+    fn the_flux_never_falls_below_what_doubles_the_slip_and_moves_in_small_steps() {
+        let wide = ShiftConfig { omega_s_min: 10.0 * A, ..CONFIG };
+        let mut shift = FluxShift::default();
+        let mut last = 1.0;
+        for _ in 0..1000 {
+            let factor = shift.step(&wide, -SLIP, 1.0);
+            assert!(last - factor < CONFIG.step + 1e-12);
+            last = factor;
+        }
+        assert!((last - 0.7).abs() < 1e-9, "{last}");
+    }
 }

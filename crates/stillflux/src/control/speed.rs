@@ -67,4 +67,42 @@ mod tests {
         }
         assert!((omega - 0.5).abs() < 1e-4);
     }
+
+    const CONFIG: SpeedControlConfig<f64> = SpeedControlConfig { k_p: 3.0, k_i: 0.01, torque_max: 1.0 };
+
+    #[test]
+    fn the_torque_never_exceeds_what_is_available_now_nor_what_is_set() {
+        for sign in [1.0, -1.0] {
+            for (available, limit) in [(0.4, 0.4), (5.0, 1.0)] {
+                let mut ctrl = SpeedController::default();
+                for _ in 0..1000 {
+                    assert!(ctrl.step(&CONFIG, sign, 0.0, available) * sign <= limit);
+                }
+                assert_eq!(ctrl.step(&CONFIG, sign, 0.0, available) * sign, limit);
+            }
+        }
+    }
+
+    #[test]
+    fn what_the_limit_cuts_is_not_held() {
+        for sign in [1.0, -1.0] {
+            let mut ctrl = SpeedController::default();
+            for _ in 0..10_000 {
+                ctrl.step(&CONFIG, sign, 0.0, 1.0);
+            }
+            // Proportional part and limit are equal at an error of 1/3: nothing is left for the integrator.
+            assert!(ctrl.step(&CONFIG, 0.0, 0.0, 1.0).abs() < 1e-12);
+            for _ in 0..10_000 {
+                ctrl.step(&CONFIG, 0.1 * sign, 0.0, 1.0);
+            }
+            assert!((ctrl.step(&CONFIG, 0.0, 0.0, 1.0) * sign - 0.7).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn begins_with_the_torque_in_force() {
+        let mut ctrl = SpeedController::default();
+        ctrl.start(0.6);
+        assert_eq!(ctrl.step(&CONFIG, 0.2, 0.2, 1.0), 0.6);
+    }
 }

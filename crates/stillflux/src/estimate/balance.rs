@@ -92,4 +92,21 @@ mod tests {
         let i = AlphaBeta::new(0.4, -0.3);
         assert_eq!(balance.step(&BalanceConfig { step: 1e-3, step_offset: 1e-5 }, &i, 0.0), i);
     }
+
+    #[test]
+    fn a_disturbed_sample_moves_little_and_no_fit_leaves_its_bounds() {
+        let c = BalanceConfig { step: 0.01, step_offset: 0.01 };
+        let i = AlphaBeta::new(1.0, 0.5);
+        for sign in [1.0, -1.0] {
+            let mut balance = Balance::<f64>::default();
+            balance.step(&c, &i, 5.0 * sign);
+            let x = balance.x.map(|x| x.value());
+            assert!((x[0] - 0.001 * sign).abs() < 1e-12 && (x[1] - 0.0005 * sign).abs() < 1e-12, "{x:?}");
+            for _ in 0..100_000 {
+                balance.step(&c, &i, 5.0 * sign);
+            }
+            assert_eq!(balance.x.map(|x| x.value() * sign), [0.2; 2]);
+            assert_eq!(balance.offset.value() * sign, 0.2);
+        }
+    }
 }

@@ -113,4 +113,41 @@ mod tests {
         }
         assert!(last > 0.99, "recovers with rotation");
     }
+
+    /// Confidence and σ once they stand.
+    fn settled(u_hf: f64, omega_s: f64) -> (f64, f64) {
+        let mut c = Confidence::<f64>::default();
+        let mut last = 1.0;
+        for _ in 0..1_000_000 {
+            last = c.step(&CONFIG, omega_s, u_hf, Some(0.0));
+            assert!((0.0..=1.0).contains(&last));
+        }
+        (last, c.sigma())
+    }
+
+    #[test]
+    fn the_effort_of_the_noise_compensator_counts_whatever_its_sign() {
+        for u_hf in [0.002, -0.002] {
+            assert!((settled(u_hf, 0.02).1 - 0.0021 / 0.02).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn the_angle_is_never_more_than_half_a_turn_off() {
+        let (last, sigma) = settled(0.05, 0.0);
+        assert_eq!(sigma, core::f64::consts::PI);
+        assert!((last - 1.0 / (1.0 + (sigma / SIGMA_HALF) * (sigma / SIGMA_HALF))).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_confidence_is_one_half_at_15_degrees_and_stays_a_confidence_through_jumps() {
+        let (half, sigma) = settled(0.005_136, 0.02);
+        assert!((sigma - 15f64.to_radians()).abs() < 1e-4 && (half - 0.5).abs() < 1e-3);
+        // A jump of σ from call to call, which the Newton step was not made for.
+        let wild = ConfidenceConfig { t_s: 30.0, u_floor: 0.1, ..CONFIG };
+        let mut c = Confidence::<f64>::default();
+        for k in 0..100 {
+            assert!((0.0..=1.0).contains(&c.step(&wild, f64::from(k % 2), 1.0, None)));
+        }
+    }
 }

@@ -187,4 +187,49 @@ mod tests {
         assert!(held < 0.12, "{held}");
         assert!(angle > 0.1, "u_0/(ω_s ψ) of Fig. 10: {angle}");
     }
+
+    const CONFIG: FluxConfig<f64> = FluxConfig { t_s: T_S, noise_min: 0.01, noise_max: 0.5, offset: None };
+
+    #[test]
+    fn the_resistive_voltage_is_taken_at_the_mean_of_the_two_samples() {
+        let (before, now, psi) = (AlphaBeta::new(0.2, 0.1), AlphaBeta::new(0.6, -0.3), AlphaBeta::new(0.0, 1.0));
+        let mut est = FluxEstimator::<f64>::default();
+        est.start(psi, before);
+        est.step(&CONFIG, &((before + now) * 0.05), &now, 0.1, 1.0);
+        assert!((est.value() - psi).norm_sq() < 1e-24, "{:?}", est.value());
+    }
+
+    #[test]
+    fn the_offset_voltage_is_taken_off_and_its_estimator_begins_at_the_same_flux() {
+        let psi = AlphaBeta::new(0.6, -0.8);
+        let mut est = FluxEstimator::<f64>::default();
+        est.offset.restore(AlphaBeta::new(0.01, -0.02));
+        est.start(psi, AlphaBeta::default());
+        assert_eq!(est.offset.psi_1(), psi);
+        for _ in 0..100 {
+            est.step(&CONFIG, &AlphaBeta::default(), &AlphaBeta::default(), 0.1, 1.0);
+        }
+        assert!((est.value() - psi - AlphaBeta::new(-0.01, 0.02)).norm_sq() < 1e-20, "{:?}", est.value());
+    }
+
+    #[test]
+    fn the_noise_compensator_acts_with_twice_the_stator_frequency_within_its_range() {
+        for (omega, gain) in [(0.05, 0.1), (-0.05, 0.1), (0.001, 0.01), (0.0, 0.01), (1.0, 0.5), (-1.0, 0.5)] {
+            let mut est = FluxEstimator::<f64>::default();
+            est.start(AlphaBeta::new(0.0, 0.9), AlphaBeta::default());
+            est.follow(&CONFIG, omega);
+            est.step(&CONFIG, &AlphaBeta::default(), &AlphaBeta::default(), 0.1, 1.0);
+            assert!((est.effort() - gain * 0.1).abs() < 1e-9, "{omega}: {}", est.effort());
+            assert!((est.value() - AlphaBeta::new(0.0, 0.9 + T_S * gain * 0.1)).norm_sq() < 1e-20);
+        }
+    }
+
+    #[test]
+    fn a_lost_flux_comes_back() {
+        let mut est = FluxEstimator::<f64>::default();
+        est.start(AlphaBeta::new(1.0, 0.0), AlphaBeta::default());
+        est.step(&CONFIG, &AlphaBeta::new(1e6, 0.0), &AlphaBeta::default(), 0.1, 1.0);
+        est.follow(&CONFIG, 0.0);
+        assert!(est.value().norm_sq() <= 8.0);
+    }
 }

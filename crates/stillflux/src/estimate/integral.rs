@@ -74,3 +74,36 @@ impl<R: Real> FluxIntegral<R> {
         self.magnitude
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corrections_stop_where_an_estimate_counts_as_lost() {
+        let mut flux = FluxIntegral::new(AlphaBeta::new(1.0, -1.0));
+        for _ in 0..100 {
+            flux.correct([1.0, -1.0], 0.1);
+        }
+        assert_eq!(flux.value(), AlphaBeta::new(3.0, -3.0));
+    }
+
+    #[test]
+    fn a_lost_estimate_comes_back_to_twice_the_rated_flux_and_a_healthy_one_stays() {
+        for (psi, kept) in [(2.9, true), (3.1, false), (1e9, false), (f64::NAN, false)] {
+            let mut flux = FluxIntegral::new(AlphaBeta::new(psi, 0.5));
+            flux.confine();
+            let value = flux.value();
+            assert_eq!(value.re() == psi, kept, "{psi}");
+            assert!(kept || (value.re().abs() == 2.0 && value.im() == 0.5), "{value:?}");
+        }
+    }
+
+    #[test]
+    fn direction_and_magnitude_are_those_of_the_integral() {
+        let mut flux = FluxIntegral::new(AlphaBeta::new(0.3, 0.0));
+        flux.add(0.5, &AlphaBeta::new(0.0, 0.8));
+        assert!((flux.magnitude() - 0.5).abs() < 1e-9);
+        assert!((flux.field().axis() - AlphaBeta::new(0.6, 0.8)).norm_sq() < 1e-18);
+    }
+}

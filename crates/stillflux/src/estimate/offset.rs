@@ -341,4 +341,88 @@ mod tests {
         run(&mut est, 0.01, (5e-4, 0.0), 1.06, 20.0);
         assert!(est.u_off().re() < 4.5e-4, "the level of the limiter has to be the amplitude");
     }
+
+    /// Revolutions, to an eighth, until there have been `times` more corrections; `told` is what the estimator hears
+    /// of the stator frequency.
+    fn until_corrected(
+        est: &mut OffsetEstimator<f64>,
+        (omega, told): (f64, f64),
+        times: u32,
+        most: u32,
+    ) -> Option<f64> {
+        let (n, before) = ((core::f64::consts::TAU / (omega * CONFIG.t_s)) as u32, est.updates());
+        (0..n * most).find_map(|k| {
+            let (s, c) = (omega * CONFIG.t_s * (f64::from(k) + 0.5)).sin_cos();
+            est.step(&CONFIG, &AlphaBeta::new(-omega * s + 2e-4, omega * c), 1.0);
+            est.follow(&CONFIG, told);
+            (est.updates() >= before + times).then(|| (8.0 * f64::from(k) / f64::from(n)).round() / 8.0)
+        })
+    }
+
+    #[test]
+    fn a_window_counts_once_it_lies_between_two_crossings_and_not_next_to_fast_rotation() {
+        let mut est = OffsetEstimator::default();
+        est.start(AlphaBeta::new(1.0, 0.0));
+        // The first rising crossing, that of α, is at three quarters.
+        assert_eq!(until_corrected(&mut est, (0.05, 0.05), 1, 4), Some(1.75));
+        // Above `omega_max` nothing counts, nor does the first window below it: crossings of β at 0, 1 and 2.
+        assert_eq!(until_corrected(&mut est, (0.25, 0.25), 1, 40), None);
+        assert_eq!(until_corrected(&mut est, (0.05, 0.05), 1, 6), Some(2.0));
+    }
+
+    #[test]
+    fn a_window_counts_only_if_the_field_turned_once_in_it() {
+        for told in [0.0, 0.03, 0.08, 0.1] {
+            let mut est = OffsetEstimator::default();
+            est.start(AlphaBeta::new(1.0, 0.0));
+            assert_eq!(until_corrected(&mut est, (0.05, told), 1, 8), None, "{told}");
+        }
+    }
+
+    #[test]
+    fn a_window_counts_only_if_it_is_as_long_as_the_one_before() {
+        let mut est = OffsetEstimator::default();
+        est.start(AlphaBeta::new(1.0, 0.0));
+        run(&mut est, 0.02, (2e-4, 0.0), 1.0, 6.0);
+        // β ends its last slow window at once; the next one is shorter, and the one after that as long as it.
+        assert_eq!(until_corrected(&mut est, (0.06, 0.06), 2, 6), Some(2.0));
+    }
+
+    #[test]
+    fn a_moment_of_fast_rotation_spoils_the_window_it_falls_into_and_the_next_one() {
+        let mut est = OffsetEstimator::default();
+        est.start(AlphaBeta::new(1.0, 0.0));
+        run(&mut est, 0.05, (2e-4, 0.0), 1.0, 1.0);
+        assert_eq!(est.updates(), 0);
+        est.follow(&CONFIG, 0.25);
+        assert_eq!(until_corrected(&mut est, (0.05, 0.05), 1, 6), Some(2.0), "not the window of α that ends at 0.75");
+    }
+
+    #[test]
+    fn ripple_within_the_hysteresis_opens_no_window() {
+        let mut est = OffsetEstimator::default();
+        est.start(AlphaBeta::new(1.0, 0.0));
+        let n = (20.0 * core::f64::consts::TAU / (0.01 * CONFIG.t_s)) as u32;
+        for k in 0..n {
+            let tau = CONFIG.t_s * (f64::from(k) + 0.5);
+            let ((s, c), ripple) = ((0.01 * tau).sin_cos(), 0.45 * (3.0 * tau).cos());
+            est.step(&CONFIG, &AlphaBeta::new(-0.01 * s + ripple + 5e-4, 0.01 * c + ripple), 1.05);
+            est.follow(&CONFIG, 0.01);
+        }
+        assert!(est.updates() > 30, "{}", est.updates());
+    }
+
+    #[test]
+    fn the_estimate_stays_within_its_limit_and_tells_its_latest_correction_of_either_axis() {
+        let mut est = OffsetEstimator::default();
+        est.start(AlphaBeta::new(1.0, 0.0));
+        run(&mut est, 0.01, (0.0, -5e-4), 1.0, 2.2);
+        assert!((est.last_correction() - 2.5e-4).abs() < 2e-5, "half of it: {}", est.last_correction());
+        let tight = OffsetConfig { limit: 1e-4, ..CONFIG };
+        for sign in [1.0, -1.0] {
+            let mut axis = Axis { open: true, max: sign, min: 0.0, ..Axis::<f64>::default() };
+            assert!(axis.crossing(&tight, &Now { interval: 10_000, turned: 1.0 }));
+            assert_eq!(axis.u_off, 1e-4 * sign);
+        }
+    }
 }

@@ -169,4 +169,65 @@ mod tests {
             }
         }
     }
+
+    /// Change of `r̂_s` in one call with a residual, in units of the gain.
+    fn moved(epsilon: f64, i_q: f64, omega_s: f64, omega_m: f64) -> f64 {
+        let c = ResistanceConfig { l_product: 0.0, transient: 10.0, ..config() };
+        let mut est = ResistanceEstimator::default();
+        est.start(0.08);
+        (est.step(&c, 1.0, &Dq::new((1.0 - epsilon) / c.l_sum, i_q), omega_s, omega_m) - 0.08) / c.gain
+    }
+
+    #[test]
+    fn regeneration_and_high_load_are_a_tenth_as_fast() {
+        for ((i_q, omega_s, omega_m), speed) in [
+            ((0.5, 0.02, 0.02), 1.0),
+            ((-0.5, -0.02, -0.02), 1.0),
+            ((-0.5, 0.02, 0.04), -0.1),
+            ((0.5, -0.02, -0.04), -0.1),
+            ((1.2, 0.02, 0.02), 0.1),
+            ((-1.2, -0.02, -0.02), 0.1),
+            ((0.5, 0.3, 0.3), 0.0),
+            ((0.5, -0.3, -0.3), 0.0),
+        ] {
+            assert!((moved(0.01, i_q, omega_s, omega_m) - 0.01 * speed).abs() < 1e-9, "{i_q} {omega_s} {omega_m}");
+        }
+    }
+
+    #[test]
+    fn one_disturbed_sample_counts_as_half_at_most() {
+        assert!((moved(7.0, 0.5, 0.02, 0.02) - 0.5).abs() < 1e-9);
+        assert!((moved(-7.0, 0.5, 0.02, 0.02) + 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_estimate_stays_within_half_of_the_prior() {
+        let c = ResistanceConfig { transient: 10.0, ..config() };
+        for (i_d, bound) in [(-1.0, 0.12), (1.5, 0.04)] {
+            let mut est = ResistanceEstimator::default();
+            est.start(0.08);
+            for _ in 0..20_000 {
+                est.step(&c, 1.0, &Dq::new(i_d, 0.5), 0.02, 0.02);
+            }
+            assert!((est.r_s() - bound).abs() < 1e-12, "{}", est.r_s());
+        }
+    }
+
+    #[test]
+    fn a_load_step_freezes_the_adaptation_until_its_low_pass_has_followed() {
+        let c = config();
+        for step in [0.2, -0.2] {
+            let mut est = ResistanceEstimator::default();
+            est.start(0.08);
+            for _ in 0..20_000 {
+                est.step(&c, 1.0, &Dq::new(0.6, 0.5), 0.02, 0.02);
+            }
+            let before = est.r_s();
+            let calls =
+                (0..5000).take_while(|_| est.step(&c, 1.0, &Dq::new(0.5, 0.5 + step), 0.02, 0.02) == before).count();
+            // The low-pass needs ln(0.2/0.05)/corner, then the hold.
+            let want = (0.2_f64 / c.transient).ln() / c.corner + f64::from(c.hold);
+            assert!((calls as f64 - want).abs() < 3.0, "{calls} calls instead of {want}");
+        }
+    }
 }

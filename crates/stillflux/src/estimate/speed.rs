@@ -121,4 +121,51 @@ mod tests {
         assert!((out.omega_s - 0.8).abs() < 1e-6);
         assert!((out.omega_m - (0.8 - out.omega_r)).abs() < 1e-6);
     }
+
+    const CONFIG: SpeedConfig<f64> = SpeedConfig { t_s: 0.03, sigma_l_s: 0.1, r_r: 0.05, k_p: 0.8, k_i: 0.03 * 0.16 };
+
+    #[test]
+    fn begins_at_the_speed_and_the_angle_of_the_flux() {
+        let (psi, i) = (AlphaBeta::new(-0.6, 0.8), AlphaBeta::default());
+        let mut est = SpeedEstimator::<f64>::default();
+        // As after a run: what it left must not matter.
+        est.step(&CONFIG, &AlphaBeta::new(0.02, 0.0), &AlphaBeta::new(1.0, 1.0));
+        est.start(&psi, 0.4);
+        let out = est.step(&CONFIG, &psi, &i);
+        assert!((out.omega_m - 0.4).abs() < 1e-9 && (out.omega_s - 0.4).abs() < 1e-9, "{out:?}");
+        est.start(&AlphaBeta::new(10.0, 0.0), 0.0);
+        let slip = est.step(&CONFIG, &AlphaBeta::new(10.0, 0.0), &AlphaBeta::new(0.0, 5.0)).omega_r;
+        let psi_r = AlphaBeta::new(10.0, -0.5);
+        assert!((slip - 0.05 * psi_r.cross(&AlphaBeta::new(0.0, 5.0)) / psi_r.norm_sq()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn slip_speed_and_angle_step_are_limited() {
+        // A long interval and a rotor flux that stays a quarter turn ahead of the loop, whatever the loop does.
+        let c = SpeedConfig { t_s: 0.3, ..CONFIG };
+        for sign in [1.0, -1.0] {
+            let mut est = SpeedEstimator::<f64>::default();
+            est.start(&AlphaBeta::new(1.0, 0.0), 0.0);
+            let mut out = SpeedEstimate::default();
+            for _ in 0..2000 {
+                let before = est.angle;
+                let psi_r = before.axis().j() * (0.15 * sign);
+                let i = psi_r.j() * (sign * 5.0 / 0.15);
+                out = est.step(&c, &(psi_r + i * c.sigma_l_s), &i);
+                let turn = before.to_field(&est.angle.axis());
+                assert!(turn.im().abs() < 0.5 && turn.re() > 0.8, "{turn:?}");
+            }
+            assert_eq!((out.omega_r, out.omega_m), (sign, 3.0 * sign));
+        }
+    }
+
+    #[test]
+    fn a_rotor_flux_next_to_nothing_says_next_to_nothing() {
+        let mut est = SpeedEstimator::<f64>::default();
+        est.start(&AlphaBeta::new(1.0, 0.0), 0.0);
+        let i = AlphaBeta::new(1.0, 0.0);
+        let out = est.step(&CONFIG, &(AlphaBeta::new(0.0, 1e-3) + i * CONFIG.sigma_l_s), &i);
+        assert!((out.omega_m - CONFIG.k_i * 0.01).abs() < 1e-9, "an error of a hundredth, not of one: {out:?}");
+        assert!((out.omega_r + 0.005).abs() < 1e-9, "{out:?}");
+    }
 }

@@ -314,3 +314,45 @@ impl<R: Real, S: Sum<R>> Integrator<R, S> {
         self.sum = S::of(x);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn newton<R: Real>() {
+        for x in [0.04, 0.5, 1.0, 2.3, 9.0] {
+            for off in [-0.02, -0.009, -0.004, 0.0, 0.004, 0.009, 0.02] {
+                let (good, r) = (f64::abs(off) < 0.01, |x: f64| R::from_f64(x));
+                let root = 1.0 / libm::sqrt(x);
+                let next = r(x).rsqrt_next(r(root * (1.0 + off)));
+                assert_eq!(next.is_some(), good, "{} {x} {off}", R::NAME);
+                assert!(next.is_none_or(|y| (y.to_f64() / root - 1.0 + 1.5 * off * off).abs() < 2e-6));
+                assert!((r(x).rsqrt_near(r(root * (1.0 + off))).to_f64() / root - 1.0).abs() < 1.3e-4);
+                let next = r(x).recip_next(r((1.0 + off) / x));
+                assert_eq!(next.is_some(), good, "{} {x} {off}", R::NAME);
+                assert!(next.is_none_or(|y| (y.to_f64() * x - 1.0 + off * off).abs() < 3e-6));
+            }
+        }
+    }
+
+    #[test]
+    fn a_newton_step_squares_the_error_of_a_guess_good_to_a_hundredth_and_takes_no_other() {
+        newton::<f32>();
+        newton::<f64>();
+        newton::<Q>();
+    }
+
+    fn durations<R: Real>() {
+        assert_eq!(R::ONE.periods(640).to_f64(), 10.0);
+        assert_eq!((-R::HALF).periods(64).to_f64(), -0.5);
+    }
+
+    #[test]
+    fn a_duration_is_a_sixty_fourth_of_so_many_periods() {
+        durations::<f32>();
+        durations::<f64>();
+        durations::<Q>();
+        assert_eq!(Q::ONE.periods(u32::MAX), Q::MAX);
+        assert_eq!((-Q::ONE).periods(u32::MAX), Q::from_bits(i32::MIN));
+    }
+}

@@ -359,4 +359,10 @@ mod tests {
         let want = 1.0 + 1e6 * 200.0 * 300.0 / 2f64.powi(48);
         assert!((s.value().to_f64() - want).abs() < 1e-7);
     }
+
+    #[test]
+    fn the_negative_of_the_smallest_is_the_largest() {
+        assert_eq!(-Q(i32::MIN), Q::MAX);
+        assert_eq!((Q(i32::MIN).abs(), -Q(i32::MAX)), (Q::MAX, Q(-i32::MAX)));
+    }
 }
