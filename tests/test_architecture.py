@@ -47,7 +47,9 @@ def imports(root: Path) -> dict[str, set[str]]:
     graph: dict[str, set[str]] = {}
     for module, path in files.items():
         code = _code(path.read_text())
-        found = [p for tree in re.findall(r"(?m)^\s*(?:pub\(\w+\) )?use ([^;]+);", code) for p in _paths(tree)]
+        found = [
+            p for tree in re.findall(r"(?m)^\s*(?:pub\(\w+\) )?use ([^;]+);", code) for p in _paths(tree)
+        ]
         found += [tuple(p.split("::")) for p in re.findall(r"(?<!\$)\b(?:crate|super)(?:::\w+)+", code)]
         targets = set()
         for parts in found:
