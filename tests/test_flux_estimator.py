@@ -24,8 +24,8 @@ def test_clean_record_gives_the_flux(motor: sf.Motor, inverter: sf.Inverter) -> 
     u, i, psi = record(motor, inverter, 0j, 40_000)
     trace = sf.FluxEstimator(motor, inverter).run(u, i)
     assert trace.psi_s == pytest.approx(psi, rel=1e-5)
-    # Not bit for bit: the arctangents of the C library (within 1 ulp) and of numpy's vector kernels (within 4 ulp,
-    # chosen by what the processor has) round differently.
+    # Not bit for bit: the arctangents of the C library (within 1 ulp) and of numpy's vector kernels (within
+    # 4 ulp, chosen by what the processor has) round differently.
     np.testing.assert_array_max_ulp(trace.angle, np.angle(trace.psi_s), maxulp=5)
     assert trace.omega_s[-1] == pytest.approx(OMEGA, rel=1e-3)
     assert len(trace.t) == len(u)

@@ -217,7 +217,7 @@ mod tests {
         for (omega, gain) in [(0.05, 0.1), (-0.05, 0.1), (0.001, 0.01), (0.0, 0.01), (1.0, 0.5), (-1.0, 0.5)] {
             let mut est = FluxEstimator::<f64>::default();
             est.start(AlphaBeta::new(0.0, 0.9), AlphaBeta::default());
-            est.follow(&CONFIG, omega);
+            est.set_stator_frequency(&CONFIG, omega);
             est.step(&CONFIG, &AlphaBeta::default(), &AlphaBeta::default(), 0.1, 1.0);
             assert!((est.effort() - gain * 0.1).abs() < 1e-9, "{omega}: {}", est.effort());
             assert!((est.value() - AlphaBeta::new(0.0, 0.9 + T_S * gain * 0.1)).norm_sq() < 1e-20);
@@ -229,7 +229,7 @@ mod tests {
         let mut est = FluxEstimator::<f64>::default();
         est.start(AlphaBeta::new(1.0, 0.0), AlphaBeta::default());
         est.step(&CONFIG, &AlphaBeta::new(1e6, 0.0), &AlphaBeta::default(), 0.1, 1.0);
-        est.follow(&CONFIG, 0.0);
+        est.set_stator_frequency(&CONFIG, 0.0);
         assert!(est.value().norm_sq() <= 8.0);
     }
 }

@@ -354,7 +354,7 @@ mod tests {
         (0..n * most).find_map(|k| {
             let (s, c) = (omega * CONFIG.t_s * (f64::from(k) + 0.5)).sin_cos();
             est.step(&CONFIG, &AlphaBeta::new(-omega * s + 2e-4, omega * c), 1.0);
-            est.follow(&CONFIG, told);
+            est.set_stator_frequency(&CONFIG, told);
             (est.updates() >= before + times).then(|| (8.0 * f64::from(k) / f64::from(n)).round() / 8.0)
         })
     }
@@ -394,7 +394,7 @@ mod tests {
         est.start(AlphaBeta::new(1.0, 0.0));
         run(&mut est, 0.05, (2e-4, 0.0), 1.0, 1.0);
         assert_eq!(est.updates(), 0);
-        est.follow(&CONFIG, 0.25);
+        est.set_stator_frequency(&CONFIG, 0.25);
         assert_eq!(until_corrected(&mut est, (0.05, 0.05), 1, 6), Some(2.0), "not the window of α that ends at 0.75");
     }
 
@@ -407,7 +407,7 @@ mod tests {
             let tau = CONFIG.t_s * (f64::from(k) + 0.5);
             let ((s, c), ripple) = ((0.01 * tau).sin_cos(), 0.45 * (3.0 * tau).cos());
             est.step(&CONFIG, &AlphaBeta::new(-0.01 * s + ripple + 5e-4, 0.01 * c + ripple), 1.05);
-            est.follow(&CONFIG, 0.01);
+            est.set_stator_frequency(&CONFIG, 0.01);
         }
         assert!(est.updates() > 30, "{}", est.updates());
     }

@@ -149,8 +149,9 @@ mod tests {
             let mut out = SpeedEstimate::default();
             for _ in 0..2000 {
                 let before = est.angle;
-                let psi_r = before.axis().j() * (0.15 * sign);
-                let i = psi_r.j() * (sign * 5.0 / 0.15);
+                let ahead = |x: AlphaBeta<f64>| AlphaBeta::new(-x.im(), x.re());
+                let psi_r = ahead(before.axis()) * (0.15 * sign);
+                let i = ahead(psi_r) * (sign * 5.0 / 0.15);
                 out = est.step(&c, &(psi_r + i * c.sigma_l_s), &i);
                 let turn = before.to_field(&est.angle.axis());
                 assert!(turn.im().abs() < 0.5 && turn.re() > 0.8, "{turn:?}");
