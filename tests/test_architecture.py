@@ -51,11 +51,7 @@ def imports(root: Path) -> dict[str, set[str]]:
         found = [
             p for tree in re.findall(r"(?m)^\s*(?:pub\(\w+\) )?use ([^;]+);", code) for p in _paths(tree)
         ]
-<<<<<<< HEAD
         found += [tuple(p.split("::")) for p in re.findall(r"(?<!\$)\b(?:crate|super|self)(?:::\w+)+", code)]
-=======
-        found += [tuple(p.split("::")) for p in re.findall(r"(?<!\$)\b(?:crate|super)(?:::\w+)+", code)]
->>>>>>> checks
         targets = set()
         for parts in found:
             if parts[0] == "crate":

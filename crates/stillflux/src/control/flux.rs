@@ -170,7 +170,7 @@ mod tests {
         let c = config();
         let mut i_d = 0.0;
         for _ in 0..periods {
-            i_d = ctrl.step(&c, 1.0, psi_s, 0.3, omega_s);
+            i_d = ctrl.step(&c, 1.0, psi_s, 0.3, weight_by_frequency(omega_s));
         }
         i_d - c.feedforward(1.0, 0.3)
     }
