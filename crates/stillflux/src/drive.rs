@@ -201,16 +201,12 @@ impl<R: Real> Common<R> {
     ) -> FieldQuantities<R> {
         let period = self.sequence.period();
         let (u_s, u_loss) = self.control.voltage.applied(period, u_dc);
-        let Control { i_dq_ref, psi_ref, .. } = self.control;
-        let x = PeriodInput { i_abc, i_s, u_s, u_loss, i_dq_ref, psi_ref };
+        let x = PeriodInput { i_abc, i_s, u_s, u_loss, psi_ref: self.control.psi_ref };
         let start_up = (!running).then(|| StartUp { stage: self.sequence.stage(), period });
-        let PeriodOutput { field, i_dq_ref, complete } = estimators.period(c, &x, start_up);
-        if !running {
-            self.control.i_dq_ref = i_dq_ref;
-            if complete {
-                self.control.start(c);
-                self.sequence.enter(Status::Running);
-            }
+        let PeriodOutput { field, complete } = estimators.period(c, &x, &mut self.control.i_dq_ref, start_up);
+        if complete {
+            self.control.start(c);
+            self.sequence.enter(Status::Running);
         }
         field
     }
