@@ -159,8 +159,8 @@ impl<R: Real> Common<R> {
         let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, running);
         let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter(c));
         if likely(running) {
-            self.slow_tasks(c, estimators, reference, u_dc);
-            if !likely(self.sequence.status() == Status::Running) {
+            let healthy = self.slow_tasks(c, estimators, reference, u_dc);
+            if !likely(healthy) {
                 return self.blocked();
             }
         }
@@ -201,11 +201,9 @@ impl<R: Real> Common<R> {
     ) -> FieldQuantities<R> {
         let period = self.sequence.period();
         let (u_s, u_loss) = self.control.voltage.applied(period, u_dc);
-        let Control { i_dq_ref, psi_ref, .. } = self.control;
-        let x = PeriodInput { i_abc, i_s, u_s, u_loss, i_dq_ref, psi_ref };
+        let x = PeriodInput { i_abc, i_s, u_s, u_loss, psi_ref: self.control.psi_ref };
         let start_up = (!running).then(|| StartUp { stage: self.sequence.stage(), period });
-        let PeriodOutput { field, i_dq_ref, complete } = estimators.period(c, &x, start_up);
-        self.control.i_dq_ref = i_dq_ref;
+        let PeriodOutput { field, complete } = estimators.period(c, &x, &mut self.control.i_dq_ref, start_up);
         if complete {
             self.control.start(c);
             self.sequence.enter(Status::Running);
@@ -213,7 +211,8 @@ impl<R: Real> Common<R> {
         field
     }
 
-    /// What is slow against the control period, each part in a period of its own.
+    /// What is slow against the control period, each part in a period of its own; `false`: supervision has found a
+    /// fault.
     #[inline(always)]
     fn slow_tasks<E: Estimators<R>>(
         &mut self,
@@ -221,24 +220,25 @@ impl<R: Real> Common<R> {
         estimators: &mut E,
         reference: &Reference<R>,
         u_dc: R,
-    ) {
+    ) -> bool {
         match self.sequence.period() & 3 {
             0 => self.control.set_references(c, estimators, reference, u_dc),
-            2 => self.adapt(c, estimators),
+            2 => return self.adapt(c, estimators),
             _ => estimators.update_speed(c),
         }
+        true
     }
 
     /// Slow adaptation of the estimators, then supervision: the flux on its circle, the speed within reach, the
-    /// confidence as high as the user asks for.
+    /// confidence as high as the user asks for. `false`: one of them has been missing for too long.
     #[inline(never)]
-    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E) {
+    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E) -> bool {
         let psi_s = estimators.psi_s();
         estimators.adapt(c, &self.control.i_dq);
         let plausible =
             (psi_s - self.control.psi_ref).within(c.psi_deviation) && estimators.speed().omega_m.within(c.omega_trip);
         let trusted = c.low_confidence != LowConfidence::Fault || estimators.confidence() >= R::HALF;
-        self.sequence.supervise(c, plausible, trusted);
+        self.sequence.supervise(c, plausible, trusted)
     }
 
     /// The bridge is blocked in this period.

@@ -154,12 +154,20 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     #[inline(always)]
-    fn period(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, start_up: Option<StartUp>) -> PeriodOutput<R> {
+    fn period(
+        &mut self,
+        c: &DriveConfig<R>,
+        x: &PeriodInput<R>,
+        i_dq_ref: &mut Dq<R>,
+        start_up: Option<StartUp>,
+    ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
-        let (i_ref, blind) = match start_up {
-            None => (x.i_dq_ref, false),
-            Some(at) => (self.prepare(c, &x.i_s, at.stage), at.stage <= c.enhanced.probe_periods),
-        };
+        let mut blind = false;
+        if let Some(at) = start_up {
+            *i_dq_ref = self.prepare(c, &x.i_s, at.stage);
+            blind = at.stage <= c.enhanced.probe_periods;
+        }
+        let i_ref = *i_dq_ref;
         let [i_a, i_b, i_c] = x.i_abc;
         let i_m = self.balance.step(&c.enhanced.balance, &x.i_s, i_a + i_b + i_c);
         let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
@@ -169,7 +177,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             Some(at) => self.build_up(c, at),
         };
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
-        PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, i_dq_ref: i_ref, complete }
+        PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete }
     }
 
     fn idle(&mut self, i_s: &AlphaBeta<R>) {

@@ -21,8 +21,7 @@ pub(super) struct PeriodInput<R: Real> {
     /// Voltage applied between the last two samples, and the part of it that the inverter model took off.
     pub u_s: AlphaBeta<R>,
     pub u_loss: Distortion<R>,
-    /// References of current and flux in this interval.
-    pub i_dq_ref: Dq<R>,
+    /// Flux reference in this interval.
     pub psi_ref: R,
 }
 
@@ -56,8 +55,6 @@ pub(super) struct StartUp {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PeriodOutput<R: Real> {
     pub field: FieldQuantities<R>,
-    /// Current reference in the coordinates of `field`: that of the start-up, else that of the input.
-    pub i_dq_ref: Dq<R>,
     /// The start-up is complete: speed and flux control begin with the next period.
     pub complete: bool,
 }
@@ -81,8 +78,15 @@ pub(super) trait Estimators<R: Real> {
     /// A start-up begins with the next period.
     fn begin(&mut self);
 
-    /// One period, of the start-up or under control.
-    fn period(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, start_up: Option<StartUp>) -> PeriodOutput<R>;
+    /// One period, of the start-up or under control, with the current reference `i_dq_ref` in field coordinates. A
+    /// start-up sets its own.
+    fn period(
+        &mut self,
+        c: &DriveConfig<R>,
+        x: &PeriodInput<R>,
+        i_dq_ref: &mut Dq<R>,
+        start_up: Option<StartUp>,
+    ) -> PeriodOutput<R>;
 
     /// A current sample with the bridge blocked.
     fn idle(&mut self, i_s: &AlphaBeta<R>);

@@ -68,8 +68,7 @@ impl<R: Real> PaperEstimators<R> {
     /// Direct current along the a-axis.
     #[cold]
     #[inline(never)]
-    fn magnetise(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, stage: u32) -> PeriodOutput<R> {
-        let i_dq_ref = c.magnetising_current(stage);
+    fn magnetise(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, i_dq_ref: &Dq<R>, stage: u32) -> PeriodOutput<R> {
         let a_axis = Rotator::default();
         self.i_s = x.i_s;
         let left = c.magnetise_periods.saturating_sub(stage);
@@ -82,7 +81,7 @@ impl<R: Real> PaperEstimators<R> {
         }
         let i_dq = a_axis.to_field(&x.i_s);
         let field = FieldQuantities { field: a_axis, psi_s: R::ZERO, omega_s: R::ZERO, r_s: c.paper.r_s, i_dq };
-        PeriodOutput { field, i_dq_ref, complete: left == 0 }
+        PeriodOutput { field, complete: left == 0 }
     }
 
     /// Estimators under control.
@@ -107,10 +106,19 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     }
 
     #[inline(always)]
-    fn period(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, start_up: Option<StartUp>) -> PeriodOutput<R> {
+    fn period(
+        &mut self,
+        c: &DriveConfig<R>,
+        x: &PeriodInput<R>,
+        i_dq_ref: &mut Dq<R>,
+        start_up: Option<StartUp>,
+    ) -> PeriodOutput<R> {
         match start_up {
-            Some(at) => self.magnetise(c, x, at.stage),
-            None => PeriodOutput { field: self.step(&c.paper, x), i_dq_ref: x.i_dq_ref, complete: false },
+            Some(at) => {
+                *i_dq_ref = c.magnetising_current(at.stage);
+                self.magnetise(c, x, i_dq_ref, at.stage)
+            }
+            None => PeriodOutput { field: self.step(&c.paper, x), complete: false },
         }
     }
 

@@ -172,17 +172,19 @@ impl<R: Real> Sequence<R> {
         Action::Ready
     }
 
-    /// Plausibility of the estimate and confidence in it: a fault if one of them is missing for too long.
+    /// Plausibility of the estimate and confidence in it: a fault, and `false`, if one of them is missing for too long.
     #[inline(always)]
-    pub fn supervise(&mut self, c: &DriveConfig<R>, plausible: bool, trusted: bool) {
+    pub fn supervise(&mut self, c: &DriveConfig<R>, plausible: bool, trusted: bool) -> bool {
         if likely(plausible && trusted) {
             self.implausible = 0;
-        } else {
-            self.implausible = self.implausible.saturating_add(1);
-            if self.implausible > c.implausible_max {
-                self.fault(if plausible { Fault::LowConfidence } else { Fault::EstimateLost });
-            }
+            return true;
         }
+        self.implausible = self.implausible.saturating_add(1);
+        let tolerated = self.implausible <= c.implausible_max;
+        if !tolerated {
+            self.fault(if plausible { Fault::LowConfidence } else { Fault::EstimateLost });
+        }
+        tolerated
     }
 
     /// Enters a state.
