@@ -1,0 +1,50 @@
+"""Rated load exactly at zero stator frequency, the flux kept."""
+
+from __future__ import annotations
+
+from stillflux.evidence.conditions import AT_SPEED, LOAD_AT, REACHED, START, drive, line_speed
+from stillflux.evidence.machines import motor_of, ramp
+from stillflux.evidence.points import stay, stay_claims
+from stillflux.evidence.target import Case, Target
+from stillflux.scenario import Scenario
+
+
+def scenario(
+    machine: str, scheme: str, arithmetic: str = "f32", *, torque: float = 1.0, time: float = 120.0
+) -> Scenario:
+    """Load `torque` (units of rated torque) exactly at ω_s = 0 from `REACHED` on, for `time` s.
+
+    The flux stays rated: the drive is not allowed to leave the line.
+    """
+    omega = line_speed(motor_of(machine), torque)
+    return drive(
+        machine,
+        scheme,
+        arithmetic,
+        name=f"T = {torque:g} T_N at ω_s = 0",
+        omega=ramp(START, AT_SPEED, omega),
+        load=ramp(LOAD_AT, REACHED, torque),
+        duration=REACHED + time,
+    ).with_settings(omega_s_min=0.0)
+
+
+def _cases(machine: str, scheme: str, arithmetic: str) -> list[Case]:
+    runs = [(scenario(machine, scheme, arithmetic, torque=torque), torque) for torque in (1.0, -1.0)]
+    return [
+        stay("persistence-rated", run, (machine, scheme), torque, (REACHED, run.duration))
+        for run, torque in runs
+    ]
+
+
+TARGETS = (
+    Target(
+        "persistence-rated",
+        21,
+        "Rated load exactly at zero stator frequency, up to two minutes",
+        _cases,
+        stay_claims,
+        "confidence",
+        "courses",
+        ("angle_held", "angle_passed", "omega_s", "torque_ripple"),
+    ),
+)
