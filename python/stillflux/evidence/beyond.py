@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stillflux.evidence.claims import Claim, Key, at_least, at_most, reported, worst
+from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import Measured, angle, measure
 from stillflux.evidence.registry import targets
 from stillflux.evidence.seeds import SEEDS
@@ -97,7 +98,7 @@ def run_case(case: Case) -> Row:
         error=case.error,
         point=case.point,
         measured=measured,
-        claims=tuple(replace(claim, seed=case.seed) for claim in claims),
+        claims=tuple(replace(claim, run=case.label, seed=case.seed) for claim in claims),
         trace=trace(result) if case.traced else {},
     )
 
@@ -121,10 +122,10 @@ Show: TypeAlias = Callable[[int, int, Row], None] | None
 """Called with the number of runs done, the number of all, and the latest."""
 
 
-def run_cases(chosen: Sequence[Case], show: Show = None) -> list[Row]:
+def run_cases(chosen: Sequence[Case], show: Show = None, runner: Runner = run_jobs) -> list[Row]:
     """Runs cases on all processors. On Ctrl-C raises `parallel.Stopped` with the rows there are by then."""
     jobs = [(case,) for case in chosen]
-    return run_jobs(run_case, jobs, first=lambda job: job[0].scenario.duration > 60.0, show=show)
+    return runner(run_case, jobs, first=lambda job: job[0].scenario.duration > 60.0, show=show)
 
 
 def run_all(
@@ -133,9 +134,10 @@ def run_all(
     schemes: Sequence[str],
     arithmetic: str = "f32",
     show: Show = None,
+    runner: Runner = run_jobs,
 ) -> list[Row]:
     """Runs every case of targets at machines under schemes, as `run_cases` does."""
-    return run_cases(cases(chosen, machines, schemes, arithmetic), show)
+    return run_cases(cases(chosen, machines, schemes, arithmetic), show, runner)
 
 
 def progress(done: int, total: int, row: Row) -> None:
@@ -177,9 +179,8 @@ def _summed(rows: Sequence[Row]) -> tuple[Claim, ...]:
     return (
         at_least("runs that meet the target", _held(rows), len(rows), "runs"),
         replace(
-            at_most(
-                "runs lost", len(lost), 0, "runs", f"{first.label}: {first.measured.why}" if first else ""
-            ),
+            at_most("runs lost", len(lost), 0, "runs", first.measured.why if first else ""),
+            run=first.label if first else "",
             seed=first.seed if first else None,
         ),
         *(replace(worst(group), note=_count(group)) for group in by.values()),

@@ -46,6 +46,8 @@ class Claim:
     """Whether it is about how the motor runs; False: about an inner quantity of the drive."""
     note: str = ""
     """What the value alone does not say, such as the name of a fault."""
+    run: str = ""
+    """Which of several runs it was measured in."""
     seed: int | None = None
     """Of the noise it was measured under; None: there is no noise."""
 

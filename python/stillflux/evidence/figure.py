@@ -20,7 +20,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from typing_extensions import Unpack
 
-__all__ = ["Control", "Controlled", "Experiment", "Limit", "fields", "first", "inverter", "settings"]
+__all__ = [
+    "Control",
+    "Controlled",
+    "Experiment",
+    "Limit",
+    "fields",
+    "first",
+    "inverter",
+    "settings",
+    "warmer",
+]
 
 Runs: TypeAlias = Sequence[Any]
 """Scenarios or `VoltageFed` runs."""
@@ -165,3 +175,8 @@ def fields(**changed: Any) -> Change:
 def inverter(**changed: Any) -> Change:
     """Every run with another inverter, which the drive knows too."""
     return lambda runs: tuple(run.replace(inverter=run.inverter.replace(**changed)) for run in runs)
+
+
+def warmer(ratio: float, at: float) -> Change:
+    """Every winding with `ratio` times its resistance from `at` s on, which no drive is told."""
+    return lambda runs: tuple(run.replace(changes=[(at, {"R_s": ratio * run.motor.R_s})]) for run in runs)

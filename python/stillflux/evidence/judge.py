@@ -41,7 +41,7 @@ class Confidence:
     least: float
     """Smallest value while running."""
     excursions: int
-    """Times at which the angle error came to exceed `EXCURSION`; once lost, none is counted any more."""
+    """Times at which the angle error came to exceed `EXCURSION`, up to and including the loss of control."""
     misses: int
     """Those at which the confidence had not dropped below its level."""
     blind: float
@@ -91,15 +91,24 @@ def angle(result: Result) -> NDArray[np.float64]:
     return error
 
 
-def confidence(result: Result, until: float = float("inf")) -> Confidence:
-    """Judges the confidence against the true angle error; excursions up to `until` s, the loss of control."""
+def confidence(result: Result, loss: float = float("inf")) -> Confidence:
+    """Judges the confidence against the true angle error, through a loss of control at `loss` s.
+
+    Of the excursions after a loss the first counts, if the field was still there when control was lost: it is
+    the loss itself, of which the confidence has to tell. Those that follow while the field turns unseen do
+    not; `blind` and `false_alarms` are of the whole run.
+    """
     begun = np.flatnonzero(running(result))[1:]
     if not len(begun):
         return Confidence(0.0, 0, 0, 0.0, 0, 0.0, 0.0)
-    error, trust = np.abs(angle(result))[begun], result["estimate.confidence"][begun]
+    error, trust, t = np.abs(angle(result))[begun], result["estimate.confidence"][begun], result.t[begun]
     dt = float(result.t[1] - result.t[0])
     beyond = error > EXCURSION
-    ups = _excursions(error[result.t[begun] <= until])
+    ups = _excursions(error)
+    before = int(np.count_nonzero(t[ups] <= loss))
+    last = error[t <= loss]
+    gone = len(last) > 0 and bool(last[-1] > EXCURSION)
+    ups = ups[: before if gone else before + 1]
     low = (trust < CONFIDENT) & (error < CALM)
     edges = np.diff(np.concatenate(([0], low.astype(int), [0])))
     lengths = dt * (np.flatnonzero(edges < 0) - np.flatnonzero(edges > 0))

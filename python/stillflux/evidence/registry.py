@@ -36,7 +36,7 @@ def targets() -> Mapping[str, Target]:
 
 
 def choose_figures(names: Iterable[str]) -> tuple[str, ...]:
-    """Figures by number: "13" stands for 13a and 13b; none: all of them.
+    """Figures by number: "13" stands for 13a and 13b; none: all of them and the headline.
 
     Raises ValueError for one that does not exist.
     """
@@ -45,7 +45,7 @@ def choose_figures(names: Iterable[str]) -> tuple[str, ...]:
         every = experiments()
         return [f for f in every if f == name or (f.startswith(name) and not f[len(name)].isdigit())]
 
-    return _chosen("figure", names, matches, figures())
+    return _chosen("figure", names, matches, tuple(experiments()))
 
 
 def choose_targets(names: Iterable[str]) -> tuple[str, ...]:

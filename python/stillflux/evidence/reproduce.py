@@ -15,6 +15,7 @@ from typing import Any, Literal, TypeAlias
 
 from stillflux.evidence.claims import Claim, worst_of_runs
 from stillflux.evidence.figure import Controlled, Experiment
+from stillflux.evidence.journal import Runner
 from stillflux.evidence.openloop import VoltageFed, Waveforms
 from stillflux.evidence.registry import experiments
 from stillflux.evidence.report.page import conditions, svg
@@ -179,15 +180,16 @@ def run_all(
     arithmetic: str = "f32",
     folder: Path | None = None,
     show: Callable[[int, int, Run], None] | None = None,
+    runner: Runner = run_jobs,
 ) -> list[Outcome]:
     """Runs figures at machines in as many processes as there are processors; `show` reports progress."""
     todo = jobs(figures, machines)
-    return outcomes(run_jobs(run, todo, arithmetic, folder, first=is_long, show=show))
+    return outcomes(runner(run, todo, arithmetic, folder, first=is_long, show=show))
 
 
-def is_long(job: Job) -> bool:
+def is_long(job: tuple[Any, ...]) -> bool:
     """Whether a run takes more than a minute of simulated time."""
-    figure, machine, seed, _ = job
+    figure, machine, seed, *_ = job
     runs = experiments()[figure].runs(machine, seed=seed)
     return sum(getattr(one, "duration", 0.0) for one in runs) > 60.0
 

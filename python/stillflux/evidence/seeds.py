@@ -16,7 +16,7 @@ from stillflux.scenario import Scenario
 
 __all__ = ["SEEDS", "seed_of", "seeded"]
 
-SEEDS = (0,)
+SEEDS = (0, 1, 2, 3, 4)
 """Those of every claim about a single experiment."""
 
 
@@ -26,7 +26,8 @@ def seed_of(*what: object) -> int:
 
 
 def seeded(runs: Sequence[Any], seed: int) -> tuple[Any, ...]:
-    """Scenarios under a seed; what is no scenario has no noise."""
+    """Scenarios under a seed, one that follows another under its own; what is no scenario has no noise."""
     return tuple(
-        run.replace(plant={**run.plant, "seed": seed}) if isinstance(run, Scenario) else run for run in runs
+        run.replace(plant={**run.plant, "seed": seed + k * len(SEEDS)}) if isinstance(run, Scenario) else run
+        for k, run in enumerate(runs)
     )

@@ -11,10 +11,12 @@ import html
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from stillflux.evidence.claims import Claim, reported
 from stillflux.evidence.errors import ERRORS
 from stillflux.evidence.figure import Experiment
+from stillflux.evidence.journal import Runner
 from stillflux.evidence.registry import experiments
 from stillflux.evidence.seeds import SEEDS
 from stillflux.parallel import run_jobs
@@ -133,14 +135,15 @@ def run_all(
     machines: Sequence[str],
     arithmetic: str = "f32",
     show: Callable[[int, int, Margin], None] | None = None,
+    runner: Runner = run_jobs,
 ) -> list[Margin]:
     """Measures every margin of those of `figures` that have any, on all processors."""
-    return run_jobs(margin, jobs(figures, machines), arithmetic, first=is_long, show=show)
+    return runner(margin, jobs(figures, machines), arithmetic, first=is_long, show=show)
 
 
-def is_long(job: tuple[str, str, str]) -> bool:
+def is_long(job: tuple[Any, ...]) -> bool:
     """Whether a margin takes long: that of the minute at zero stator frequency."""
-    return job[0] == "18"
+    return bool(job[0] == "18")
 
 
 def progress(done: int, total: int, found: Margin) -> None:

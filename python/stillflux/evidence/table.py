@@ -63,6 +63,8 @@ class Line:
     bound: str
     direction: Direction
     unit: str
+    run: str
+    """Which run of a target it is, empty where there is but one."""
     seed: str
     ok: str
 
@@ -89,6 +91,8 @@ class Line:
 
 def shown(value: float) -> str:
     """A number to three digits; a count in full."""
+    if abs(value) < 1e-9:
+        return "0"
     if math.isfinite(value) and value == round(value) and abs(value) < 1e6:
         return str(round(value))
     return f"{float(f'{value:.3g}'):g}"
@@ -107,6 +111,7 @@ def line_of(group: Group, claim: Claim, ok: bool | None = None) -> Line:
         "" if claim.direction == "reported" else f"{claim.bound:g}",
         claim.direction,
         claim.unit,
+        claim.run,
         "" if claim.seed is None else str(claim.seed),
         "yes" if (claim.ok if ok is None else ok) else "no",
     )
@@ -183,6 +188,8 @@ class Table:
         """With groups that were measured anew in place of theirs; a group that no longer exists goes."""
         known = {line.key: line for line in self.lines}
         measured = {line.group for line in fresh}
+        # A figure is measured together with its negative control, if it has one.
+        measured |= {("control", *where) for kind, *where in measured if kind == "figure"}  # type: ignore[misc]
         kept = [line for line in self.lines if line.group not in measured]
         renewed = [known[x.key] if x.key in known and agree(known[x.key], x) else x for x in fresh]
         groups: dict[Group, list[Line]] = {}

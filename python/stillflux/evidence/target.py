@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from stillflux.evidence.claims import Claim, holds
 from stillflux.evidence.conditions import slip
 from stillflux.evidence.judge import Measured, Window
-from stillflux.evidence.seeds import seeded
+from stillflux.evidence.seeds import seed_of, seeded
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
@@ -92,6 +92,8 @@ class Target:
     ) -> list[Case]:
         """Its runs, each under every one of the seeds; those of a map under one of their own."""
         built = self.build(machine, scheme, arithmetic)
+        if self.map:
+            return [case.under(seed_of(self.name, case.label)) for case in built]
         return [case.under(seed) for case in built for seed in seeds]
 
     def judge(self, case: Case, result: Result, measured: Measured) -> list[Claim]:
