@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import math
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import stillflux
-from stillflux.evidence import figure, registry
+from stillflux.evidence import documents, figure, registry
 from stillflux.evidence.claims import (
     Claim,
     at_least,
@@ -24,9 +25,12 @@ from stillflux.evidence.claims import (
     worst,
     worst_of_runs,
 )
+from stillflux.evidence.journal import Journal
 from stillflux.evidence.table import Line, Table, agree
+from stillflux.parallel import Stopped
 
 PACKAGE = Path(stillflux.__file__).parent
+ROOT = Path(__file__).parent.parent
 
 
 # The imports.
@@ -192,7 +196,9 @@ def test_every_experiment_has_a_control_or_says_why_not() -> None:
 
 def line(value: float, *, bound: float = 1.0, ok: bool = True, machine: str = "2.2kW") -> Line:
     text = "yes" if ok else "no"
-    return Line("figure", "5", machine, "paper", "x", f"{value:g}", f"{bound:g}", "at most", "", "0", text)
+    return Line(
+        "figure", "5", machine, "paper", "x", f"{value:g}", f"{bound:g}", "at most", "", "", "0", text
+    )
 
 
 def test_table_keeps_what_agrees_and_what_was_not_measured() -> None:
@@ -218,3 +224,85 @@ def test_table_reads_what_it_writes(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("figure,value\n5,1\n", encoding="utf-8")
     with pytest.raises(ValueError, match="columns"):
         Table.read(tmp_path / "t.csv")
+
+
+def test_a_figure_without_control_leaves_no_line_of_one() -> None:
+    control = replace(line(2.0), kind="control")
+    assert Table([line(0.5), control]).updated([line(0.5)]).lines == [line(0.5)]
+
+
+# The documents.
+
+
+@pytest.mark.parametrize("document", documents.DOCUMENTS, ids=str)
+def test_document_says_what_the_table_says(document: Path) -> None:
+    text = (ROOT / document).read_text(encoding="utf-8")
+    table = Table.read(ROOT / "tests" / "metrics.csv")
+    assert "<!-- table:" in text
+    assert documents.rendered(text, table) == text, "run `make docs`"
+
+
+def test_every_table_is_in_a_document() -> None:
+    text = "".join((ROOT / document).read_text(encoding="utf-8") for document in documents.DOCUMENTS)
+    assert all(f"<!-- table: {name} -->" in text for name in documents.TABLES)
+
+
+def test_a_changed_line_changes_the_document() -> None:
+    table = Table.read(ROOT / "tests" / "metrics.csv")
+    key = ("figure", "9", "2.2kW", "paper")
+    text = (
+        "<!-- table: around-zero -->\n<!-- end -->\n"
+        "<!-- value: figure, 9, 2.2kW, paper: centre of ψ̂_1 -->?<!-- end -->"
+    )
+    before = documents.rendered(text, table)
+    assert documents.rendered(before, table) == before
+    worse = [replace(x, value="77", ok="no") if x.group == key else x for x in table.lines]
+    after = documents.rendered(before, Table(worse))
+    assert "**77 %**" in after
+    assert after.endswith("-->77 % of ψ*<!-- end -->")
+    with pytest.raises(ValueError, match="no table none"):
+        documents.rendered("<!-- table: none -->\n<!-- end -->", table)
+    with pytest.raises(KeyError, match="no line"):
+        documents.rendered("<!-- value: figure, 9, 2.2kW, paper: nothing --><!-- end -->", table)
+
+
+def test_rows_of_the_readme_name_tests_that_exist() -> None:
+    for name in documents.tests_named():
+        file, function = name.split("::")
+        tree = ast.parse((ROOT / "tests" / file).read_text(encoding="utf-8"))
+        assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, name
+
+
+# The journal.
+
+
+def doubled(x: int) -> int:
+    return 2 * x
+
+
+def test_journal_goes_on_where_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+
+    def first(job: tuple[object, ...]) -> bool:
+        return job[0] == 1
+
+    def killed(done: int, total: int, found: int) -> None:
+        del found
+        assert total == 3
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Stopped):
+        Journal(path, "build").run(doubled, [(1,), (2,), (3,)], first=first, show=killed)
+    with path.open("ab") as file:
+        file.write(pickle.dumps(("half a record", 0))[:-3])
+    again = Journal(path, "build")
+    assert again.done == 2
+    fresh: list[tuple[int, int, int]] = []
+    found = again.run(doubled, [(1,), (2,), (3,)], first=first, show=lambda *x: fresh.append(x))
+    assert found == [2, 4, 6]
+    assert [(done, total) for done, total, _ in fresh] == [(3, 3)]
+    assert Journal(path, "build").done == 3
+    assert Journal(path, "another build").done == 0
+    again.remove()
+    assert not path.exists()

@@ -62,6 +62,9 @@ COMMANDS = (
         "the torque-speed plane, crossings, mismatches, starts, for each scheme",
         "stillflux.evidence.commands",
     ),
+    Command(
+        "docs", "writes what was measured into README and docs (in a checkout)", "stillflux.evidence.commands"
+    ),
 )
 """Registered by name only: the library imports nothing of what proves it."""
 
