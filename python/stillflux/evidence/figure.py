@@ -29,7 +29,7 @@ __all__ = [
     "first",
     "inverter",
     "settings",
-    "warmer",
+    "warmer_winding",
 ]
 
 Runs: TypeAlias = Sequence[Any]
@@ -177,6 +177,12 @@ def inverter(**changed: Any) -> Change:
     return lambda runs: tuple(run.replace(inverter=run.inverter.replace(**changed)) for run in runs)
 
 
-def warmer(ratio: float, at: float) -> Change:
-    """Every winding with `ratio` times its resistance from `at` s on, which no drive is told."""
-    return lambda runs: tuple(run.replace(changes=[(at, {"R_s": ratio * run.motor.R_s})]) for run in runs)
+def warmer_winding(event: float, expected: tuple[str, ...]) -> Control:
+    """The control of a load step at `event` s: the real resistance is 25 % larger from 0.5 s before on."""
+
+    def change(runs: Runs) -> Runs:
+        return tuple(run.replace(changes=[(event - 0.5, {"R_s": 1.25 * run.motor.R_s})]) for run in runs)
+
+    return Control(
+        "winding 25 % warmer from 0.5 s before the step on, r̂_s kept", change, expected, event=event
+    )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stillflux import metrics
 from stillflux.evidence.claims import Claim, at_most, holds
-from stillflux.evidence.machines import ADC_NOISE, inverter_of, motor_of, scaled
+from stillflux.evidence.conditions import drive
 from stillflux.result import Result
 from stillflux.scenario import Profile, Scenario
 
@@ -67,20 +67,17 @@ def paper_drive(
 
     `omega` in per unit, `load` in units of rated torque, `offset` of the current space vector in per unit.
     """
-    motor = motor_of(machine)
-    return Scenario(
-        name=f"{name}, {machine}, {arithmetic}",
-        motor=motor,
-        inverter=inverter_of(machine),
-        arithmetic=arithmetic,
-        scheme="paper",
-        settings={"calibrate_offset": False},
-        plant={"current_offset": offset * motor.base["i"], "adc_noise": ADC_NOISE * motor.I_N},
-        omega_ref=scaled(omega, motor.base["omega_m"]),
-        load_torque=scaled(load, motor.T_N),
+    return drive(
+        machine,
+        "paper",
+        arithmetic,
+        name=name,
         duration=duration,
-        **fields,
-    )
+        omega=omega,
+        load=load,
+        offset=offset,
+        **{"signals": None, "record_every": 10, **fields},
+    ).with_settings(calibrate_offset=False)
 
 
 def identify_then(omega: float) -> list[tuple[float, float]]:

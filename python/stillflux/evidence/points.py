@@ -95,21 +95,30 @@ def _cases(
     scheme: str,
     arithmetic: str,
 ) -> list[Case]:
-    end = REACHED + HOLD
     return [
-        Case(
-            target,
-            machine,
-            scheme,
+        _held(
+            (target, machine, scheme),
             f"ω = {omega:g}, T = {torque:g} T_N",
             plane(machine, scheme, arithmetic, omega=omega, torque=torque, kind=kind),
-            (REACHED, end),
-            (end - 15.0, end),
             (omega, torque),
+            judged=15.0,
         )
         for omega in speeds
         for torque in torques
     ]
+
+
+def _held(
+    where: tuple[str, str, str],
+    label: str,
+    scenario: Scenario,
+    point: tuple[float, float],
+    judged: float,
+    error: str = "",
+) -> Case:
+    """A point held for `HOLD` s, of which the last `judged` s count."""
+    end = REACHED + HOLD
+    return Case(*where, label, scenario, (REACHED, end), (end - judged, end), point, error=error)
 
 
 def _claims(case: Case, result: Result, m: Measured) -> list[Claim]:
@@ -159,17 +168,13 @@ def mismatch_cases(
     target: str, errors: Sequence[str], machine: str, scheme: str, arithmetic: str
 ) -> list[Case]:
     """Each of the errors at each of `POINTS`."""
-    end = REACHED + HOLD
     return [
-        Case(
-            target,
-            machine,
-            scheme,
+        _held(
+            (target, machine, scheme),
             f"{error} at ω = {omega:g}, T = {torque:g} T_N",
             mismatch(machine, scheme, arithmetic, error=error, omega=omega, torque=torque),
-            (REACHED, end),
-            (end - 5.0, end),
             (omega, torque),
+            judged=5.0,
             error=error,
         )
         for error in errors

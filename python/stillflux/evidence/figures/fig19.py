@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from stillflux.evidence.claims import Claim
 from stillflux.evidence.draw import Strip, recording
-from stillflux.evidence.figure import Control, Experiment, warmer
+from stillflux.evidence.figure import Experiment, warmer_winding
 from stillflux.evidence.machines import step
 from stillflux.evidence.paper import (
     HOLD,
@@ -80,11 +80,8 @@ EXPERIMENTS = (
         scenario,
         claims,
         draw,
-        Control(
-            "winding 25 % warmer from 0.5 s before the step on, r̂_s kept",
-            warmer(1.25, LOAD - 0.5),
-            ("speed back within ±0.002 pu after the 120 % step", "the drive runs to the end"),
-            event=LOAD,
+        warmer_winding(
+            LOAD, ("speed back within ±0.002 pu after the 120 % step", "the drive runs to the end")
         ),
     ),
 )

@@ -12,7 +12,7 @@ import numpy as np
 
 from stillflux.evidence.claims import Claim, at_least
 from stillflux.evidence.draw import recording
-from stillflux.evidence.figure import Control, Experiment, Limit, warmer
+from stillflux.evidence.figure import Experiment, Limit, warmer_winding
 from stillflux.evidence.machines import MACHINES, step
 from stillflux.evidence.paper import (
     HOLD,
@@ -82,12 +82,7 @@ EXPERIMENTS = (
         scenario,
         claims,
         draw,
-        Control(
-            "winding 25 % warmer from 0.5 s before the step on, r̂_s kept",
-            warmer(1.25, LOAD - 0.5),
-            ("field angle error meanwhile", "the drive runs to the end"),
-            event=LOAD,
-        ),
+        warmer_winding(LOAD, ("field angle error meanwhile", "the drive runs to the end")),
     ),
     Experiment(
         "20-band",

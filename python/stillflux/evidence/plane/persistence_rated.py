@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from stillflux.evidence.conditions import AT_SPEED, LOAD_AT, REACHED, START, drive, line_speed
-from stillflux.evidence.machines import motor_of, ramp
-from stillflux.evidence.points import stay, stay_claims
+from stillflux.evidence.conditions import REACHED, line_speed
+from stillflux.evidence.machines import motor_of
+from stillflux.evidence.points import plane, stay, stay_claims
 from stillflux.evidence.target import Case, Target
 from stillflux.scenario import Scenario
 
@@ -17,15 +17,8 @@ def scenario(
     The flux stays rated: the drive is not allowed to leave the line.
     """
     omega = line_speed(motor_of(machine), torque)
-    return drive(
-        machine,
-        scheme,
-        arithmetic,
-        name=f"T = {torque:g} T_N at ω_s = 0",
-        omega=ramp(START, AT_SPEED, omega),
-        load=ramp(LOAD_AT, REACHED, torque),
-        duration=REACHED + time,
-    ).with_settings(omega_s_min=0.0)
+    run = plane(machine, scheme, arithmetic, omega=omega, torque=torque, hold=time)
+    return run.with_settings(omega_s_min=0.0)
 
 
 def _cases(machine: str, scheme: str, arithmetic: str) -> list[Case]:
