@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from test_architecture import circle
 
 import stillflux
 from stillflux.evidence import documents, figure, registry
@@ -74,24 +75,6 @@ def graph() -> dict[str, set[str]]:
     # The compiled part imports nothing of Python.
     known = {*paths, "stillflux._core"}
     return {name: imports(name, path, known) for name, path in paths.items()} | {"stillflux._core": set()}
-
-
-def circle(edges: dict[str, set[str]]) -> list[str]:
-    """A circle of imports; empty if there is none."""
-    done: set[str] = set()
-
-    def walk(name: str, path: list[str]) -> list[str]:
-        if name in path:
-            return [*path[path.index(name) :], name]
-        if name in done:
-            return []
-        for target in sorted(edges[name]):
-            if found := walk(target, [*path, name]):
-                return found
-        done.add(name)
-        return []
-
-    return next((found for name in sorted(edges) if (found := walk(name, []))), [])
 
 
 def test_no_circle_of_imports() -> None:
