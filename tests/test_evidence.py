@@ -1,5 +1,4 @@
-"""What the evidence is made of: claims, controls, seeds, the committed table; and where it may be
-imported."""
+"""What the evidence is made of: claims, controls, seeds, the committed table; and who imports it."""
 
 from __future__ import annotations
 
@@ -12,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_architecture import circle
 
 import stillflux
 from stillflux.evidence import documents, figure, registry
@@ -29,6 +27,7 @@ from stillflux.evidence.claims import (
 from stillflux.evidence.journal import Journal
 from stillflux.evidence.table import Line, Table, agree
 from stillflux.parallel import Stopped
+from test_architecture import circle
 
 PACKAGE = Path(stillflux.__file__).parent
 ROOT = Path(__file__).parent.parent
@@ -187,7 +186,12 @@ def line(value: float, *, bound: float = 1.0, ok: bool = True, machine: str = "2
 def test_table_keeps_what_agrees_and_what_was_not_measured() -> None:
     other = line(0.2, machine="11kW")
     table = Table([line(0.5), other])
-    assert table.updated([line(0.6)]).text() == table.text()
+    assert table.updated([line(0.45)]).text() == table.text()
+    # Never better than measured, and where it was measured.
+    assert table.updated([line(0.55)]).lines == [line(0.55), other]
+    elsewhere = replace(line(0.45), seed="3")
+    assert table.updated([elsewhere]).lines == [elsewhere, other]
+    assert table.updated([line(0.2)]).lines == [line(0.2), other]
     assert table.updated([line(0.9)]).lines == [line(0.9), other]
     assert table.updated([line(1.1, ok=False)]).lines == [line(1.1, ok=False), other]
 

@@ -1,12 +1,14 @@
 """The committed table: what every claim measured, one line each, from which the documents are written.
 
 `kind` says what a line is about: a "figure" of the paper, its negative "control", the "margin" of a
-parameter, or a "target" of the plane. `value` is the worst that was found, `seed` the noise under which it
-was found, empty where there is none. `ok` says that it is as it should be: that the claim holds, or, of a
-control, that it fails for its reason and not before its time.
+parameter, or a "target" of the plane. `value` is the worst that was found; `run` and `seed` say where: which
+run of a target it was, and under which realisation of the noise, empty where there is none. `ok` says that it
+is as it should be: that the claim holds, or, of a control, that it fails for its reason and not before its
+time.
 
 The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A line that
-agrees with the one there is (see `agree`) is left as it stands: only real changes show in a diff.
+agrees with the one there (see `agree`), is of the same run and seed and no worse, is left as it stands: only
+real changes show in a diff, and none is better in the table than it was measured.
 """
 
 from __future__ import annotations
@@ -88,6 +90,11 @@ class Line:
         """Its value."""
         return float(self.value)
 
+    @property
+    def excess(self) -> float:
+        """How far the value is on the failing side of its bound."""
+        return Claim(self.quantity, self.number, float(self.bound or 0.0), self.direction).excess
+
 
 def shown(value: float) -> str:
     """A number to three digits; a count in full."""
@@ -155,6 +162,12 @@ def agree(old: Line, new: Line) -> bool:
     return abs(old.number - new.number) <= margin
 
 
+def _stands(old: Line, new: Line) -> bool:
+    """Whether a line may stay although it was measured anew."""
+    same = (old.run, old.seed) == (new.run, new.seed) and agree(old, new)
+    return same and old.excess >= new.excess
+
+
 class Table:
     """The lines, each group together, in the order of figures and targets."""
 
@@ -191,7 +204,7 @@ class Table:
         # A figure is measured together with its negative control, if it has one.
         measured |= {("control", *where) for kind, *where in measured if kind == "figure"}  # type: ignore[misc]
         kept = [line for line in self.lines if line.group not in measured]
-        renewed = [known[x.key] if x.key in known and agree(known[x.key], x) else x for x in fresh]
+        renewed = [known[x.key] if x.key in known and _stands(known[x.key], x) else x for x in fresh]
         groups: dict[Group, list[Line]] = {}
         for line in [*kept, *renewed]:
             groups.setdefault(line.group, []).append(line)
