@@ -508,9 +508,19 @@ def test_report_of_the_figures_takes_the_section(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(beyond, "run_all", lambda *_, **__: rows_of())
-    arguments = ["reproduce", "6", "--machine", "2.2kW", "--beyond"]
+    table, journal = tmp_path / "metrics.csv", tmp_path / "journal"
+    arguments = ["reproduce", "6", "--machine", "2.2kW", "--beyond", "--sensitivity"]
+    arguments += ["--metrics", str(table), "--journal", str(journal)]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     assert "reproduced" in capsys.readouterr().out
+    assert not journal.exists()
+    found = {(line.kind, line.name) for line in Table.read(table).lines}
+    assert found == {
+        ("figure", "6"),
+        ("control", "6"),
+        ("target", "plane-ramps"),
+        ("target", "confidence"),
+    }
     text = (tmp_path / "reproduce.html").read_text(encoding="utf-8")
     assert text.index("href='#beyond'") < text.index("id='beyond'") < text.index("id='fig-6-2-2kW'")
 
