@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import stillflux as sf
-from stillflux import plots, report
-from stillflux.claims import Claim
+from stillflux import plots
 from stillflux.cli import main
+from stillflux.evidence.claims import at_most
+from stillflux.evidence.report import page
 
 SCENARIO = """
 motor = "2.2kW"
@@ -70,7 +71,7 @@ def test_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "line 2" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [[], ["demo"], ["simulate"], ["replay"]])
+@pytest.mark.parametrize("command", [[], ["demo"], ["reproduce"], ["beyond"], ["simulate"], ["replay"]])
 def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main([*command, "--help"])
@@ -79,9 +80,9 @@ def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_report_is_self_contained(scenario: sf.Scenario, tmp_path: Path) -> None:
-    section = report.Section("A < B", "run", sf.simulate(scenario), [Claim("x ≤ 1", "2", False)])
+    section = page.Section("A < B", "run", sf.simulate(scenario), [at_most("x", 2.0, 1.0)])
     path = tmp_path / "sub" / "report.html"
-    report.write(path, "Title", "stillflux demo", [section])
+    page.write(path, "Title", "stillflux demo", [section])
     text = path.read_text(encoding="utf-8")
     assert text.count("<svg") == 2
     assert "A &lt; B" in text

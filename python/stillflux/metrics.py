@@ -2,24 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stillflux.result import Result
 from stillflux.status import StatusCode
+
+if TYPE_CHECKING:
+    from stillflux.result import Result
 
 __all__ = [
     "angle_error",
+    "faulted",
     "flux_ripple",
     "offset_voltage",
+    "running",
     "settled_after",
+    "smoothed",
     "speed_error",
     "speed_ripple",
     "start_time",
+    "stays_within",
     "turns",
 ]
+
+def running(result: Result) -> NDArray[np.bool_]:
+    """Where the drive runs."""
+    return np.asarray(result["status"] == StatusCode.RUNNING)
+
+
+def faulted(result: Result) -> NDArray[np.bool_]:
+    """Where it stands with a fault."""
+    return np.asarray(result["status"] == StatusCode.FAULTED)
 
 
 def angle_error(result: Result) -> NDArray[np.float64]:
@@ -27,7 +42,7 @@ def angle_error(result: Result) -> NDArray[np.float64]:
 
     Zero while the drive does not run: there is no estimate to judge.
     """
-    error = np.where(result["status"] == StatusCode.RUNNING, result["angle_error"], 0.0)
+    error = np.where(running(result), result["angle_error"], 0.0)
     return np.degrees(np.unwrap(error))
 
 
@@ -78,18 +93,27 @@ def speed_ripple(result: Result) -> float:
 def settled_after(result: Result, event: float, band: float) -> float:
     """Seconds from `event` until the speed error stays within ±band per unit; inf if it does not."""
     after = result.window(event)
-    outside = np.flatnonzero(np.abs(speed_error(after)) > band)
+    return stays_within(after.t, speed_error(after), event, band)
+
+
+def stays_within(t: NDArray[np.float64], error: NDArray[np.float64], event: float, band: float) -> float:
+    """Seconds from `event` until an error stays within ±band; inf if it does not."""
+    outside = np.flatnonzero(np.abs(error) > band)
     if not len(outside):
         return 0.0
-    if outside[-1] == len(after.t) - 1:
-        return float("inf")
-    return float(after.t[outside[-1] + 1] - event)
+    return float("inf") if outside[-1] == len(t) - 1 else float(t[outside[-1] + 1] - event)
+
+
+def smoothed(x: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
+    """Moving mean over a window of `samples`."""
+    mean: NDArray[np.float64] = np.convolve(x, np.ones(samples) / samples, mode="same")
+    return mean
 
 
 def start_time(result: Result) -> float:
     """Time at which the drive began to run, s; inf if it did not."""
-    running = np.flatnonzero(result["status"] == StatusCode.RUNNING)
-    return float(result.t[running[0]]) if len(running) else float("inf")
+    begun = np.flatnonzero(running(result))
+    return float(result.t[begun[0]]) if len(begun) else float("inf")
 
 
 def _base(result: Result) -> dict[str, Any]:

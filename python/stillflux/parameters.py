@@ -10,7 +10,10 @@ from stillflux import _core
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
 
-__all__ = ["Inverter", "Motor", "Rating"]
+__all__ = ["PRESETS", "Inverter", "Motor", "Rating"]
+
+PRESETS = ("2.2kW", "11kW")
+"""Names of the motors and inverters that `preset` knows."""
 
 
 class Rating(TypedDict):

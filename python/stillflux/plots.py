@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stillflux.metrics import angle_error
-from stillflux.result import Result
-from stillflux.status import StatusCode
+from stillflux.metrics import angle_error, running
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
+
+    from stillflux.result import Result
 
 __all__ = ["flux_trajectory", "overview", "thin"]
 
@@ -83,10 +83,10 @@ def flux_trajectory(result: Result) -> Figure:
 
     figure = Figure(figsize=(4.5, 4.5), layout="constrained")
     panel = figure.subplots()
-    running = np.flatnonzero(result["status"] == StatusCode.RUNNING)
+    begun = np.flatnonzero(running(result))
     for signal, label in (("psi_s", "true"), ("estimate.psi_s", "estimated")):
         # The first period of the run has no estimate yet. Points at equal distances along the path.
-        psi = result[signal][running[1:]]
+        psi = result[signal][begun[1:]]
         path = np.cumsum(np.abs(np.diff(psi)))
         if len(path):
             psi = psi[np.unique(np.searchsorted(path, np.linspace(0.0, path[-1], 2 * _MOST)))]

@@ -1,0 +1,186 @@
+"""The commands that prove: `demo`, `reproduce`, `beyond`; and `docs`, which writes down what they found."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from stillflux.evidence.machines import ALL_MACHINES, MACHINES
+
+__all__ = ["beyond", "demo", "docs", "reproduce"]
+
+
+def demo(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `demo`."""
+    _where(parser, MACHINES)
+    parser.set_defaults(run=_demo)
+
+
+def reproduce(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `reproduce`."""
+    parser.add_argument("figures", nargs="*", metavar="FIG", help="numbers such as 9, 13b; none: all of them")
+    _where(parser, MACHINES)
+    parser.add_argument("--json", metavar="FILE", help="write the verdicts there as JSON; -: to stdout")
+    parser.add_argument(
+        "--sensitivity", action="store_true", help="also how far parameters may be off (minutes)"
+    )
+    parser.add_argument(
+        "--beyond", action="store_true", help="also what `stillflux beyond` measures (minutes)"
+    )
+    _metrics(parser)
+    parser.set_defaults(run=_reproduce)
+
+
+def beyond(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `beyond`."""
+    from stillflux.evidence.conditions import SCHEMES
+
+    parser.add_argument(
+        "targets", nargs="*", metavar="TARGET", help="such as plane, plane-drift, mismatch; none: all of them"
+    )
+    _where(parser, ALL_MACHINES)
+    parser.add_argument("--scheme", choices=[*SCHEMES, "all"], default="all")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write every run there as JSON")
+    _metrics(parser)
+    parser.set_defaults(run=_beyond)
+
+
+def docs(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `docs`."""
+    parser.add_argument(
+        "--metrics",
+        type=Path,
+        metavar="FILE",
+        default=Path("tests/metrics.csv"),
+        help="the table of what was measured",
+    )
+    parser.add_argument("--root", type=Path, default=Path(), help="the project's folder")
+    parser.set_defaults(run=_docs)
+
+
+def _where(parser: argparse.ArgumentParser, machines: Sequence[str]) -> None:
+    parser.add_argument("--machine", choices=[*machines, "all"], default="all")
+    parser.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
+    parser.add_argument("--out", type=Path, default=Path("reports"), help="folder for report and plots")
+
+
+def _metrics(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--metrics", type=Path, metavar="FILE", help="bring this table of what was measured up to date"
+    )
+    parser.add_argument(
+        "--journal",
+        type=Path,
+        metavar="FILE",
+        help="write runs down there as they are done; if killed, go on with it",
+    )
+
+
+def _chosen(machine: str, machines: Sequence[str]) -> Sequence[str]:
+    return machines if machine == "all" else (machine,)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from stillflux.evidence import demo
+
+    machines = _chosen(options.machine, MACHINES)
+    return 0 if demo.run(machines, options.out, options.command_line, options.arithmetic) else 1
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    from stillflux.evidence import beyond, reproduce, sensitivity
+    from stillflux.evidence.conditions import SCHEMES
+    from stillflux.evidence.journal import Journal
+    from stillflux.evidence.registry import choose_figures, choose_targets
+    from stillflux.evidence.report import figures as report
+    from stillflux.evidence.report import plane
+    from stillflux.evidence.table import of_margin, of_outcome, of_summary, update
+    from stillflux.parallel import run_jobs
+
+    machines = _chosen(options.machine, MACHINES)
+    figures = choose_figures(options.figures)
+    options.out.mkdir(parents=True, exist_ok=True)
+    journal = Journal(options.journal) if options.journal else None
+    runner = journal.run if journal else run_jobs
+    arithmetic = options.arithmetic
+    outcomes = reproduce.run_all(
+        figures, machines, arithmetic, options.out, reproduce.progress, runner=runner
+    )
+    margins = []
+    if options.sensitivity:
+        margins = sensitivity.run_all(figures, machines, arithmetic, sensitivity.progress, runner=runner)
+    section, found = "", []
+    if options.beyond:
+        wanted = _chosen(options.machine, ALL_MACHINES)
+        rows = beyond.run_all(choose_targets(()), wanted, SCHEMES, arithmetic, beyond.progress, runner=runner)
+        section, found = plane.section(rows, options.out), beyond.summaries(rows)
+    if options.metrics:
+        fresh = [of_outcome(x) for x in outcomes] + [of_margin(x) for x in margins]
+        update(options.metrics, [*fresh, *map(of_summary, found)])
+    as_json = report.to_json(outcomes)
+    if options.json == "-":
+        print(as_json)
+    else:
+        print(report.table(outcomes))
+        if margins:
+            print(f"\n{sensitivity.to_markdown(margins)}")
+    if options.json not in (None, "-"):
+        Path(options.json).write_text(as_json + "\n", encoding="utf-8")
+    path = options.out / "reproduce.html"
+    table = sensitivity.to_html(margins) if margins else ""
+    report.write(path, options.command_line, outcomes, table, section)
+    print(f"report: {path}", file=sys.stderr)
+    if journal:
+        journal.remove()
+    # A table that is brought up to date records a failing verdict; it is not stopped by one.
+    failed = any(outcome.verdict == "FAILED" for outcome in outcomes)
+    return 1 if failed and not options.metrics else 0
+
+
+def _beyond(options: argparse.Namespace) -> int:
+    from stillflux.evidence import beyond
+    from stillflux.evidence.conditions import SCHEMES
+    from stillflux.evidence.journal import Journal
+    from stillflux.evidence.registry import choose_targets
+    from stillflux.evidence.report import page, plane
+    from stillflux.evidence.table import of_summary, update
+    from stillflux.parallel import Stopped, run_jobs
+
+    machines = _chosen(options.machine, ALL_MACHINES)
+    schemes = _chosen(options.scheme, SCHEMES)
+    chosen = choose_targets(options.targets)
+    journal = Journal(options.journal) if options.journal else None
+    runner = journal.run if journal else run_jobs
+    stopped = ""
+    try:
+        rows = beyond.run_all(chosen, machines, schemes, options.arithmetic, beyond.progress, runner=runner)
+    except Stopped as stop:
+        rows, stopped = stop.results, str(stop)
+    found = beyond.summaries(rows)
+    print(plane.table(found))
+    if options.metrics and not stopped:
+        update(options.metrics, map(of_summary, found))
+    options.out.mkdir(parents=True, exist_ok=True)
+    if options.json:
+        data = page.finite(plane.to_rows(rows))
+        options.json.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    path = options.out / "beyond.html"
+    plane.write(path, options.command_line, rows, stopped)
+    print(f"report: {path}", file=sys.stderr)
+    if stopped:
+        print(f"stillflux: {stopped}", file=sys.stderr)
+    elif journal:
+        journal.remove()
+    return 130 if stopped else 0
+
+
+def _docs(options: argparse.Namespace) -> int:
+    from stillflux.evidence.documents import update
+    from stillflux.evidence.table import Table
+
+    for path in update(options.root, Table.read(options.metrics)):
+        print(f"updated: {path}")
+    return 0

@@ -1,0 +1,412 @@
+"""Writes the committed table into the documents: what they say was measured is nowhere else.
+
+Between two markers in a Markdown file stands what this module makes of the table:
+
+    <!-- table: NAME -->
+    (one of `TABLES`)
+    <!-- end -->
+
+    text <!-- value: KIND, NAME, MACHINE, SCHEME: QUANTITY -->12 %<!-- end --> text
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import cast, get_args
+
+import numpy as np
+
+from stillflux.evidence.conditions import SCHEMES
+from stillflux.evidence.errors import ERRORS
+from stillflux.evidence.machines import ALL_MACHINES, MACHINES
+from stillflux.evidence.registry import experiments, figures, targets
+from stillflux.evidence.sensitivity import FIGURES as OF_MARGINS
+from stillflux.evidence.sensitivity import LESS, MORE, Margin
+from stillflux.evidence.table import LOST_AFTER, Group, Kind, Line, Table
+
+__all__ = ["DOCUMENTS", "TABLES", "rendered", "tests_named", "update"]
+
+DOCUMENTS = (Path("README.md"), Path("docs/figures.md"), Path("docs/beyond.md"))
+"""The files that hold tables, from the root of the project."""
+
+_TABLE = re.compile(r"(<!-- table: (?P<name>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
+_VALUE = re.compile(r"(<!-- value: (?P<group>[^:>]*): (?P<quantity>[^>]*?) -->).*?(<!-- end -->)", re.DOTALL)
+_SIGNS = {"at most": "≤", "at least": "≥", "equal": "="}
+_UNKNOWN = "–"
+
+
+def rendered(text: str, table: Table) -> str:
+    """A document with everything between its markers made anew.
+
+    Raises ValueError for a marker that names no table, KeyError for one that names no line.
+    """
+
+    def filled(match: re.Match[str]) -> str:
+        if match["name"] not in TABLES:
+            raise ValueError(f"there is no table {match['name']}; there are {', '.join(TABLES)}")
+        return f"{match[1]}{TABLES[match['name']](table)}\n{match[3]}"
+
+    def valued(match: re.Match[str]) -> str:
+        kind, name, machine, scheme = match["group"].split(", ")
+        if kind not in get_args(Kind):
+            raise ValueError(f"kind = {kind}: there are {', '.join(get_args(Kind))}")
+        line = table.get((cast(Kind, kind), name, machine, scheme), match["quantity"])
+        return f"{match[1]}{value(line)}{match[4]}"
+
+    return _VALUE.sub(valued, _TABLE.sub(filled, text))
+
+
+def update(root: Path, table: Table) -> list[Path]:
+    """Brings the documents below `root` up to date; returns those that were not."""
+    stale = []
+    for document in DOCUMENTS:
+        path = root / document
+        text = path.read_text(encoding="utf-8")
+        fresh = rendered(text, table)
+        if fresh != text:
+            path.write_text(fresh, encoding="utf-8")
+            stale.append(document)
+    return stale
+
+
+# Cells.
+
+
+def value(line: Line | None) -> str:
+    """What a line says: the number with its unit."""
+    if line is None:
+        return _UNKNOWN
+    if line.direction == "boolean":
+        return "yes" if line.number else "no"
+    if not math.isfinite(line.number):
+        return "lost" if line.unit == "°" else "never"
+    return f"{_number(line.number)}{_unit(line)}"
+
+
+def _number(x: float) -> str:
+    """Two digits, a large number or a count in full, never with an exponent."""
+    if x == round(x) or abs(x) >= 100.0:
+        return str(round(x))
+    return np.format_float_positional(float(f"{x:.2g}"), trim="-")
+
+
+def _unit(line: Line) -> str:
+    if line.unit in ("", "runs"):
+        return ""
+    return line.unit if line.unit == "°" else f" {line.unit}"
+
+
+def judged(line: Line | None) -> str:
+    """The same, in bold where it is not as it should be."""
+    return f"**{value(line)}**" if line is not None and not line.holds else value(line)
+
+
+def claim(line: Line) -> str:
+    """Quantity and bound."""
+    if line.direction not in _SIGNS:
+        return line.quantity
+    return f"{line.quantity} {_SIGNS[line.direction]} {line.bound}{_unit(line)}"
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table; a bar within a cell is escaped."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+# The paper's figures.
+
+
+def _lines(table: Table, kind: Kind, name: str) -> list[tuple[Line, list[Line | None]]]:
+    """Lines of a figure at the first machine that has them, and each at every machine."""
+    by = {machine: table.find(kind, name, machine) for machine in MACHINES}
+    first: dict[tuple[str, str], Line] = {}
+    for machine in MACHINES:
+        for line in by[machine]:
+            first.setdefault((line.quantity, line.direction), line)
+    return [
+        (line, [next((x for x in by[m] if (x.quantity, x.direction) == key), None) for m in MACHINES])
+        for key, line in first.items()
+    ]
+
+
+def _verdicts(table: Table) -> str:
+    """Every claim of every figure, its negative control below."""
+    rows = []
+    for name in figures():
+        experiment = experiments()[name]
+        found = _lines(table, "figure", name)
+        failing = any(line is not None and not line.holds for _, lines in found for line in lines)
+        verdict = "limit" if failing else "reproduced" if found else _UNKNOWN
+        rows.append([f"**{name}**", f"*{experiment.title}*", "", "", verdict])
+        rows += [["", claim(line), *map(judged, lines), ""] for line, lines in found]
+        rows.append(["", *_control(table, name), ""])
+    return markdown(["fig.", "must show", *MACHINES, "verdict"], rows)
+
+
+def _control(table: Table, name: str) -> list[str]:
+    """What the negative control leaves out, and what fails then at each machine."""
+    control = experiments()[name].control
+    if control is None:
+        return [f"no control found: {experiments()[name].no_control}", *[""] * len(MACHINES)]
+    return [f"control: {control.text}", *(_failure(table, name, machine) for machine in MACHINES)]
+
+
+def _failure(table: Table, name: str, machine: str) -> str:
+    """What a negative control fails, and when it was lost, if it was."""
+    lines = table.find("control", name, machine)
+    if not lines:
+        return _UNKNOWN
+    failed, lost = (next(x for x in lines if (x.quantity == LOST_AFTER) == when) for when in (False, True))
+    when = f"lost at {lost.value} s" if math.isfinite(lost.number) else f"{failed.quantity}: {value(failed)}"
+    return when if failed.holds and lost.holds else f"**{when}: does not fail as it must**"
+
+
+def _limits(table: Table) -> str:
+    """Why claims are not met."""
+    del table
+    texts = []
+    for name in figures():
+        for machine_reason in dict.fromkeys(limit.reason for limit in experiments()[name].limits.values()):
+            texts.append(f"**Fig. {name}.** {machine_reason}")
+    return "\n\n".join(texts)
+
+
+def _margins(machine: str, table: Table) -> str:
+    """How far each parameter may be off."""
+
+    def cell(figure: str, error: str) -> str:
+        group: Group = ("margin", figure, machine, SCHEMES[0])
+        found = {line.quantity: line.number for line in table.find(*group)}
+        kind = ERRORS[error]
+        if f"{error}{MORE}" not in found:
+            return _UNKNOWN
+        sides = [found.get(f"{error}{side}") for side in (LESS, MORE)]
+        down, up = (None if x is None else round(x / kind.scale, 9) for x in sides)
+        return str(Margin(figure, machine, error, down, up or 0.0))
+
+    rows = [[error, *(cell(figure, error) for figure in OF_MARGINS)] for error in ERRORS]
+    return markdown([f"{machine}: real value off by", *(f"Fig. {figure}" for figure in OF_MARGINS)], rows)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A row of a table in the README: some quantities of a figure or target, and the test that checks
+    them."""
+
+    text: str
+    name: str
+    quantities: tuple[str, ...]
+    test: str
+    """File and function in `tests`."""
+
+
+_FIGURE = "test_figures.py::test_figure"
+_AROUND_ZERO = (
+    Shown("9 start with offset", "9", ("û_off, deviation from the true offset",), _FIGURE),
+    Shown(
+        "10 estimator off: circle round, angle wrong",
+        "10",
+        ("ripple of |ψ̂_s|", "field angle error over u_0/(ω_s ψ)"),
+        _FIGURE,
+    ),
+    Shown("13b r_s + 25 % at 30 % load", "13b", ("time until r̂_s is within 5 %",), _FIGURE),
+    Shown(
+        "15 ω = 0.023 with offset",
+        "15",
+        ("mean field angle error", "û_off, deviation from the true offset"),
+        _FIGURE,
+    ),
+    Shown(
+        "15 with 250 mV",
+        "15-250mV",
+        ("mean field angle error", "û_off, deviation from the true offset"),
+        _FIGURE,
+    ),
+    Shown("18 a minute at ω_s = 0, rated step", "18", ("field angle error meanwhile",), _FIGURE),
+    Shown(
+        "19 120 % step at zero speed",
+        "19",
+        ("speed back within ±0.002 pu after the 120 % step", "field angle error from 1 s after the step"),
+        _FIGURE,
+    ),
+    Shown(
+        "20 regeneration at ω = 0.003",
+        "20",
+        ("time of regeneration", "field angle error meanwhile"),
+        _FIGURE,
+    ),
+)
+
+
+def _around_zero(table: Table) -> str:
+    """The figures about zero frequency."""
+    rows = []
+    for row in _AROUND_ZERO:
+        found = [(x, lines) for x, lines in _lines(table, "figure", row.name) if x.quantity in row.quantities]
+        asked = ", ".join(claim(line) for line, _ in found)
+        # A quantity with two bounds has one value.
+        cells = [
+            ", ".join(dict.fromkeys(judged(lines[k]) for _, lines in found)) for k in range(len(MACHINES))
+        ]
+        control = experiments()[row.name].control
+        left_out = control.text if control is not None else "none found"
+        rows.append([row.text, asked, *cells, left_out, f"`{row.test}`"])
+    return markdown(["figure", "must show", *MACHINES, "negative control, which fails", "test"], rows)
+
+
+def _headline(table: Table) -> str:
+    """The run of the demo."""
+    rows = [
+        [claim(line), *map(judged, lines), f"`{_FIGURE}`"]
+        for line, lines in _lines(table, "figure", "headline")
+        if line.direction != "boolean"
+    ]
+    text, *cells = _control(table, "headline")
+    rows.append([f"*{text}*", *(f"*{cell}*" for cell in cells), f"`{_FIGURE}`"])
+    return markdown(["", *MACHINES, "test"], rows)
+
+
+# The plane.
+
+_COLUMNS = tuple((machine, scheme) for machine in ALL_MACHINES for scheme in SCHEMES)
+_HEAD = tuple(f"{machine} {scheme}" for machine, scheme in _COLUMNS)
+_MET, _LOST = "runs that meet the target", "runs lost"
+
+
+def _counts(table: Table, names: Sequence[str], machine: str, scheme: str) -> str:
+    """Runs that meet targets, of all, and in brackets those that are lost."""
+    met = runs = lost = 0
+    for name in names:
+        lines = {line.quantity: line for line in table.find("target", name, machine, scheme)}
+        if _MET in lines:
+            met += round(lines[_MET].number)
+            runs += round(float(lines[_MET].bound))
+            lost += round(lines[_LOST].number)
+    if not runs:
+        return _UNKNOWN
+    return f"{met} of {runs} ({lost})" if met < runs else f"all {runs} (0)"
+
+
+def _cell(table: Table, name: str, machine: str, scheme: str, quantity: str) -> Line | None:
+    try:
+        return table.get(("target", name, machine, scheme), quantity)
+    except KeyError:
+        return None
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A row of the README's table of the plane."""
+
+    text: str
+    names: tuple[str, ...]
+    test: str
+    quantity: str = ""
+    """What to show the worst of; empty: how many runs meet the target."""
+
+
+_NO_WORSE = "test_beyond.py::test_target_is_no_worse_than_the_committed_table"
+_PLANE_HELD = "test_beyond.py::test_no_point_of_the_whole_plane_is_lost"
+_TRANSIENTS = ("transient-torque", "transient-load", "transient-reversal", "transient-weakening")
+_PLANE = (
+    Counted("plane: speed ±0.1 by torque ±1.2 T_N, 20 s each", ("plane-ramps",), _PLANE_HELD),
+    Counted(
+        "&emsp;largest angle error away from ω_s = 0", ("plane-ramps",), _PLANE_HELD, "field angle error"
+    ),
+    Counted("&emsp;a coarse map, each point under five seeds", ("plane-seeds",), _NO_WORSE),
+    Counted(
+        "the same, 1 % offset appears while running",
+        ("plane-drift",),
+        "test_beyond.py::test_an_offset_that_appears_once_running_is_found",
+    ),
+    Counted("load at rest before the first turn", ("plane-rest",), _NO_WORSE),
+    Counted("reversals 0.1 → −0.1 at ±T_N in 20 s and 60 s", ("crossing",), _NO_WORSE),
+    Counted("ten minutes at ω_s = 0 without load, drifting; rated step", ("persistence-no-load",), _NO_WORSE),
+    Counted(
+        "±T_N kept at ω_s = 0: 15° passed after (of 120 s)",
+        ("persistence-rated",),
+        _NO_WORSE,
+        "time with an angle error below 15°",
+    ),
+    Counted(
+        "ten minutes of ±T_N where ω_s would be 0, flux shifted: largest angle error",
+        ("persistence-shifted",),
+        _NO_WORSE,
+        "field angle error",
+    ),
+    Counted("one parameter wrong (17 errors, 6 points)", ("mismatch",), _NO_WORSE),
+    Counted("reversal −1 → 1, field weakening to ±2, ±120 % steps, torque steps", _TRANSIENTS, _NO_WORSE),
+    Counted("start on a coasting, demagnetised machine, −1 … 1", ("flying",), _NO_WORSE),
+    Counted(
+        "angle errors beyond 15°",
+        ("confidence",),
+        "test_beyond.py::test_confidence_is_judged_through_a_loss",
+        "excursions beyond 15°",
+    ),
+    Counted(
+        "&emsp;that the confidence had not announced",
+        ("confidence",),
+        "test_beyond.py::test_confidence_is_judged_through_a_loss",
+        "excursions not announced",
+    ),
+)
+
+
+def _plane(table: Table) -> str:
+    """Both schemes over the plane."""
+    rows = []
+    for row in _PLANE:
+        cells = [
+            value(_cell(table, row.names[0], *column, row.quantity))
+            if row.quantity
+            else _counts(table, row.names, *column)
+            for column in _COLUMNS
+        ]
+        rows.append([row.text, *cells, f"`{row.test}`"])
+    return markdown(["runs that meet their target (lost)", *_HEAD, "test"], rows)
+
+
+def _targets(table: Table) -> str:
+    """Every target, and the worst of every claim."""
+    verdicts = dict.fromkeys(target.verdict for target in targets().values() if target.verdict)
+    rows = []
+    for name in [*targets(), *verdicts]:
+        counted = name in targets()
+        if counted:
+            rows.append([f"`{name}`", *(_counts(table, (name,), *column) for column in _COLUMNS)])
+        else:
+            rows.append([f"`{name}`", *[""] * len(_COLUMNS)])
+        found: dict[tuple[str, str], Line] = {}
+        for column in _COLUMNS:
+            for line in table.find("target", name, *column):
+                if line.quantity not in (_MET, _LOST):
+                    found.setdefault((line.quantity, line.direction), line)
+        rows += [
+            [f"&emsp;{claim(line)}", *(judged(_cell(table, name, *column, quantity)) for column in _COLUMNS)]
+            for (quantity, _), line in found.items()
+        ]
+    return markdown(["target", *_HEAD], rows)
+
+
+TABLES: Mapping[str, Callable[[Table], str]] = {
+    "headline": _headline,
+    "plane": _plane,
+    "around-zero": _around_zero,
+    "verdicts": _verdicts,
+    "limits": _limits,
+    "sensitivity-2.2kW": partial(_margins, "2.2kW"),
+    "sensitivity-11kW": partial(_margins, "11kW"),
+    "targets": _targets,
+}
+"""By the name in the marker."""
+
+
+def tests_named() -> set[str]:
+    """The tests that rows of the README name."""
+    return {_FIGURE, *(row.test for row in _AROUND_ZERO), *(row.test for row in _PLANE)}

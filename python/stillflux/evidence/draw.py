@@ -1,0 +1,225 @@
+"""What plots share: drawn like the paper's, normalised, one trace below the other as on a recorder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stillflux import metrics
+from stillflux.plots import thin as thin_to
+from stillflux.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+__all__ = [
+    "ESTIMATE",
+    "STYLE",
+    "THIRD",
+    "TRUE",
+    "PerUnit",
+    "Strip",
+    "figure_of",
+    "from_time",
+    "parts",
+    "recorder",
+    "recording",
+    "spaced",
+    "until_fault",
+    "wide",
+]
+
+TRUE, ESTIMATE, THIRD = "#1b4f8f", "#c8501e", "#5f6b73"
+STYLE: Any = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#888",
+    "axes.labelsize": 9,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "grid.color": "#e4e4e4",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "legend.handlelength": 1.2,
+    "svg.fonttype": "path",
+}
+
+
+def figure_of(width: float, height: float) -> Figure:
+    """An empty figure, inches."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def parts(figure: Figure, rows: int, columns: int, **options: Any) -> Sequence[SubFigure]:
+    """Figures within a figure."""
+    within: Sequence[SubFigure] = figure.subfigures(rows, columns, **options)
+    return within
+
+
+@dataclass(frozen=True)
+class Strip:
+    """One panel: traces over time."""
+
+    label: str
+    traces: Sequence[tuple[str, NDArray[Any]]]
+    limits: tuple[float, float] | None = None
+
+
+def recorder(
+    figure: Figure | SubFigure, t: NDArray[Any], strips: Sequence[Strip], unit: str = "s", title: str = ""
+) -> None:
+    """Panels with a common time axis."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        panels = figure.subplots(len(strips), 1, sharex=True, squeeze=False)[:, 0]
+        for panel, strip in zip(panels, strips, strict=True):
+            colours = (TRUE,) if len(strip.traces) == 1 else (ESTIMATE, TRUE, THIRD)
+            for (name, values), colour in zip(strip.traces, colours, strict=False):
+                panel.plot(*thin_to(t, values, 900), linewidth=0.9, color=colour, label=name)
+            panel.set_ylabel(strip.label, rotation=0, ha="right", va="center")
+            if strip.limits is not None:
+                panel.set_ylim(*strip.limits)
+            else:
+                _at_least(panel)
+            if len(strip.traces) > 1:
+                panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        panels[0].set_xlim(t[0], t[-1])
+        panels[-1].set_xlabel(f"t, {unit}")
+        if title:
+            panels[0].set_title(title, fontsize=9)
+
+
+def _at_least(panel: Axes, span: float = 0.02) -> None:
+    """Keeps a flat trace from being blown up to its noise."""
+    low, high = panel.get_ylim()
+    if high - low < span:
+        middle = 0.5 * (high + low)
+        panel.set_ylim(middle - span / 2, middle + span / 2)
+
+
+class PerUnit:
+    """Signals of a result, per unit."""
+
+    def __init__(self, result: Result) -> None:
+        self.result = result
+        self.base = result.scenario.motor.base
+        self.t = result.t
+
+    def psi(self, name: str) -> NDArray[Any]:
+        """A flux."""
+        return np.asarray(self.result[name] / self.base["psi"])
+
+    def u(self, name: str) -> NDArray[Any]:
+        """A voltage."""
+        return np.asarray(self.result[name] / self.base["u"])
+
+    def i(self, name: str) -> NDArray[Any]:
+        """A current."""
+        return np.asarray(self.result[name] / self.base["i"])
+
+    def omega_m(self, name: str = "omega_m") -> NDArray[Any]:
+        """A mechanical speed."""
+        return np.asarray(self.result[name] / self.base["omega_m"])
+
+    def omega_s(self) -> NDArray[Any]:
+        """True stator frequency, mean over 50 ms: the raw signal shows every switching period."""
+        raw = self.result["omega_s"] / self.base["omega"]
+        step = self.t[1] - self.t[0]
+        samples = max(1, round(0.05 / step))
+        padded = np.pad(np.clip(raw, -0.25, 0.25), samples, mode="edge")
+        return metrics.smoothed(padded, samples)[samples:-samples]
+
+    def frequency(self) -> Strip:
+        """The same as a panel."""
+        return Strip(r"$\omega_s$", [("", self.omega_s())])
+
+    def torque(self, name: str = "torque") -> NDArray[Any]:
+        """A torque, in units of rated torque."""
+        return np.asarray(self.result[name] / self.result.scenario.motor.T_N)
+
+    def r_s(self) -> Strip:
+        """Estimated and true resistance of winding and bridge over the nominal one."""
+        scenario = self.result.scenario
+        r_d = (scenario.plant_inverter or scenario.inverter).r_d
+        nominal = scenario.motor.R_s + scenario.inverter.r_d
+        estimate, true = self.result["estimate.R_s"] / nominal, (self.result["R_s"] + r_d) / nominal
+        return Strip(r"$r_s/r_{sN}$", [("estimated", estimate), ("true", true)], (0.9, 1.35))
+
+    def angle(self, limit: float = 15.0) -> Strip:
+        """Field angle error."""
+        error = metrics.angle_error(self.result)
+        span = min(max(limit, 1.1 * float(np.abs(error).max())), 180.0)
+        return Strip(
+            "$\\hat\\delta-\\delta$, °", [("", error.clip(-span, span))], (-1.05 * span, 1.05 * span)
+        )
+
+    def i_q(self) -> Strip:
+        """Torque-producing current."""
+        return Strip("$i_q$", [("", self.i("estimate.i_dq").imag)])
+
+    def i_alpha(self) -> Strip:
+        """One component of the true current."""
+        return Strip(r"$i_\alpha$", [("", self.i("i_s").real)])
+
+    def speed(self) -> Strip:
+        """Estimated and true speed."""
+        estimate, true = self.omega_m("estimate.omega_m"), self.omega_m()
+        # A machine that runs away would hide everything before.
+        limits = (-0.25, 0.25) if np.abs(true).max() > 1.0 else None
+        return Strip(r"$\omega$", [("estimated", estimate), ("true", true)], limits)
+
+    def delta(self) -> Strip:
+        """Estimated field angle."""
+        angle = np.degrees(np.angle(self.result["estimate.psi_s"]))
+        return Strip(r"$\hat\delta$, °", [("", angle)], (-190.0, 190.0))
+
+
+def until_fault(result: Result) -> Result:
+    """The part before a fault, and a little of what follows."""
+    faults = np.flatnonzero(metrics.faulted(result))
+    return result.window(0.0, float(result.t[faults[0]]) + 0.5) if len(faults) else result
+
+
+def from_time(result: Result, begin: float, end: float = float("inf")) -> PerUnit:
+    """A window with time from zero."""
+    part = result.window(begin, end)
+    return PerUnit(replace(part, t=part.t - begin))
+
+
+def recording(
+    result: Result,
+    strips: Callable[[PerUnit], Sequence[Strip]],
+    begin: float,
+    end: float = float("inf"),
+    size: tuple[float, float] = (7.5, 5.8),
+) -> Figure:
+    """One recorder of a run from `begin` to `end` s, no further than a fault."""
+    part = until_fault(result)
+    pu = from_time(part, min(begin, float(part.t[-1]) - 1.0), end)
+    figure = figure_of(*size)
+    recorder(figure, pu.t, strips(pu))
+    return figure
+
+
+def spaced(z: NDArray[Any], points: int = 1500) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Real and imaginary part of points at equal distances along a path."""
+    path = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(z)))))
+    chosen = np.unique(np.searchsorted(path, np.linspace(0.0, path[-1], points)).clip(max=len(z) - 1))
+    return z[chosen].real, z[chosen].imag
+
+
+def wide(x: NDArray[Any], span: float) -> tuple[float, float]:
+    """Limits about the mean, at least ±`span`."""
+    middle = float(x.mean())
+    half = max(span, 1.1 * float(np.abs(x - middle).max()))
+    return middle - half, middle + half

@@ -1,0 +1,127 @@
+"""Fig. 18: a minute at zero stator frequency, then a rated torque step; and the headline, with the load off
+again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stillflux import metrics
+from stillflux.evidence.claims import Claim, at_least, at_most
+from stillflux.evidence.draw import recording
+from stillflux.evidence.figure import Control, Experiment, settings
+from stillflux.evidence.machines import scaled, step
+from stillflux.evidence.paper import (
+    HOLD,
+    IDENTIFIED,
+    identify_then,
+    offset_found,
+    paper_drive,
+    recovery,
+    runs_to_the_end,
+    speed_kept,
+    turned_by_at_most,
+)
+from stillflux.result import Result
+from stillflux.scenario import Scenario
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LOAD = HOLD + 61.5
+"""The load is applied, s."""
+END = LOAD + 6.0
+"""The run ends; in the headline the load is removed, s."""
+
+
+def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
+    """Start, offset found at 1 Hz, a minute at zero stator frequency, then a rated torque step."""
+    return paper_drive(
+        machine,
+        arithmetic,
+        name="Fig. 18",
+        omega=identify_then(0.0),
+        load=step(LOAD, 1.0),
+        duration=END,
+    )
+
+
+def headline(machine: str, arithmetic: str = "f32") -> Scenario:
+    """`scenario`, then the load is removed."""
+    built = scenario(machine, arithmetic)
+    load = [*step(LOAD, 1.0), (END, 1.0), (END, 0.0)]
+    return built.replace(
+        name=built.name.replace("Fig. 18", "zero stator frequency"),
+        load_torque=scaled(load, built.motor.T_N),
+        duration=END + 4.0,
+    )
+
+
+def claims(result: Result) -> list[Claim]:
+    """A minute at zero stator frequency, then the rated step."""
+    if result.status != "running":
+        return [runs_to_the_end(result)]
+    hold = result.window(HOLD + 1.0, LOAD - 1e-3)
+    loaded = result.window(LOAD + 2.0, END)
+    frequency = abs(metrics.turns(hold)[-1]) / np.ptp(hold.t) / result.scenario.motor.f_N
+    return [
+        runs_to_the_end(result),
+        offset_found(result.window(IDENTIFIED - 4.0, IDENTIFIED), 5),
+        at_least("time at zero stator frequency", float(np.ptp(hold.t)), 60, "s"),
+        at_most("mean stator frequency meanwhile", frequency, 5e-4, "pu"),
+        turned_by_at_most(15, "meanwhile", hold),
+        speed_kept("meanwhile", hold),
+        recovery("rated", result.window(0.0, END), LOAD, 2),
+        turned_by_at_most(15, "under rated load", loaded),
+        speed_kept("under rated load", loaded),
+    ]
+
+
+def headline_claims(result: Result) -> list[Claim]:
+    """Fig. 18, then no load again."""
+    found = claims(result)
+    if result.status == "running":
+        unloaded = result.window(END + 2.0)
+        found += [turned_by_at_most(15, "after the load", unloaded), speed_kept("after the load", unloaded)]
+    return found
+
+
+def draw(result: Result) -> Figure:
+    """The whole minute: speed, current, field angle."""
+    return recording(
+        result,
+        lambda pu: [pu.speed(), pu.frequency(), pu.i_q(), pu.i_alpha(), pu.delta(), pu.angle(15.0)],
+        IDENTIFIED - 2.0,
+        size=(9.0, 6.0),
+    )
+
+
+_CONTROL = Control(
+    "offset estimator off",
+    settings(offset_estimator=False),
+    ("field angle error meanwhile", "speed error meanwhile", "the drive runs to the end"),
+    event=HOLD,
+)
+
+EXPERIMENTS = (
+    Experiment(
+        "18",
+        "Rated step after a minute at zero stator frequency",
+        "Field angle without drift, then full control",
+        scenario,
+        claims,
+        draw,
+        _CONTROL,
+    ),
+    Experiment(
+        "headline",
+        "Zero stator frequency",
+        "A minute at zero stator frequency, a rated torque step, no load again",
+        headline,
+        headline_claims,
+        draw,
+        _CONTROL,
+        of_paper=False,
+    ),
+)

@@ -1,0 +1,104 @@
+"""Fig. 8: what the noise compensator has to do in a drive without deliberate offset."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stillflux.evidence.claims import Claim, at_least, at_most
+from stillflux.evidence.draw import ESTIMATE, STYLE, TRUE, Strip, figure_of, from_time, parts, recorder
+from stillflux.evidence.figure import Control, Experiment, inverter
+from stillflux.evidence.machines import step
+from stillflux.evidence.paper import RUN, paper_drive, runs_to_the_end
+from stillflux.result import Result
+from stillflux.scenario import Scenario
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STEADY = 8.0
+"""From then on the state is steady, s."""
+_SIXTH = "sixth harmonic over the next largest"
+
+
+def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
+    """Rated load at ω = 0.1, every period recorded."""
+    return paper_drive(
+        machine,
+        arithmetic,
+        name="Fig. 8",
+        omega=0.1,
+        load=step(4.0, 1.0),
+        offset=0.0,
+        duration=10.0,
+        record_every=1,
+    )
+
+
+def claims(result: Result) -> list[Claim]:
+    """Small, and dominated by the sixth harmonic in field coordinates."""
+    if result.status != "running":
+        return [runs_to_the_end(result)]
+    steady = result.window(STEADY)
+    u_hf = steady["estimate.u_hf"]
+    rms = 100 * float(np.sqrt((np.abs(u_hf) ** 2).mean())) / result.scenario.motor.base["u"]
+    lines = harmonics(steady)
+    others = np.delete(lines, 5)
+    largest = int(others.argmax())
+    sixth = float(lines[5] / others[largest]) if others[largest] > 0 else 0.0
+    order = largest + 1 if largest < 5 else largest + 2
+    return [
+        runs_to_the_end(result),
+        at_most("u_hf, rms", rms, 2, "% of rated voltage"),
+        at_least(_SIXTH, sixth, 1, note=f"order {order}"),
+    ]
+
+
+def harmonics(result: Result) -> NDArray[np.float64]:
+    """Amplitudes of the radial component of u_hf at the multiples 1, 2, … 40 of stator frequency, V."""
+    angle = np.unwrap(np.angle(result["psi_s"]))
+    angle = np.abs(angle - angle[0])
+    whole = int(angle[-1] / (2 * np.pi))
+    radial = (result["estimate.u_hf"] * np.exp(-1j * np.angle(result["estimate.psi_s"]))).real
+    grid = np.linspace(0.0, 2 * np.pi * whole, 4096 * whole, endpoint=False)
+    spectrum = 2 * np.abs(np.fft.rfft(np.interp(grid, angle, radial))) / len(grid)
+    lines: NDArray[np.float64] = spectrum[whole * np.arange(1, 41)]
+    return lines
+
+
+def draw(result: Result) -> Figure:
+    """Components of u_hf, and the lines of its radial component."""
+    import matplotlib as mpl
+
+    figure = figure_of(8.5, 5.0)
+    steady = result.window(min(STEADY, float(result.t[-1]) - 0.5))
+    upper, lower = parts(figure, 2, 1, height_ratios=(3, 2))
+    pu = from_time(steady, float(steady.t[0]), float(steady.t[0]) + 0.4)
+    u = 1e3 * pu.u("estimate.u_hf")
+    recorder(
+        upper,
+        pu.t,
+        [Strip(r"$10^3\,u_{hf\alpha}$", [("", u.real)]), Strip(r"$10^3\,u_{hf\beta}$", [("", u.imag)])],
+    )
+    with mpl.rc_context(STYLE):
+        panel = lower.subplots()
+        colours = [ESTIMATE if k == 6 else TRUE for k in range(1, 41)]
+        panel.bar(np.arange(1, 41), 1e3 * harmonics(steady), width=0.6, color=colours)
+        panel.set(xlabel="multiple of stator frequency, in field coordinates", ylabel="line of $u_{hf}$, mV")
+        panel.set_xticks(range(0, 42, 6))
+    return figure
+
+
+EXPERIMENTS = (
+    Experiment(
+        "8",
+        "High-frequency disturbances u_hf",
+        "Very small, dominant sixth harmonic",
+        scenario,
+        claims,
+        draw,
+        Control("ideal bridge", inverter(u_th=0.0, dead_time=0.0), (_SIXTH,), event=RUN),
+    ),
+)

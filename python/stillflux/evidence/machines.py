@@ -1,0 +1,59 @@
+"""The machines on which everything is shown, and profiles in their units."""
+
+from __future__ import annotations
+
+from stillflux.parameters import PRESETS, Inverter, Motor
+from stillflux.scenario import Profile
+
+__all__ = [
+    "ADC_NOISE",
+    "ALL_MACHINES",
+    "LEAKY",
+    "MACHINES",
+    "inverter_of",
+    "motor_of",
+    "ramp",
+    "scaled",
+    "step",
+]
+
+MACHINES = PRESETS
+"""The machines of the presets; the paper's figures are run on these."""
+LEAKY = "11kW-leaky"
+"""The 11-kW machine with the leakage inductance σl_s = 0.15; l_s, r_s and τ_r stay."""
+ALL_MACHINES = (*MACHINES, LEAKY)
+
+ADC_NOISE = 0.004
+"""Noise of the 12-bit current sensors, rms per unit of rated rms current."""
+
+
+def motor_of(machine: str) -> Motor:
+    """Motor of one of `ALL_MACHINES`."""
+    if machine != LEAKY:
+        return Motor.preset(machine)
+    motor = Motor.preset("11kW")
+    L_sigma = 0.15 * motor.base["l"]
+    L_M = motor.L_s - L_sigma
+    return motor.replace(L_sigma=L_sigma, L_M=L_M, R_R=L_M / motor.tau_r)
+
+
+def inverter_of(machine: str) -> Inverter:
+    """Inverter of one of `ALL_MACHINES`."""
+    return Inverter.preset("11kW" if machine == LEAKY else machine)
+
+
+def scaled(profile: Profile, base: float) -> Profile:
+    """A profile times `base`."""
+    if isinstance(profile, int | float):
+        return profile * base
+    return [(t, value * base) for t, value in profile]
+
+
+def step(t: float, after: float) -> list[tuple[float, float]]:
+    """Zero, from `t` on `after`."""
+    return [(0.0, 0.0), (t, 0.0), (t, after)]
+
+
+def ramp(begin: float, end: float, after: float, before: float = 0.0) -> list[tuple[float, float]]:
+    """`before` until `begin`, on a straight line to `after` at `end`, s."""
+    return [(0.0, before), (begin, before), (end, after)]

@@ -1,0 +1,129 @@
+"""What the figures share: the paper's drive, its way to zero stator frequency, and claims they have in
+common.
+
+Speeds in per unit of rated frequency: 1 pu is `2π f_N/n_p` mechanical rad/s. Torques in units of rated
+torque.
+
+Nothing is tuned to a figure: the drive's settings are its defaults, but for what the paper itself changes
+(the offset estimator off in Fig. 10, say) and `calibrate_offset`, which is off throughout: the paper's drive
+did not read its offsets at rest.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stillflux import metrics
+from stillflux.evidence.claims import Claim, at_most, holds
+from stillflux.evidence.conditions import drive
+from stillflux.result import Result
+from stillflux.scenario import Profile, Scenario
+
+__all__ = [
+    "HOLD",
+    "IDENTIFIED",
+    "OFFSET_25_MV",
+    "OFFSET_250_MV",
+    "RUN",
+    "identified",
+    "identify_then",
+    "offset_found",
+    "paper_drive",
+    "recovery",
+    "resistance_error",
+    "runs_to_the_end",
+    "speed_kept",
+    "turned_by_at_most",
+]
+
+OFFSET_25_MV = 0.00625
+"""25 mV at ±10 V = 2.5 I_N, per unit of rated peak current; added to i_α and i_β (Fig. 9)."""
+OFFSET_250_MV = 10 * OFFSET_25_MV
+"""The offset of Figs. 10 and 15 in the paper, whose scale it does not give; ten times that of Fig. 9."""
+
+RUN = 1.5
+"""Offset reading and magnetisation: the drive runs after this time, s."""
+IDENTIFIED = RUN + 12.0
+"""Until then at 1 Hz, where the offset voltage shows, s."""
+HOLD = IDENTIFIED + 1.0
+"""From then at the speed of the experiment, s."""
+
+
+def paper_drive(
+    machine: str,
+    arithmetic: str = "f32",
+    *,
+    name: str,
+    duration: float,
+    omega: Profile = 0.0,
+    load: Profile = 0.0,
+    offset: complex = OFFSET_25_MV * (1 + 1j),
+    **fields: Any,
+) -> Scenario:
+    """The drive of the paper on a switching-level plant with current offset, 12 bit and noise.
+
+    `omega` in per unit, `load` in units of rated torque, `offset` of the current space vector in per unit.
+    """
+    return drive(
+        machine,
+        "paper",
+        arithmetic,
+        name=name,
+        duration=duration,
+        omega=omega,
+        load=load,
+        offset=offset,
+        **{"signals": None, "record_every": 10, **fields},
+    ).with_settings(calibrate_offset=False)
+
+
+def identify_then(omega: float) -> list[tuple[float, float]]:
+    """Speed reference: long enough at 1 Hz to find the offset, then within a second to `omega`."""
+    return [(0.0, 0.02), (IDENTIFIED, 0.02), (HOLD, omega)]
+
+
+# Claims.
+
+
+def runs_to_the_end(result: Result) -> Claim:
+    """The drive is running when the run ends."""
+    return holds("the drive runs to the end", result.status == "running", str(result.status))
+
+
+def turned_by_at_most(limit: float, when: str, result: Result) -> Claim:
+    """Largest field angle error, degrees."""
+    return at_most(f"field angle error {when}", float(np.abs(metrics.angle_error(result)).max()), limit, "°")
+
+
+def speed_kept(when: str, result: Result) -> Claim:
+    """Largest error of the true speed against its reference."""
+    return at_most(f"speed error {when}", float(np.abs(metrics.speed_error(result)).max()), 0.002, "pu")
+
+
+def recovery(step: str, result: Result, event: float, limit: float) -> Claim:
+    """Time from `event` until the true speed stays at its reference."""
+    time = metrics.settled_after(result, event, 0.002)
+    return at_most(f"speed back within ±0.002 pu after the {step} step", time, limit, "s")
+
+
+def offset_found(result: Result, limit: float) -> Claim:
+    """The offset voltage estimate against the true one."""
+    true = metrics.offset_voltage(result)
+    deviation = 100 * abs(result["estimate.u_off"].mean() - true) / abs(true)
+    return at_most("û_off, deviation from the true offset", deviation, limit, "%").inner()
+
+
+def resistance_error(result: Result) -> NDArray[np.float64]:
+    """`r̂_s` over the true resistance of winding and bridge, less one."""
+    r_d = (result.scenario.plant_inverter or result.scenario.inverter).r_d
+    error: NDArray[np.float64] = result["estimate.R_s"] / (result["R_s"] + r_d) - 1
+    return error
+
+
+def identified(result: Result, event: float, within: float) -> float:
+    """Seconds from `event` until the resistance error stays within ±`within`."""
+    after = result.window(event)
+    return metrics.stays_within(after.t, resistance_error(after), event, within)

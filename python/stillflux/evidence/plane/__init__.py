@@ -1,0 +1,1 @@
+"""The targets of the torque-speed plane, one a file: runs, claims and what its table shows."""

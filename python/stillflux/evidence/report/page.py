@@ -1,0 +1,113 @@
+"""What pages share, and a self-contained page of runs and claims."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stillflux import plots
+from stillflux.evidence.claims import Claim
+from stillflux.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["STYLE", "Section", "conditions", "finite", "svg", "table", "write"]
+
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; color: #222 }
+body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
+table { border-collapse: collapse; margin: 1rem 0 }
+td, th { padding: .25rem .8rem; border-bottom: 1px solid #ddd }
+th { text-align: left } .ok { color: #176f2c } .failed { color: #b3261e; font-weight: 600 }
+.limit { color: #8a5a00 } td { vertical-align: top } figure { margin: 1rem 0 }
+svg { max-width: 100%; height: auto } code { background: #f3f3f3; padding: .1rem .3rem }
+"""
+
+
+@dataclass(frozen=True)
+class Section:
+    """One run and what is claimed about it."""
+
+    title: str
+    slug: str
+    """Name of its picture files."""
+    result: Result
+    claims: Sequence[Claim]
+    note: str = ""
+
+
+def table(claims: Sequence[Claim]) -> str:
+    """Claims as plain text, one a line."""
+    width = max(len(claim.text) for claim in claims)
+    measured = max(len(claim.measured) for claim in claims)
+    return "\n".join(
+        f"  {c.text:<{width}}  {c.measured:>{measured}}  {'ok' if c.ok else 'FAILED'}" for c in claims
+    )
+
+
+def write(path: Path, title: str, command: str, sections: Sequence[Section]) -> None:
+    """Writes the page, and beside it each figure as PNG."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    body = "\n".join(_section(section, path.parent) for section in sections)
+    path.write_text(
+        f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{html.escape(title)}</title>"
+        f"<style>{STYLE}</style></head>\n<body><h1>{html.escape(title)}</h1>\n"
+        f"<p>Made by <code>{html.escape(command)}</code>. Every figure in the tables is the plant's truth, "
+        f"not the drive's opinion.</p>\n{body}\n</body></html>\n",
+        encoding="utf-8",
+    )
+
+
+def _section(section: Section, folder: Path) -> str:
+    rows = "".join(
+        f"<tr><td>{html.escape(c.text)}</td><td>{html.escape(c.measured)}</td>"
+        f"<td class='{'ok' if c.ok else 'failed'}'>{'ok' if c.ok else 'failed'}</td></tr>"
+        for c in section.claims
+    )
+    figures = ""
+    for name, draw in (("signals", plots.overview), ("flux", plots.flux_trajectory)):
+        figure = draw(section.result)
+        figure.savefig(folder / f"{section.slug}-{name}.png", dpi=110)
+        figures += f"<figure>{svg(figure)}</figure>"
+    return (
+        f"<h2>{html.escape(section.title)}</h2><p>{html.escape(section.note)}</p>"
+        f"<table><tr><th>claim</th><th>measured</th><th></th></tr>{rows}</table>"
+        f"<p>{html.escape(conditions(section.result))}</p>{figures}"
+    )
+
+
+def conditions(result: Result) -> str:
+    """What a run was made under, in a sentence."""
+    s = result.scenario
+    plant, inverter = s.plant, s.plant_inverter or s.inverter
+    return (
+        f"Conditions: {plant.get('mode', 'switching')} plant, {inverter.f_s / 1e3:g} kHz, dc link "
+        f"{inverter.u_dc:g} V, dead time {1e6 * inverter.dead_time:g} µs, threshold {inverter.u_th:g} V, "
+        f"A/D conversion {plant.get('adc_bits', 12)} bit with offset {plant.get('current_offset', 0):.3g} A, "
+        f"no friction unless named; drive in {s.arithmetic}, settings changed from their defaults: "
+        f"{dict(s.settings) or 'none'}."
+    )
+
+
+def svg(figure: Figure) -> str:
+    """A figure for inclusion in a page, without anything that varies from run to run."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def finite(value: Any) -> Any:
+    """Infinite numbers become null: JSON has none."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value

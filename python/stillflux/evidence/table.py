@@ -1,0 +1,243 @@
+"""The committed table: what every claim measured, one line each, from which the documents are written.
+
+`kind` says what a line is about: a "figure" of the paper, its negative "control", the "margin" of a
+parameter, or a "target" of the plane. `value` is the worst that was found; `run` and `seed` say where: which
+run of a target it was, and under which realisation of the noise, empty where there is none. `ok` says that it
+is as it should be: that the claim holds, or, of a control, that it fails for its reason and not before its
+time.
+
+The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A line that
+agrees with the one there (see `agree`), is of the same run and seed and no worse, is left as it stands: only
+real changes show in a diff, and none is better in the table than it was measured.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from stillflux.evidence.beyond import Summary
+from stillflux.evidence.claims import Claim, Direction, at_least
+from stillflux.evidence.conditions import SCHEMES
+from stillflux.evidence.machines import ALL_MACHINES
+from stillflux.evidence.registry import experiments, targets
+from stillflux.evidence.reproduce import Outcome
+from stillflux.evidence.sensitivity import Margin
+
+__all__ = [
+    "Group",
+    "Kind",
+    "Line",
+    "Table",
+    "agree",
+    "line_of",
+    "of_margin",
+    "of_outcome",
+    "of_summary",
+    "shown",
+]
+
+Kind: TypeAlias = Literal["figure", "control", "margin", "target"]
+Group: TypeAlias = tuple[Kind, str, str, str]
+"""Kind, name, machine, scheme: lines that are measured together."""
+
+_OF_PAPER = SCHEMES[0]
+LOST_AFTER = "time of the loss, not before the mechanism is needed"
+"""Quantity of a control: when it was lost, held against its event."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line; every field as it is written."""
+
+    kind: Kind
+    name: str
+    """The figure, the target, or the verdict on the confidence."""
+    machine: str
+    scheme: str
+    quantity: str
+    value: str
+    bound: str
+    direction: Direction
+    unit: str
+    run: str
+    """Which run of a target it is, empty where there is but one."""
+    seed: str
+    ok: str
+
+    @property
+    def group(self) -> Group:
+        """What it is measured together with."""
+        return self.kind, self.name, self.machine, self.scheme
+
+    @property
+    def key(self) -> tuple[Group, str, Direction]:
+        """What tells it from every other line."""
+        return self.group, self.quantity, self.direction
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is as it should be."""
+        return self.ok == "yes"
+
+    @property
+    def number(self) -> float:
+        """Its value."""
+        return float(self.value)
+
+    @property
+    def excess(self) -> float:
+        """How far the value is on the failing side of its bound."""
+        return Claim(self.quantity, self.number, float(self.bound or 0.0), self.direction).excess
+
+
+def shown(value: float) -> str:
+    """A number to three digits; a count in full."""
+    if abs(value) < 1e-9:
+        return "0"
+    if math.isfinite(value) and value == round(value) and abs(value) < 1e6:
+        return str(round(value))
+    return f"{float(f'{value:.3g}'):g}"
+
+
+def line_of(group: Group, claim: Claim, ok: bool | None = None) -> Line:
+    """A claim as a line; `ok` where it is not the claim's own."""
+    kind, name, machine, scheme = group
+    return Line(
+        kind,
+        name,
+        machine,
+        scheme,
+        claim.quantity,
+        shown(claim.value),
+        "" if claim.direction == "reported" else f"{claim.bound:g}",
+        claim.direction,
+        claim.unit,
+        claim.run,
+        "" if claim.seed is None else str(claim.seed),
+        "yes" if (claim.ok if ok is None else ok) else "no",
+    )
+
+
+def of_outcome(outcome: Outcome) -> list[Line]:
+    """The lines of a figure and of its negative control."""
+    where = (outcome.figure, outcome.machine, _OF_PAPER)
+    found = [line_of(("figure", *where), claim) for claim in outcome.claims]
+    claim = outcome.control_claim
+    if claim is not None:
+        ok = all(run.ok for run in outcome.control)
+        lost = min(run.lost for run in outcome.control)
+        found.append(line_of(("control", *where), claim, ok))
+        found.append(line_of(("control", *where), at_least(LOST_AFTER, lost, outcome.control[0].event, "s")))
+    return found
+
+
+def of_margin(margin: Margin) -> list[Line]:
+    """The lines of how far a parameter may be off."""
+    group: Group = ("margin", margin.figure, margin.machine, _OF_PAPER)
+    return [line_of(group, claim) for claim in margin.claims]
+
+
+def of_summary(summary: Summary) -> list[Line]:
+    """The lines of a target at one machine under one scheme."""
+    group: Group = ("target", summary.name, summary.machine, summary.scheme)
+    return [line_of(group, claim) for claim in summary.claims]
+
+
+def agree(old: Line, new: Line) -> bool:
+    """Whether two lines say the same: equal, or within 30 % or 5 % of the bound where both are as they should
+    be."""
+    if (old.ok, old.bound, old.unit) != (new.ok, new.bound, new.unit):
+        return False
+    if old.value == new.value or not new.holds:
+        return old.value == new.value
+    if not (math.isfinite(old.number) and math.isfinite(new.number)):
+        return False
+    margin = max(0.3 * abs(old.number), 0.05 * abs(float(new.bound or 0.0)))
+    return abs(old.number - new.number) <= margin
+
+
+def _stands(old: Line, new: Line) -> bool:
+    """Whether a line may stay although it was measured anew."""
+    same = (old.run, old.seed) == (new.run, new.seed) and agree(old, new)
+    return same and old.excess >= new.excess
+
+
+class Table:
+    """The lines, each group together, in the order of figures and targets."""
+
+    def __init__(self, lines: Iterable[Line] = ()) -> None:
+        self.lines = list(lines)
+
+    @classmethod
+    def read(cls, path: Path) -> Table:
+        """From a file; empty if there is none. Raises ValueError for a file with other columns."""
+        if not path.exists():
+            return cls()
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = csv.DictReader(file)
+            if tuple(rows.fieldnames or ()) != _COLUMNS:
+                raise ValueError(f"{path}: columns {rows.fieldnames}, expected {', '.join(_COLUMNS)}")
+            return cls(Line(**row) for row in rows)  # type: ignore[arg-type]
+
+    def write(self, path: Path) -> None:
+        """To a file."""
+        path.write_text(self.text(), encoding="utf-8")
+
+    def text(self) -> str:
+        """As CSV."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        writer.writerows([getattr(line, name) for name in _COLUMNS] for line in self.lines)
+        return text.getvalue()
+
+    def updated(self, fresh: Sequence[Line]) -> Table:
+        """With groups that were measured anew in place of theirs; a group that no longer exists goes."""
+        known = {line.key: line for line in self.lines}
+        measured = {line.group for line in fresh}
+        # A figure is measured together with its negative control, if it has one.
+        measured |= {("control", *where) for kind, *where in measured if kind == "figure"}  # type: ignore[misc]
+        kept = [line for line in self.lines if line.group not in measured]
+        renewed = [known[x.key] if x.key in known and _stands(known[x.key], x) else x for x in fresh]
+        groups: dict[Group, list[Line]] = {}
+        for line in [*kept, *renewed]:
+            groups.setdefault(line.group, []).append(line)
+        return Table(line for group in order() for line in groups.get(group, []))
+
+    def find(self, kind: Kind, name: str, machine: str, scheme: str = _OF_PAPER) -> list[Line]:
+        """The lines of a group."""
+        return [line for line in self.lines if line.group == (kind, name, machine, scheme)]
+
+    def get(self, group: Group, quantity: str) -> Line:
+        """The line of a quantity. Raises KeyError if there is none."""
+        for line in self.lines:
+            if line.group == group and line.quantity == quantity:
+                return line
+        raise KeyError(f"no line {', '.join(group)}: {quantity}")
+
+
+def update(path: Path, fresh: Iterable[Sequence[Line]]) -> None:
+    """Brings a file up to date."""
+    Table.read(path).updated([line for group in fresh for line in group]).write(path)
+
+
+_COLUMNS = tuple(column.name for column in fields(Line))
+
+
+def order() -> list[Group]:
+    """Every group the table may hold, in its order."""
+    found: list[Group] = []
+    kinds: tuple[Kind, ...] = ("figure", "control")
+    for name in experiments():
+        found += [(kind, name, machine, _OF_PAPER) for machine in ALL_MACHINES for kind in kinds]
+    found += [("margin", name, machine, _OF_PAPER) for name in experiments() for machine in ALL_MACHINES]
+    verdicts = [target.verdict for target in targets().values() if target.verdict]
+    for name in dict.fromkeys([*targets(), *verdicts]):
+        found += [("target", name, machine, scheme) for machine in ALL_MACHINES for scheme in SCHEMES]
+    return found

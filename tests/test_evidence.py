@@ -1,0 +1,295 @@
+"""What the evidence is made of: claims, controls, seeds, the committed table; and who imports it."""
+
+from __future__ import annotations
+
+import ast
+import math
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import stillflux
+from stillflux.evidence import documents, figure, registry
+from stillflux.evidence.claims import (
+    Claim,
+    at_least,
+    at_most,
+    equal,
+    holds,
+    reported,
+    worst,
+    worst_of_runs,
+)
+from stillflux.evidence.journal import Journal
+from stillflux.evidence.table import Line, Table, agree
+from stillflux.parallel import Stopped
+from test_architecture import circle
+
+PACKAGE = Path(stillflux.__file__).parent
+ROOT = Path(__file__).parent.parent
+
+
+# The imports.
+
+
+def modules() -> dict[str, Path]:
+    """Every Python module of the package by its name."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports(name: str, path: Path, known: set[str]) -> set[str]:
+    """Modules of the package that a module imports, at once or later; not those for type checking only."""
+    found: set[str] = set()
+
+    def visit(node: ast.AST) -> None:
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            for branch in node.orelse:
+                visit(branch)
+            return
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: imports are absolute"
+            assert node.module is not None
+            for alias in node.names:
+                within = f"{node.module}.{alias.name}"
+                found.add(within if within in known else node.module)
+        for child in ast.iter_child_nodes(node):
+            visit(child)
+
+    visit(ast.parse(path.read_text(encoding="utf-8")))
+    return found & known
+
+
+def graph() -> dict[str, set[str]]:
+    paths = modules()
+    # The compiled part imports nothing of Python.
+    known = {*paths, "stillflux._core"}
+    return {name: imports(name, path, known) for name, path in paths.items()} | {"stillflux._core": set()}
+
+
+def test_no_circle_of_imports() -> None:
+    edges = graph()
+    assert len(edges) > 50
+    assert circle(edges) == []
+    # The walk would see one.
+    edges["stillflux.metrics"].add("stillflux.evidence.judge")
+    assert circle(edges) != []
+
+
+def test_library_never_imports_evidence() -> None:
+    edges = graph()
+    library = {name for name in edges if not name.startswith("stillflux.evidence")}
+    assert {"stillflux.cli", "stillflux.metrics", "stillflux.simulation"} <= library
+    assert [name for name in sorted(library) if edges[name] - library] == []
+
+
+def test_help_lists_the_commands_of_evidence_without_importing_it() -> None:
+    code = (
+        "import sys\nfrom stillflux.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "assert not [name for name in sys.modules if name.startswith('stillflux.evidence')]\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert {"demo", "reproduce", "beyond", "simulate", "replay"} <= set(done.stdout.split())
+
+
+def test_registry_finds_every_file() -> None:
+    of_figures = {p.stem for p in (PACKAGE / "evidence" / "figures").glob("*.py")} - {"__init__"}
+    of_plane = {p.stem.replace("_", "-") for p in (PACKAGE / "evidence" / "plane").glob("*.py")}
+    assert {f"fig{name.split('-')[0]}" for name in registry.figures()} == of_figures
+    assert set(registry.targets()) == of_plane - {"--init--"}
+    assert registry.figures()[:6] == ("2", "5", "6", "8", "9", "10")
+
+
+# Claims.
+
+
+def test_a_claim_holds_on_its_side_of_the_bound() -> None:
+    assert [at_most("x", v, 1.0).ok for v in (0.5, 1.0, 1.5, math.inf, math.nan)] == [
+        True,
+        True,
+        *3 * [False],
+    ]
+    assert [at_least("x", v, 1.0).ok for v in (0.5, 1.0, 1.5, -math.inf, math.nan)] == [
+        False,
+        True,
+        True,
+        False,
+        False,
+    ]
+    assert [equal("x", v, 6).ok for v in (5, 6, 7)] == [False, True, False]
+    assert [holds("x", v).ok for v in (True, False)] == [True, False]
+    assert reported("x", 1e9).ok
+
+
+def test_the_worst_is_the_one_furthest_on_the_failing_side() -> None:
+    values = (3.0, 1.0, 2.0)
+    assert worst(at_most("≥ in its name", v, 9.0) for v in values).value == 3.0
+    assert worst(at_least("≤ in its name", v, 0.0) for v in values).value == 1.0
+    assert worst(equal("x", v, 2.0) for v in (2.0, 3.5, 1.0)).value == 3.5
+    assert worst(holds("x", v) for v in (True, False, True)).value == 0.0
+    assert math.isnan(worst(at_most("x", v, 1.0) for v in (0.5, math.nan)).value)
+
+
+def test_a_claim_that_a_lost_run_does_not_make_fails_there() -> None:
+    alive, lost = holds("runs", True), holds("runs", False)
+    runs = [
+        [replace(c, seed=0) for c in (alive, at_most("angle", 1.0, 5.0), at_least("time", 20.0, 10.0))],
+        [replace(c, seed=1) for c in (lost,)],
+    ]
+    found = {claim.quantity: claim for claim in worst_of_runs(runs)}
+    assert [claim.ok for claim in found.values()] == [False, False, False]
+    assert [claim.seed for claim in found.values()] == [1, 1, 1]
+    assert (found["angle"].value, found["time"].value) == (math.inf, -math.inf)
+
+
+# Controls.
+
+
+def controlled(claims: tuple[Claim, ...], lost: float = math.inf) -> bool:
+    return figure.Controlled(claims, claims, lost, event=10.0).ok
+
+
+def test_a_control_fails_for_its_reason_and_not_before_its_event() -> None:
+    bad, good = at_most("x", 2.0, 1.0), at_most("x", 0.5, 1.0)
+    assert controlled((bad,))
+    assert controlled((good, bad), lost=11.0)
+    assert not controlled((good,))
+    assert not controlled(())
+    assert not controlled((bad,), lost=9.0)
+
+
+def test_every_experiment_has_a_control_or_says_why_not() -> None:
+    for experiment in registry.experiments().values():
+        assert (experiment.control is None) == bool(experiment.no_control), experiment.name
+
+
+# The committed table.
+
+
+def line(value: float, *, bound: float = 1.0, ok: bool = True, machine: str = "2.2kW") -> Line:
+    text = "yes" if ok else "no"
+    return Line(
+        "figure", "5", machine, "paper", "x", f"{value:g}", f"{bound:g}", "at most", "", "", "0", text
+    )
+
+
+def test_table_keeps_what_agrees_and_what_was_not_measured() -> None:
+    other = line(0.2, machine="11kW")
+    table = Table([line(0.5), other])
+    assert table.updated([line(0.45)]).text() == table.text()
+    # Never better than measured, and where it was measured.
+    assert table.updated([line(0.55)]).lines == [line(0.55), other]
+    elsewhere = replace(line(0.45), seed="3")
+    assert table.updated([elsewhere]).lines == [elsewhere, other]
+    assert table.updated([line(0.2)]).lines == [line(0.2), other]
+    assert table.updated([line(0.9)]).lines == [line(0.9), other]
+    assert table.updated([line(1.1, ok=False)]).lines == [line(1.1, ok=False), other]
+
+
+def test_what_fails_is_written_anew() -> None:
+    assert not agree(line(1.1, ok=False), line(1.2, ok=False))
+    assert agree(line(1.1, ok=False), line(1.1, ok=False))
+    assert not agree(line(0.5), line(0.5, bound=2.0))
+    assert not agree(line(0.5), line(math.inf))
+
+
+def test_table_reads_what_it_writes(tmp_path: Path) -> None:
+    table = Table([line(0.5), line(math.inf, ok=False, machine="11kW")])
+    table.write(tmp_path / "t.csv")
+    assert Table.read(tmp_path / "t.csv").lines == table.lines
+    assert Table.read(tmp_path / "none.csv").lines == []
+    (tmp_path / "t.csv").write_text("figure,value\n5,1\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="columns"):
+        Table.read(tmp_path / "t.csv")
+
+
+def test_a_figure_without_control_leaves_no_line_of_one() -> None:
+    control = replace(line(2.0), kind="control")
+    assert Table([line(0.5), control]).updated([line(0.5)]).lines == [line(0.5)]
+
+
+# The documents.
+
+
+@pytest.mark.parametrize("document", documents.DOCUMENTS, ids=str)
+def test_document_says_what_the_table_says(document: Path) -> None:
+    text = (ROOT / document).read_text(encoding="utf-8")
+    table = Table.read(ROOT / "tests" / "metrics.csv")
+    assert "<!-- table:" in text
+    assert documents.rendered(text, table) == text, "run `make docs`"
+
+
+def test_every_table_is_in_a_document() -> None:
+    text = "".join((ROOT / document).read_text(encoding="utf-8") for document in documents.DOCUMENTS)
+    assert all(f"<!-- table: {name} -->" in text for name in documents.TABLES)
+
+
+def test_a_changed_line_changes_the_document() -> None:
+    table = Table.read(ROOT / "tests" / "metrics.csv")
+    key = ("figure", "9", "2.2kW", "paper")
+    text = (
+        "<!-- table: around-zero -->\n<!-- end -->\n"
+        "<!-- value: figure, 9, 2.2kW, paper: centre of ψ̂_1 -->?<!-- end -->"
+    )
+    before = documents.rendered(text, table)
+    assert documents.rendered(before, table) == before
+    worse = [replace(x, value="77", ok="no") if x.group == key else x for x in table.lines]
+    after = documents.rendered(before, Table(worse))
+    assert "**77 %**" in after
+    assert after.endswith("-->77 % of ψ*<!-- end -->")
+    with pytest.raises(ValueError, match="no table none"):
+        documents.rendered("<!-- table: none -->\n<!-- end -->", table)
+    with pytest.raises(KeyError, match="no line"):
+        documents.rendered("<!-- value: figure, 9, 2.2kW, paper: nothing --><!-- end -->", table)
+
+
+def test_rows_of_the_readme_name_tests_that_exist() -> None:
+    for name in documents.tests_named():
+        file, function = name.split("::")
+        tree = ast.parse((ROOT / "tests" / file).read_text(encoding="utf-8"))
+        assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, name
+
+
+# The journal.
+
+
+def doubled(x: int) -> int:
+    return 2 * x
+
+
+def test_journal_goes_on_where_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+
+    def first(job: tuple[object, ...]) -> bool:
+        return job[0] == 1
+
+    def killed(done: int, total: int, found: int) -> None:
+        del found
+        assert total == 3
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Stopped):
+        Journal(path, "build").run(doubled, [(1,), (2,), (3,)], first=first, show=killed)
+    with path.open("ab") as file:
+        file.write(pickle.dumps(("half a record", 0))[:-3])
+    again = Journal(path, "build")
+    assert again.done == 2
+    fresh: list[tuple[int, int, int]] = []
+    found = again.run(doubled, [(1,), (2,), (3,)], first=first, show=lambda *x: fresh.append(x))
+    assert found == [2, 4, 6]
+    assert [(done, total) for done, total, _ in fresh] == [(3, 3)]
+    assert Journal(path, "build").done == 3
+    assert Journal(path, "another build").done == 0
+    again.remove()
+    assert not path.exists()
