@@ -175,9 +175,6 @@ pub struct Plant {
 /// Longest step of the average model and of [`Plant::step_voltage`], s.
 const H_MAX: f64 = 50e-6;
 
-/// Up to this part of [`Nodes::longest_step`] a ramp takes a Taylor step.
-const TAYLOR: f64 = 0.5;
-
 /// Half width of the current band over which the average model's drop changes sign, in units of
 /// `(2/3) (u_dc T_d + u_th T_s)/L_sigma`, what a full drop changes a phase current by in one period.
 ///
@@ -527,18 +524,22 @@ impl Plant {
     ) -> (f64, Option<(f64, Event)>) {
         let c = &self.circuit;
         let longest = nodes.longest_step::<SAT>(c, &self.x, &self.f);
-        let series = c.series::<SAT>(&self.shaft, &self.x, &self.f, u, K);
-        let mut h = h.min(longest);
+        if h > 5.0 * longest && nodes.still::<SAT>(&self.bridge, c, &self.x, &self.f) {
+            let hit = self.segment::<SAT, true>(&Feed::Open, h, blind);
+            let e = self.circuit.open::<SAT>(&self.x, &self.f);
+            if let Some(nodes) = &mut self.nodes {
+                nodes.follow(e, &mut self.energy);
+            }
+            return (h, hit);
+        }
+        let series = c.series::<SAT, true>(&self.shaft, &self.x, &self.f, u, K);
+        let mut h = h.min(longest).min(self.h_taylor);
         let ramp = nodes.ramp(&self.bridge, &self.f, &series, h);
         if let Some((_, t)) = ramp {
             h = t;
         }
         let feed = Feed::Nodes(u, *K);
-        let step = if h <= self.h_taylor.min(TAYLOR * longest) {
-            c.taylor(&self.shaft, &self.x, &series, h)
-        } else {
-            self.trial::<SAT>(&feed, &self.x, &self.f, h)
-        };
+        let step = c.taylor::<true>(&self.shaft, &self.x, &series, h);
         let f = c.field::<SAT>(&step.x);
         // The usual course: one node has come to its diode, no current is near zero or has turned.
         let (i0, i1, mut plain) =
@@ -595,15 +596,15 @@ impl Plant {
         let (c, s) = (&self.circuit, &self.shaft);
         if let Feed::Voltage(u) = *feed {
             if h <= self.h_taylor {
-                return c.taylor(s, x, &c.series::<SAT>(s, x, f, u, &[0.0; 3]), h);
+                return c.taylor::<false>(s, x, &c.series::<SAT, false>(s, x, f, u, &[0.0; 3]), h);
             }
-            return c.rk4::<SAT>(s, x, f, h, |x, f, _| c.stator(x, f, u));
+            return c.rk4::<SAT>(s, x, f, h, |x, f| c.stator(x, f, u));
         }
         if let Feed::Nodes(u, k) = *feed {
-            return c.rk4::<SAT>(s, x, f, h, |x, f, q| c.stator(x, f, Feed::discharged(u, &k, q)));
+            return c.taylor::<true>(s, x, &c.series::<SAT, true>(s, x, f, u, &k), h);
         }
         if let Feed::Average(a) = feed {
-            return c.rk4::<SAT>(s, x, f, h, |x, f, _| c.stator(x, f, a.voltage(f.i)));
+            return c.rk4::<SAT>(s, x, f, h, |x, f| c.stator(x, f, a.voltage(f.i)));
         }
         self.trial_at_zero::<SAT>(feed, x, f, h)
     }
@@ -611,7 +612,7 @@ impl Plant {
     #[inline(never)]
     fn trial_at_zero<const SAT: bool>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
         let c = &self.circuit;
-        c.rk4::<SAT>(&self.shaft, x, f, h, |x, f, q| feed.dpsi_s::<SAT>(c, x, f, q))
+        c.rk4::<SAT>(&self.shaft, x, f, h, |x, f| feed.dpsi_s::<SAT>(c, x, f, [0.0; 2]))
     }
 
     /// Simpson's rule over the segment: the order of the integrator.
