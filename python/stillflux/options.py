@@ -84,6 +84,10 @@ class PlantOptions(TypedDict, total=False):
     """Speed at which that excess has fallen to 1/e, mechanical rad/s."""
     speed: float | None
     """Imposed shaft speed, mechanical rad/s; None: the shaft is free."""
+    turn_on_delay: Sequence[tuple[float, float]]
+    """Time that each switch takes to turn on after its command, s: (upper, lower) for each leg."""
+    turn_off_delay: Sequence[tuple[float, float]]
+    """The same for turning off, at most the dead time and the turn-on delay of the leg's other switch."""
     adc_bits: int
     """Resolution of the current channels, bit; 0: no quantisation."""
     adc_range: float | None

@@ -30,6 +30,8 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
         "stribeck" => p.mechanics.stribeck = extract(name, value)?,
         "stribeck_speed" => p.mechanics.stribeck_speed = extract(name, value)?,
         "speed" => p.mechanics.speed = extract(name, value)?,
+        "turn_on_delay" => p.gate_delays.on = extract(name, value)?,
+        "turn_off_delay" => p.gate_delays.off = extract(name, value)?,
         "adc_bits" => p.adc.bits = extract(name, value)?,
         "adc_range" => p.adc.range = extract::<Option<f64>>(name, value)?.unwrap_or(p.adc.range),
         "adc_noise" => p.adc.noise = extract(name, value)?,

@@ -16,6 +16,7 @@ pub mod simulate;
 mod thermal;
 
 pub use adc::Adc;
+pub use bridge::GateDelays;
 pub use machine::Energy;
 pub use mechanics::Mechanics;
 pub use plant::{Mode, Plant, PlantParams, Truth};

@@ -9,7 +9,7 @@
 #![allow(non_snake_case)]
 
 use crate::adc::{Adc, Converter};
-use crate::bridge::{Bridge, Feed, phase};
+use crate::bridge::{Bridge, Feed, GateDelays, phase};
 use crate::machine::{Circuit, Energy, Field, State, Step, V2, dot, phases};
 use crate::mechanics::{Mechanics, Shaft};
 use crate::nodes::Nodes;
@@ -33,6 +33,8 @@ pub struct PlantParams {
     pub machine: Machine,
     /// The bridge.
     pub inverter: Inverter,
+    /// Delays of the switches.
+    pub gate_delays: GateDelays,
     /// Load inertia and friction, or an imposed speed.
     pub mechanics: Mechanics,
     /// Measurement.
@@ -54,6 +56,7 @@ impl PlantParams {
         Self {
             machine,
             inverter,
+            gate_delays: GateDelays::default(),
             mechanics: Mechanics::default(),
             adc: Adc::new(&machine, &inverter),
             thermal: None,
@@ -72,6 +75,7 @@ impl PlantParams {
         self.inverter.validate()?;
         // Below 10 µs of stray time constant the sub-steps would no longer be few.
         check("(R_s + r_d + R_R)/L_sigma", stray_rate(&self.machine, &self.inverter), 0.0, 1e5, "1/s")?;
+        self.gate_delays.validate(&self.inverter)?;
         self.mechanics.validate()?;
         self.adc.validate()?;
         self.thermal.map_or(Ok(()), |t| t.validate())
@@ -196,7 +200,7 @@ impl Plant {
         let mut plant = Self {
             params,
             circuit,
-            bridge: Bridge::new(&inv),
+            bridge: Bridge::new(&inv, &params.gate_delays),
             nodes: (inv.c_out > 0.0).then(|| Nodes::new(inv.c_out, inv.u_dc, 1e-11 * i_n)),
             shaft: Shaft::new(params.mechanics, m.J),
             adc: Converter::new(params.adc, params.seed),
