@@ -100,5 +100,11 @@ class PlantOptions(TypedDict, total=False):
     """Its drift, A/s."""
     current_gain: Sequence[float]
     """Gain of each current channel, ideally 1."""
+    adc_skew: Sequence[float]
+    """Time before the carrier peak at which each current channel is sampled, s, at most half a period."""
+    missed_calls: float
+    """Probability that the control is not called in a period: duties stay. Only in a scenario."""
+    doubled_calls: float
+    """Probability that the control is called twice with the same sample. Only in a scenario."""
     thermal: tuple[float, float, float] | None
     """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K."""

@@ -38,6 +38,9 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
         "current_offset" => p.adc.offset = offsets(name, value)?,
         "current_offset_drift" => p.adc.offset_drift = offsets(name, value)?,
         "current_gain" => p.adc.gain = three(name, value)?,
+        "adc_skew" => p.adc.skew = three(name, value)?,
+        "missed_calls" => p.calls.missed = extract(name, value)?,
+        "doubled_calls" => p.calls.doubled = extract(name, value)?,
         "thermal" => {
             p.thermal = extract::<Option<(f64, f64, f64)>>(name, value)?.map(|(time_constant, rise, alpha)| Thermal {
                 time_constant,

@@ -19,5 +19,5 @@ pub use adc::Adc;
 pub use bridge::GateDelays;
 pub use machine::Energy;
 pub use mechanics::Mechanics;
-pub use plant::{Mode, Plant, PlantParams, Truth};
+pub use plant::{Calls, Mode, Plant, PlantParams, Truth};
 pub use thermal::Thermal;

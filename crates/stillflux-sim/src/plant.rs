@@ -26,6 +26,16 @@ pub enum Mode {
     Averaged,
 }
 
+/// Interrupts that do not come or come twice, by chance: what a closed loop ([`crate::simulate`]) does of it. A plant
+/// alone is stepped by its caller.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Calls {
+    /// Probability that the control is not called in a period: the preload register keeps its duties.
+    pub missed: f64,
+    /// Probability that it is called twice with the same sample; the second duties count.
+    pub doubled: f64,
+}
+
 /// Everything the plant is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantParams {
@@ -39,6 +49,8 @@ pub struct PlantParams {
     pub mechanics: Mechanics,
     /// Measurement.
     pub adc: Adc,
+    /// Whether the control is called once a period, as it should be.
+    pub calls: Calls,
     /// Winding temperature; `None`: cold throughout.
     pub thermal: Option<Thermal>,
     /// Model of the bridge.
@@ -59,6 +71,7 @@ impl PlantParams {
             gate_delays: GateDelays::default(),
             mechanics: Mechanics::default(),
             adc: Adc::new(&machine, &inverter),
+            calls: Calls::default(),
             thermal: None,
             mode: Mode::Switching,
             saturation: true,
@@ -78,6 +91,11 @@ impl PlantParams {
         self.gate_delays.validate(&self.inverter)?;
         self.mechanics.validate()?;
         self.adc.validate()?;
+        for skew in self.adc.skew {
+            check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s, "s")?;
+        }
+        check("missed_calls", self.calls.missed, 0.0, 0.9, "")?;
+        check("doubled_calls", self.calls.doubled, 0.0, 1.0 - self.calls.missed, "")?;
         self.thermal.map_or(Ok(()), |t| t.validate())
     }
 }
@@ -165,6 +183,9 @@ pub struct Plant {
     tol: Tolerance,
     /// Duties for the coming period.
     preload: [f64; 3],
+    /// Instants within the period at which channels are sampled ahead of its end, else infinite, and what they saw.
+    instants: [f64; 3],
+    seen: [f64; 3],
     /// `∫ i_s dt` since the period began.
     int_i: V2,
     /// Band of the average model, A.
@@ -220,6 +241,8 @@ impl Plant {
                 near: 2e-3 * i_n,
             },
             preload: [0.5; 3],
+            instants: params.adc.skew.map(|s| if s > 0.0 { 1.0 / inv.f_s - s } else { f64::INFINITY }),
+            seen: [0.0; 3],
             int_i: [0.0; 2],
             band: (BAND * (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma).max(1e-9 * i_n),
             stale: false,
@@ -243,11 +266,17 @@ impl Plant {
         match (averaged, self.circuit.saturates()) {
             (false, false) => self.switched::<false>(active, gates_on),
             (false, true) => self.switched::<true>(active, gates_on),
-            (true, false) => self.smooth::<false>(self.bridge.average(active, self.band), self.period),
-            (true, true) => self.smooth::<true>(self.bridge.average(active, self.band), self.period),
+            (true, false) => self.averaged::<false>(active),
+            (true, true) => self.averaged::<true>(active),
         }
         self.finish(begin, self.period);
-        self.sample()
+        let mut i = self.phase_currents();
+        for k in 0..3 {
+            if self.instants[k].is_finite() {
+                i[k] = self.seen[k];
+            }
+        }
+        self.adc.read(i, self.bridge.u_dc)
     }
 
     /// Applies a constant voltage vector to the terminals for `dt` seconds, past the bridge (and its `r_d`).
@@ -414,6 +443,37 @@ impl Plant {
         (t.R_s, t.u_dc) = (self.circuit.R_s, self.bridge.u_dc);
     }
 
+    /// The next instant after `t` at which a channel is sampled ahead of the period's end.
+    #[inline(always)]
+    fn next_instant(&self, t: f64) -> f64 {
+        self.instants.into_iter().filter(|s| *s > t).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Samples the channels whose instant is `t`.
+    #[inline(always)]
+    fn look(&mut self, t: f64) {
+        if self.instants.contains(&t) {
+            let i = self.phase_currents();
+            for k in 0..3 {
+                if self.instants[k] == t {
+                    self.seen[k] = i[k];
+                }
+            }
+        }
+    }
+
+    /// A period of the average model.
+    fn averaged<const SAT: bool>(&mut self, duty: [f64; 3]) {
+        let feed = self.bridge.average(duty, self.band);
+        let mut t = 0.0;
+        while t < self.period {
+            let end = self.next_instant(t).min(self.period);
+            self.smooth::<SAT>(feed, end - t);
+            t = end;
+            self.look(t);
+        }
+    }
+
     /// A period of the bridge.
     fn switched<const SAT: bool>(&mut self, duty: [f64; 3], gates_on: bool) {
         let stale = std::mem::replace(&mut self.stale, false);
@@ -426,9 +486,10 @@ impl Plant {
         }
         let (mut t, mut lift, mut stall) = (0.0, false, 0);
         while t < self.period {
+            self.look(t);
             self.bridge.apply(t);
             let feed = self.bridge.feed::<SAT>(&self.circuit, &self.x, &self.f, lift);
-            let end = self.bridge.next_change().min(self.period).min(t + self.h_max);
+            let end = self.bridge.next_change().min(self.period).min(self.next_instant(t)).min(t + self.h_max);
             match self.segment::<SAT, true>(&feed, end - t, stall > 8) {
                 None => (t, lift, stall) = (end, false, 0),
                 Some((tau, event)) => {
@@ -451,10 +512,11 @@ impl Plant {
         }
         let (mut t, mut stall) = (0.0, 0);
         while t < self.period {
+            self.look(t);
             self.bridge.apply(t);
             nodes.settle(&mut self.bridge, self.f.i, &mut self.energy);
             let feed = nodes.feed(&self.bridge);
-            let end = self.bridge.next_change().min(self.period).min(t + self.h_max);
+            let end = self.bridge.next_change().min(self.period).min(self.next_instant(t)).min(t + self.h_max);
             self.nodes = Some(nodes);
             let blind = stall > 8;
             let (h, hit) = match feed {

@@ -534,6 +534,29 @@ fn winding_warms_to_its_rise() {
 }
 
 #[test]
+fn channels_are_sampled_at_their_own_instants() {
+    for (mode, c_out) in [(Mode::Switching, 0.0), (Mode::Switching, 1e-9), (Mode::Averaged, 0.0)] {
+        // Standing flux that stays, at the end of the period no voltage: the current decays with L_sigma/R.
+        let mut p = ideal_bridge(PlantParams { mode, ..linear() });
+        (p.machine.R_R, p.inverter.c_out, p.adc.skew) = (1e-5, c_out, [0.0, 2e-6, 5e-6]);
+        let (mut plant, _) = loaded(p, [3.0, 1.0]);
+        let d = duties([0.0; 2], 540.0);
+        for _ in 0..5 {
+            let seen = plant.step(d, true, 0.0).i_abc;
+            let now = plant.phase_currents();
+            for k in 0..3 {
+                let want = now[k] * (p.adc.skew[k] * 3.7 / 0.021).exp();
+                assert!((seen[k] - want).abs() < 1e-7, "{mode:?} {k}: {seen:?} {now:?} {want}");
+            }
+        }
+        assert_eq!(plant.sample().i_abc, plant.phase_currents(), "a reading between periods is of that instant");
+    }
+    let mut p = linear();
+    p.adc.skew[1] = 60e-6;
+    assert_eq!(Plant::new(p).unwrap_err().field, "adc_skew");
+}
+
+#[test]
 fn same_seed_same_run() {
     let mut p = saturated();
     p.adc.bits = 12;
