@@ -315,17 +315,17 @@ impl Bridge {
     /// Decides for each leg at zero current whether it floats or which way it conducts, and returns the feed.
     /// `lift`: the star point has just run out of room, do not ask again.
     #[inline(always)]
-    pub fn feed<const SAT: bool>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
+    pub fn feed<const KIND: u8>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
         if self.sign[0] != 0.0 && self.sign[1] != 0.0 && self.sign[2] != 0.0 {
             return Feed::Voltage(self.voltage());
         }
-        self.feed_at_zero::<SAT>(c, x, f, lift)
+        self.feed_at_zero::<KIND>(c, x, f, lift)
     }
 
     #[inline(never)]
-    fn feed_at_zero<const SAT: bool>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
+    fn feed_at_zero<const KIND: u8>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
         if self.sign == [0.0; 3] {
-            let (room, p, q) = self.room(c.open::<SAT>(x, f));
+            let (room, p, q) = self.room(c.open::<KIND>(x, f));
             if p == q || (room >= 0.0 && !lift) {
                 return Feed::Open;
             }
@@ -333,7 +333,7 @@ impl Bridge {
         }
         let k = self.sign.iter().position(|s| *s == 0.0).unwrap_or(0);
         let u = self.voltage();
-        let v = c.float::<SAT>(x, f, k, u).1;
+        let v = c.float::<KIND>(x, f, k, u).1;
         if v < self.lo(k) {
             self.sign[k] = 1.0;
         } else if v > self.hi(k) {
@@ -399,12 +399,12 @@ impl Average {
 
 impl Feed {
     /// Right-hand side of the stator equation; `q` is `∫ i_s dt` since the start of the segment.
-    pub fn dpsi_s<const SAT: bool>(&self, c: &Circuit, x: &State, f: &Field, q: V2) -> V2 {
+    pub fn dpsi_s<const KIND: u8>(&self, c: &Circuit, x: &State, f: &Field, q: V2) -> V2 {
         let minus_ri = |u: V2| [u[0] - c.R * f.i[0], u[1] - c.R * f.i[1]];
         match self {
             Feed::Voltage(u) => minus_ri(*u),
-            Feed::Float(k, u) => c.float::<SAT>(x, f, *k, *u).0,
-            Feed::Open => c.open::<SAT>(x, f),
+            Feed::Float(k, u) => c.float::<KIND>(x, f, *k, *u).0,
+            Feed::Open => c.open::<KIND>(x, f),
             Feed::Nodes(u, k) => minus_ri(Self::discharged(*u, k, q)),
             Feed::Average(a) => minus_ri(a.voltage(f.i)),
         }

@@ -138,8 +138,8 @@ impl Nodes {
 
     /// Longest step of the oscillator.
     #[inline(always)]
-    pub fn longest_step<const SAT: bool>(&self, c: &Circuit, x: &State, f: &Field) -> f64 {
-        let (b, q) = c.tangent_from::<SAT>(x.psi_s, f.b);
+    pub fn longest_step<const KIND: u8>(&self, c: &Circuit, x: &State, f: &Field) -> f64 {
+        let (b, q) = c.tangent_from::<KIND>(x.psi_s, f.b);
         STEP * (self.C / (b + q * dot(x.psi_s, x.psi_s))).sqrt()
     }
 
@@ -167,12 +167,12 @@ impl Nodes {
     }
 
     /// Whether all nodes float, have done with ringing and will not meet a rail while the induced voltage turns.
-    pub fn still<const SAT: bool>(&self, b: &Bridge, c: &Circuit, x: &State, f: &Field) -> bool {
+    pub fn still<const KIND: u8>(&self, b: &Bridge, c: &Circuit, x: &State, f: &Field) -> bool {
         if b.sign != [0.0; 3] {
             return false;
         }
         // The voltage at which the current keeps its value, turning with the rotor, and the current this takes.
-        let e = axpy(c.open::<SAT>(x, f), c.R, f.i);
+        let e = axpy(c.open::<KIND>(x, f), c.R, f.i);
         let k = self.C * c.n_p * x.omega;
         let du = axpy(space_vector(self.v), -1.0, e);
         // None at all: a stretch without ringing came before.
