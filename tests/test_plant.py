@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -271,3 +272,32 @@ def test_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
         sf.Plant(motor, inverter, mode="mean")
     with pytest.raises(ValueError, match="load_torque = NaN"):
         sf.Plant(motor, inverter).step([0.5] * 3, load_torque=float("nan"))
+
+
+def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    def current(**options: Any) -> complex:
+        plant = sf.Plant(motor, inverter, speed=30.0, adc_bits=0, **options)
+        for k in range(200):
+            plant.step([0.5 + 0.1 * math.cos(2e-2 * k - 2.1 * p) for p in range(3)])
+        return plant.state.i_s
+
+    plain = current()
+    for option in (
+        {"turn_on_delay": [(1e-7, 0.0)] * 3},
+        {"turn_off_delay": [(0.0, 3e-7), (0.0, 0.0), (1e-7, 0.0)]},
+        {"iron_loss": (900.0, 150e-6)},
+        {"deep_bar": (0.3, 0.6)},
+    ):
+        assert 1e-3 < abs(current(**option) - plain) < 1.0, option
+    # These change what is read or called, not the plant.
+    calls = {"missed_calls": 0.1, "doubled_calls": 0.1}
+    assert current(adc_skew=(0.0, 1e-6, 2e-6), **calls) == pytest.approx(plain, abs=1e-6)
+    for name, value, text in (
+        ("turn_off_delay", [(0.0, 4e-6)] * 3, "turn_off_delay = "),
+        ("adc_skew", (0.0, 0.0, 1e-3), "adc_skew = "),
+        ("iron_loss", (900.0, 1e-6), "time constant"),
+        ("deep_bar", (0.0, 0.5), "conductance"),
+        ("missed_calls", 1.5, "missed_calls = "),
+    ):
+        with pytest.raises(ValueError, match=text):
+            sf.Plant(motor, inverter, **{name: value})  # type: ignore[arg-type]
