@@ -225,7 +225,7 @@ impl<R: Real> DriveConfig<R> {
                 inv_two_l_product: r(0.5 / l_product),
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
-                limit: r(0.3 * i_0),
+                limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
             },
             speed_control: SpeedControlConfig {
                 k_p: r(speed_gain),

@@ -107,17 +107,17 @@ impl<R: Real> FluxController<R> {
         *self = Self::default();
     }
 
-    /// One period; returns `i_d*`. `weight`: of the PI part, 0 to 1.
+    /// One period; returns `i_d*`: that of (12) for a flux `psi`, and the PI part of an `error` of the flux with a
+    /// `weight` from 0 to 1.
     #[inline(always)]
-    pub fn step(&mut self, c: &FluxControlConfig<R>, psi_ref: R, psi_s: R, i_q: R, weight: R) -> R {
-        let error = psi_ref - psi_s;
+    pub fn step(&mut self, c: &FluxControlConfig<R>, psi: R, error: R, i_q: R, weight: R) -> R {
         let x = self.x.value();
         // With the weight gone the integrator forgets at the rate at which it learned.
         let leak = x * (R::ONE - weight);
         let x = self.x.add_limited(c.k_i, error * weight - leak, c.limit);
-        let radicand = c.radicand(psi_ref, i_q).max(R::ZERO);
+        let radicand = c.radicand(psi, i_q).max(R::ZERO);
         self.inv_root = radicand.rsqrt_near(self.inv_root);
-        c.solve(psi_ref, radicand * self.inv_root) + (error * c.k_p * weight + x).limit(c.limit)
+        c.solve(psi, radicand * self.inv_root) + (error * c.k_p * weight + x).limit(c.limit)
     }
 }
 
@@ -170,7 +170,7 @@ mod tests {
         let c = config();
         let mut i_d = 0.0;
         for _ in 0..periods {
-            i_d = ctrl.step(&c, 1.0, psi_s, 0.3, weight_by_frequency(omega_s));
+            i_d = ctrl.step(&c, 1.0, 1.0 - psi_s, 0.3, weight_by_frequency(omega_s));
         }
         i_d - c.feedforward(1.0, 0.3)
     }
@@ -209,7 +209,7 @@ mod tests {
     fn beyond_pull_out_the_current_is_that_of_pull_out() {
         let (c, mut ctrl) = (config(), FluxController::default());
         for i_q in [6.0, -50.0] {
-            let i_d = ctrl.step(&c, 1.0, 1.0, i_q, 0.0);
+            let i_d = ctrl.step(&c, 1.0, 0.0, i_q, 0.0);
             assert!((i_d - c.l_sum * c.inv_two_l_product).abs() < 1e-6, "{i_d}");
         }
     }

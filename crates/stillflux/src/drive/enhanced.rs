@@ -210,6 +210,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         self.filter.magnitude()
     }
 
+    /// Within the limits of a flux that a drive under control has.
+    #[inline(always)]
+    fn present_flux(&self, psi_ref: R) -> R {
+        self.filter.magnitude().clamp(psi_ref.half(), psi_ref * R::from_f64(1.5))
+    }
+
     #[inline(always)]
     fn flux_weight(&self) -> R {
         R::ONE

@@ -160,6 +160,12 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         self.flux.magnitude()
     }
 
+    /// The noise compensator holds `|ψ̂_s|` at the reference: it says nothing of its own.
+    #[inline(always)]
+    fn present_flux(&self, psi_ref: R) -> R {
+        psi_ref
+    }
+
     #[inline(always)]
     fn flux_weight(&self) -> R {
         weight_by_frequency(self.speed.omega_s)
