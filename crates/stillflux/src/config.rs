@@ -6,6 +6,7 @@ mod enhanced;
 #[cfg(feature = "paper")]
 mod paper;
 mod settings;
+use settings::BOOST;
 
 pub use settings::{DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 
@@ -35,9 +36,6 @@ use crate::words::words;
 pub(crate) use enhanced::EnhancedConfig;
 #[cfg(feature = "paper")]
 pub(crate) use paper::PaperConfig;
-
-/// Magnetising current during the build-up of the flux, as multiple of its final value.
-const BOOST: f64 = 1.5;
 
 /// Largest offset of a current channel at rest, per unit.
 pub(crate) const I_OFF_MAX: f64 = 0.15;

@@ -1,6 +1,6 @@
 //! Configuration of the enhanced scheme: what its estimators and its flux shift read, per unit.
 
-use super::settings::{DriveParams, EnhancedParams, SLOW_PERIODS};
+use super::settings::{BOOST, DriveParams, EnhancedParams, SLOW_PERIODS};
 use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
@@ -11,9 +11,15 @@ use crate::words::words;
 
 /// Duration of the speed search at the beginning of a start, s.
 const PROBE_TIME: f64 = 0.01;
+/// Part of the rotor flux squared that builds up at rest meanwhile, below which the search sees noise and the error of
+/// the inverter model, not a rotation: in large machines that error is of the order of the voltage that builds up
+/// the flux.
+const PROBE_FLOOR: f64 = 0.1;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
 const BALANCE_RATE: f64 = 17.0;
 const BALANCE_OFFSET_RATE: f64 = 0.34;
+/// Part of the pull-out torque that the flux shift leaves a load.
+const PULL_OUT_USE: f64 = 0.6;
 /// Rate of the flux shift in units of rated flux, 1/s: flux control follows without a lag that torque would show.
 const SHIFT_RATE: f64 = 0.5;
 
@@ -26,14 +32,21 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub balance: BalanceConfig<R>,
     pub shift: ShiftConfig<R>,
     pub probe_periods: u32,
+    /// Least `Σ |ψ_R|² dτ` of the speed search.
+    pub probe_floor: R,
 }
-words!(EnhancedConfig: filter, balance, shift, probe_periods);
+words!(EnhancedConfig: filter, balance, shift, probe_periods, probe_floor);
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
+        // At rest the rotor flux rises as r_R i τ.
+        let tau = pu.base.omega * PROBE_TIME;
+        let built_up = pu.r_r * BOOST * p.psi_ref / pu.l_s * tau;
+        // ψ² (1 - σ)/(2 σl_s).
+        let pull_out = p.psi_ref * p.psi_ref * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s);
         let identified = {
             let EnhancedParams { identify_offset, identify_resistance, apply_innovation, .. } = p.enhanced;
             Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
@@ -51,9 +64,11 @@ impl<R: Real> EnhancedConfig<R> {
                 inv_torque_fade: rounded(5.0 / pu.torque_rated),
                 // A tenth of the torque that the current allows is kept in reserve.
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
+                inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
                 step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
             },
             probe_periods: inverter.periods(PROBE_TIME),
+            probe_floor: rounded(PROBE_FLOOR * built_up * built_up * tau / 3.0),
         }
     }
 }

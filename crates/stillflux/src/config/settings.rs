@@ -5,6 +5,9 @@ use crate::base::Base;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::words::Words;
 
+/// Magnetising current during the build-up of the flux, as multiple of its final value.
+pub(crate) const BOOST: f64 = 1.5;
+
 /// Control periods from one run of the speed estimator to the next, and of each slower block.
 pub const SPEED_PERIODS: u32 = 2;
 /// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.

@@ -32,10 +32,12 @@ pub struct ShiftConfig<R: Real> {
     pub inv_torque_fade: R,
     /// Reciprocal of the torque that takes all of the rated flux.
     pub inv_torque: R,
+    /// Reciprocal of the torque that may be asked of the rated flux for its distance to pull-out, which falls as `κ²`.
+    pub inv_pull_out: R,
     /// Largest change of the factor from call to call.
     pub step: R,
 }
-words!(ShiftConfig: omega_s_min, slip, inv_torque_fade, inv_torque, step);
+words!(ShiftConfig: omega_s_min, slip, inv_torque_fade, inv_torque, inv_pull_out, step);
 
 /// State of the flux shift.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,6 +72,7 @@ impl<R: Real> FluxShift<R> {
             // The divisor lies between ω_r0 and ω_r0 + 2a, and the quotient is needed where it exceeds `least`.
             let square =
                 if likely(slip > (a + slip - omega_s) * least) { slip * (a + slip - omega_s).recip() } else { least };
+            let square = square.max(load * c.inv_pull_out).min(R::ONE);
             square.sqrt().max((load * c.inv_torque).min(R::ONE))
         } else {
             R::ONE
@@ -85,8 +88,14 @@ mod tests {
 
     const A: f64 = 0.01;
     const SLIP: f64 = 0.016;
-    const CONFIG: ShiftConfig<f64> =
-        ShiftConfig { omega_s_min: A, slip: SLIP, inv_torque_fade: 5.0, inv_torque: 0.6, step: 1e-3 };
+    const CONFIG: ShiftConfig<f64> = ShiftConfig {
+        omega_s_min: A,
+        slip: SLIP,
+        inv_torque_fade: 5.0,
+        inv_torque: 0.6,
+        inv_pull_out: 0.4,
+        step: 1e-3,
+    };
 
     /// Factor and stator frequency once they stand.
     fn settled(shift: &mut FluxShift<f64>, omega_m: f64, torque: f64) -> (f64, f64) {
@@ -160,5 +169,15 @@ mod tests {
             last = factor;
         }
         assert!((last - 0.7).abs() < 1e-9, "{last}");
+    }
+
+    #[test]
+    fn the_flux_keeps_its_distance_to_pull_out() {
+        let near = ShiftConfig { inv_pull_out: 0.8, ..CONFIG };
+        let mut shift = FluxShift::default();
+        for _ in 0..1000 {
+            shift.step(&near, -SLIP, 1.0);
+        }
+        assert!((shift.step(&near, -SLIP, 1.0) - 0.8_f64.sqrt()).abs() < 1e-9);
     }
 }

@@ -44,9 +44,10 @@ impl<R: Real> SpeedSearch<R> {
         Self { numerator: R::ZERO, denominator: R::ZERO }
     }
 
-    /// Ends the search; the speed.
-    fn finish(&mut self) -> R {
-        let omega = self.numerator * self.denominator.recip();
+    /// Ends the search; the speed. A rotor flux that is too small for its direction to mean something counts as one at
+    /// standstill.
+    fn finish(&mut self, floor: R) -> R {
+        let omega = self.numerator * self.denominator.max(floor).recip();
         let omega = clamp_seldom(omega, R::from_f64(-1.5), R::from_f64(1.5));
         *self = Self { numerator: omega, denominator: R::ONE };
         omega
@@ -139,7 +140,7 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         self.speed.psi_r = *psi_r;
         if stage == probe_periods {
-            let omega = self.search.finish();
+            let omega = self.search.finish(c.enhanced.probe_floor);
             self.speed_estimator.start(psi_r, omega);
             (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
         }
