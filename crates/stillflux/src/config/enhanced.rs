@@ -14,7 +14,7 @@ const PROBE_TIME: f64 = 0.01;
 /// Part of the rotor flux squared that builds up at rest meanwhile, below which the search sees noise and the error of
 /// the inverter model, not a rotation: in large machines that error is of the order of the voltage that builds up
 /// the flux.
-const PROBE_FLOOR: f64 = 0.1;
+const PROBE_FLOOR: f64 = 0.25;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
 const BALANCE_RATE: f64 = 17.0;
 const BALANCE_OFFSET_RATE: f64 = 0.34;

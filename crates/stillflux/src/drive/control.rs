@@ -99,8 +99,7 @@ impl<R: Real> Control<R> {
         let psi_ref = psi_ref.min(c.flux_control.psi_rated * factor);
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the flux that is there, as far as it is known.
-        let (psi_s, weight) = (estimators.psi_s(), estimators.flux_weight());
-        let psi = estimators.present_flux(psi_ref);
+        let (psi, weight) = estimators.present_flux(psi_ref);
         let i_q_max = (c.pull_out_use * psi).min(c.i_q_max);
         let mut torque_max = i_q_max * psi;
         if c.low_confidence == LowConfidence::LimitTorque {
@@ -117,7 +116,7 @@ impl<R: Real> Control<R> {
             Reference::Stop => R::ZERO,
         };
         let i_q = torque_ref * c.flux_control.reciprocal(psi);
-        let i_d = self.flux.step(&c.flux_control, psi, psi_ref - psi_s, i_q, weight);
+        let i_d = self.flux.step(&c.flux_control, psi, psi_ref - estimators.psi_s(), i_q, weight);
         self.i_dq_ref = Dq::new(i_d, i_q);
     }
 }

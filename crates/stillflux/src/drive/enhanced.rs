@@ -53,6 +53,11 @@ impl<R: Real> SpeedSearch<R> {
         omega
     }
 
+    /// The machine was not rotating, whatever the search found.
+    fn reject(&mut self) {
+        self.numerator = R::ZERO;
+    }
+
     /// After the search: the machine was rotating.
     fn found_rotation(&self) -> bool {
         !self.numerator.within(R::from_f64(ROTATING))
@@ -125,6 +130,11 @@ impl<R: Real> EnhancedEstimators<R> {
         } else if self.search.found_rotation() {
             field = Rotator::of(&psi_r).0;
             periods = c.boost_periods;
+            // A flux that has not built up by then was lost in the error of the inverter model: the rotation was noise.
+            if at.stage >= periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
+                self.search.reject();
+                periods = c.magnetise_periods;
+            }
         }
         (field, field.to_field(&i_s), at.stage >= periods)
     }
@@ -211,15 +221,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         self.filter.magnitude()
     }
 
-    /// Within the limits of a flux that a drive under control has.
+    /// By the variance of `|ψ̂_s|`, and within the limits of a flux that a drive under control has.
     #[inline(always)]
-    fn present_flux(&self, psi_ref: R) -> R {
-        self.filter.magnitude().clamp(psi_ref.half(), psi_ref * R::from_f64(1.5))
-    }
-
-    #[inline(always)]
-    fn flux_weight(&self) -> R {
-        R::ONE
+    fn present_flux(&self, psi_ref: R) -> (R, R) {
+        let weight = self.filter.magnitude_weight();
+        let psi = self.filter.magnitude().clamp(psi_ref.half(), psi_ref * R::from_f64(1.5));
+        (psi_ref + weight * (psi - psi_ref), weight)
     }
 
     #[inline(always)]

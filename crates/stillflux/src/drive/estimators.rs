@@ -107,11 +107,8 @@ pub(super) trait Estimators<R: Real> {
     fn psi_s(&self) -> R;
 
     /// Flux by which torque current and magnetising current are computed, at a flux reference: `|ψ̂_s|` where the
-    /// scheme knows it better than the reference does.
-    fn present_flux(&self, psi_ref: R) -> R;
-
-    /// How far `|ψ̂_s|` may be controlled to its reference, 0 to 1.
-    fn flux_weight(&self) -> R;
+    /// scheme knows it better than the reference does. And how far `|ψ̂_s|` may be controlled to its reference, 0 to 1.
+    fn present_flux(&self, psi_ref: R) -> (R, R);
 
     /// Factor of the inverter model's voltage, and its curve over the current.
     fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>);

@@ -160,15 +160,10 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         self.flux.magnitude()
     }
 
-    /// The noise compensator holds `|ψ̂_s|` at the reference: it says nothing of its own.
+    /// The noise compensator holds `|ψ̂_s|` at the reference: it says nothing of its own near zero frequency.
     #[inline(always)]
-    fn present_flux(&self, psi_ref: R) -> R {
-        psi_ref
-    }
-
-    #[inline(always)]
-    fn flux_weight(&self) -> R {
-        weight_by_frequency(self.speed.omega_s)
+    fn present_flux(&self, psi_ref: R) -> (R, R) {
+        (psi_ref, weight_by_frequency(self.speed.omega_s))
     }
 
     #[inline(always)]

@@ -70,7 +70,7 @@ pub use noise::Identified;
 #[cfg(test)]
 use self::covariance::N;
 use self::covariance::{Column, Covariance};
-use self::model::{B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, Saturated, V};
+use self::model::{B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, Saturated, V};
 use self::noise::Noise;
 use self::schedule::{SLOTS, Scratch};
 use self::start::Initial;
@@ -94,6 +94,8 @@ const KNEE_RANGE: (f64, f64) = (0.1, 8.0);
 const GAMMA_RANGE: (f64, f64) = (0.6, 1.6);
 /// Of the prior: a winding is not colder than at commissioning by more, nor hotter.
 const R_S_RANGE: (f64, f64) = (0.4, 2.0);
+/// Deviation of a flux that is controlled by its current alone, per unit.
+const MAGNITUDE: f64 = 0.03;
 /// Rotor flux below which its direction says nothing.
 const M_MIN: f64 = 0.1;
 /// Low-pass of the normalised innovation squared (NIS), per block, and its value from which on something must have
@@ -194,6 +196,8 @@ pub struct Filter<R: Real> {
     trial: u32,
     /// Standard deviation of the field angle, rad.
     sigma: R,
+    /// Variance of the flux's magnitude, scaled.
+    variance: R,
     initial: Initial<R>,
 }
 
@@ -350,6 +354,13 @@ impl<R: Real> Filter<R> {
     /// Expected deviation of the field angle, rad.
     pub fn sigma(&self) -> R {
         self.sigma
+    }
+
+    /// Weight of the flux's magnitude against what the current tells of it by the nominal inductance, 0 to 1: one half
+    /// where both have a deviation of [`MAGNITUDE`].
+    pub fn magnitude_weight(&self) -> R {
+        let scale = R::from_f64(SCALE_PSI * SCALE_PSI / (MAGNITUDE * MAGNITUDE));
+        (R::ONE + self.variance * scale).recip()
     }
 
     /// Confidence in the field angle, 0 to 1, as of [`super::confidence`]: one half where 15° must be expected.

@@ -169,9 +169,12 @@ impl<R: Real> Filter<R> {
         let q = &self.point;
         let Rotator { cos, sin } = q.n;
         let p = &self.p;
+        let (a, b) = (p.get(PSI, PSI), p.get(PSI + 1, PSI + 1));
         let mixed = sin * cos * p.get(PSI, PSI + 1);
-        let across = sin * sin * p.get(PSI, PSI) + cos * cos * p.get(PSI + 1, PSI + 1) - (mixed + mixed);
+        let across = sin * sin * a + cos * cos * b - (mixed + mixed);
         let across = across.max(R::ZERO);
+        // The trace is that of both directions.
+        self.variance = (a + b - across).max(R::ZERO);
         let scale = R::from_f64(SCALE_PSI);
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 

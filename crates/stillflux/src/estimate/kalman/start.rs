@@ -67,6 +67,7 @@ impl<R: Real> Filter<R> {
             nis: R::ZERO,
             trial: TRIAL,
             sigma: R::ZERO,
+            variance: R::ZERO,
             initial,
         }
     }
