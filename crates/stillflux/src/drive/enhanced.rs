@@ -24,6 +24,7 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 const ROTATING: f64 = 0.03;
 /// Part of the magnetising current that separates resistance from inverter error.
 const REDUCED: f64 = 0.7;
+const SMALL: f64 = 0.4;
 
 /// Unit of the residual that the filter returns, per unit of flux.
 const RESIDUAL_UNIT: f64 = 0.05;
@@ -99,8 +100,13 @@ impl<R: Real> EnhancedEstimators<R> {
     fn prepare(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, stage: u32) -> Dq<R> {
         let mut i_ref = c.magnetising_current(stage);
         // A lower current changes the voltage of the resistance, not that of the inverter error.
-        if !self.search.found_rotation() && (9..12).contains(&(stage * 16 / c.magnetise_periods.max(1))) {
-            i_ref = i_ref * R::from_f64(REDUCED);
+        if !self.search.found_rotation() {
+            i_ref = i_ref
+                * R::from_f64(match stage * 16 / c.magnetise_periods.max(1) {
+                    9 | 10 => REDUCED,
+                    11 => SMALL,
+                    _ => 1.0,
+                });
         }
         if stage <= 1 {
             self.filter.start(&c.enhanced.filter, i_s);
