@@ -162,7 +162,7 @@ class Inverter:
     """Dead time, s."""
     f_clk: float = 170e6
     """Clock of the PWM timer, Hz; 0: duties are not quantised."""
-    c_out: float = 0.0
+    c_out: float = 1e-9
     """Total capacitance of one leg's node against the dc link (switches, motor cable, machine), F, from 0 to
     10 nF. During the dead time the phase current has to charge it; 0: the node follows at once."""
 

@@ -8,9 +8,14 @@ use stillflux_sim::{GateDelays, Mechanics, Mode, Plant, PlantParams, Thermal, Tr
 const T_S: f64 = 1e-4;
 const AXIS: [[f64; 2]; 3] = [[1.0, 0.0], [-0.5, 0.866_025_403_784_438_6], [-0.5, -0.866_025_403_784_438_6]];
 
+/// A bridge whose nodes have no capacitance: a leg without current is clamped.
+fn clamped(inverter: Inverter) -> Inverter {
+    Inverter { c_out: 0.0, ..inverter }
+}
+
 fn linear() -> PlantParams {
     let m = Machine { saturation: None, ..Machine::preset_2k2() };
-    let mut p = PlantParams::new(m, Inverter { f_clk: 0.0, ..Inverter::preset_2k2() });
+    let mut p = PlantParams::new(m, Inverter { f_clk: 0.0, ..clamped(Inverter::preset_2k2()) });
     (p.adc.bits, p.adc.u_dc_bits) = (0, 0);
     p
 }

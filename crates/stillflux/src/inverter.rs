@@ -22,6 +22,12 @@
 //! in the direction of the current. `I_k` is the *knee*; the tail is long (5 % are missing at ten times the knee). The
 //! threshold has no part in it: outside the dead time a device conducts, however small the current is.
 //!
+//! The current that counts is that at the edges. While the other two legs, with currents of opposite signs, wait for their
+//! dead times one after the other, the current of a leg that floats falls by `u_dc T_d/(3 L_σ)` between the lower and the
+//! upper zero vector, and rises again at the way back. Sampled in the middle of the lower one, as here, it is on average
+//! `u_dc T_d/(6 L_σ)` larger than at its edges: a few milliamperes, but at the knee's slope some tenths of a volt. (Sampled
+//! in the upper zero vector the sign changes.)
+//!
 //! Without capacitance a small current reaches zero within the dead time and stays there (both switches are open),
 //! so the error passes from one sign to the other over a band of at most `(2/3) u_dc T_d/L_σ`, and narrower where the
 //! legs commutate together (half of it was seen at 2.2 kW, a tenth at 11 kW, both at standstill). A band wider than
@@ -55,10 +61,12 @@ pub struct InverterModel<R: Real> {
     inv_band: R,
     /// The knee `I_k` of the parameters.
     knee: R,
+    /// By how much the current at the edges is below the sampled one, seen near current zero.
+    shift: R,
     /// The curve for it.
     nominal: Knee<R>,
 }
-words!(InverterModel: u_th, dead_time, band, inv_band, knee, nominal);
+words!(InverterModel: u_th, dead_time, band, inv_band, knee, shift, nominal);
 
 /// The curve of a leg's error over its current, for one knee. Depends on nothing that changes within milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -130,6 +138,7 @@ impl<R: Real> InverterModel<R> {
             band,
             inv_band: r(1.0 / (SCALE * width)),
             knee,
+            shift: r(if pu.knee > 0.0 { 0.25 * pu.dead_time_swing } else { 0.0 }),
             nominal: Knee::new(knee, band),
         }
     }
@@ -138,7 +147,7 @@ impl<R: Real> InverterModel<R> {
     #[must_use]
     pub fn ideal() -> Self {
         let (knee, band, inv_band) = (R::ZERO, R::ONE, R::from_f64(1.0 / SCALE));
-        Self { u_th: R::ZERO, dead_time: R::ZERO, band, inv_band, knee, nominal: Knee::new(knee, band) }
+        Self { u_th: R::ZERO, dead_time: R::ZERO, band, inv_band, knee, shift: R::ZERO, nominal: Knee::new(knee, band) }
     }
 
     /// The curve for a knee `relative` times that of the parameters.
@@ -167,6 +176,7 @@ impl<R: Real> InverterModel<R> {
         let scale = R::from_f64(SCALE);
         let tail = dead * knee.tail;
         let leg = |i: R| {
+            let i = i - self.shift;
             let magnitude = i.abs();
             let e = if likely(magnitude > knee.width) {
                 full - tail * (magnitude * scale).recip()
@@ -186,7 +196,7 @@ mod tests {
     use crate::params::{Inverter, Machine};
 
     fn model() -> (InverterModel<f64>, PerUnit<f64>) {
-        let (m, inv) = (Machine::preset_2k2(), Inverter { dead_time: 0.0, ..Inverter::preset_2k2() });
+        let (m, inv) = (Machine::preset_2k2(), Inverter { dead_time: 0.0, c_out: 0.0, ..Inverter::preset_2k2() });
         let pu = PerUnit::new(&m, &inv).unwrap();
         (InverterModel::new(&pu), pu)
     }
@@ -226,10 +236,21 @@ mod tests {
         let knee = model.knee(1.0);
         let full = u_dc * model.dead_time;
         for x in [0.02, 0.3, 0.999, 1.001, 1.5, 3.0, 10.0, 20.0] {
-            let e = (model.distortion(&knee, &AlphaBeta::new(x * i_k, 0.0), u_dc, 1.0).phases[0] - model.u_th) / full;
+            let i = AlphaBeta::new(x * i_k + model.shift, 0.0);
+            let e = (model.distortion(&knee, &i, u_dc, 1.0).phases[0] - model.u_th) / full;
             let law = if x < 1.0 { 0.5 * x } else { 1.0 - 0.5 / x };
             assert!((e - law).abs() < 1e-9, "{x}: {e}, not {law}");
         }
+    }
+
+    #[test]
+    fn the_loss_is_that_of_the_current_at_the_edges() {
+        let (model, u_dc, _) = capacitive();
+        let (m, inv) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let below = inv.u_dc * inv.dead_time / (6.0 * m.L_sigma) / PerUnit::new(&m, &inv).unwrap().base.i;
+        let at = |i: f64| model.distortion(model.nominal(), &AlphaBeta::new(i, 0.0), u_dc, 1.0).phases[0];
+        assert!(at(below).abs() < 1e-12);
+        assert!((at(0.01 + below) + at(below - 0.01)).abs() < 1e-12, "odd about that current");
     }
 
     #[test]
@@ -243,7 +264,7 @@ mod tests {
             let phases = i.to_phases();
             for j in 0..3 {
                 // Within its narrow linear part the threshold is taken for a part of the loss that has no knee.
-                if phases[j].abs() < model.band {
+                if (phases[j] - model.shift).abs() < model.band {
                     continue;
                 }
                 let numeric = (down.phases[j] - up.phases[j]) / 2e-6;
@@ -255,7 +276,7 @@ mod tests {
 
     #[test]
     fn dead_time_is_lost_as_a_threshold_and_both_scale_with_what_was_found() {
-        let (m, inv) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let (m, inv) = (Machine::preset_2k2(), Inverter { c_out: 0.0, ..Inverter::preset_2k2() });
         let pu = PerUnit::new(&m, &inv).unwrap();
         let model = InverterModel::<f64>::new(&pu);
         // 1 V and 2 µs of 100 µs at 540 V, of 326.6 V.
@@ -270,7 +291,7 @@ mod tests {
 
     #[test]
     fn the_band_is_a_tenth_of_what_the_current_changes_by_in_a_dead_time() {
-        let (m, inv) = (Machine::preset_11k(), Inverter::preset_11k());
+        let (m, inv) = (Machine::preset_11k(), Inverter { c_out: 0.0, ..Inverter::preset_11k() });
         let pu = PerUnit::new(&m, &inv).unwrap();
         let model = InverterModel::<f64>::new(&pu);
         let band = 0.1 * 2.0 / 3.0 * inv.u_dc * inv.dead_time / m.L_sigma / pu.base.i;

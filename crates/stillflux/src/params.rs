@@ -287,16 +287,17 @@ pub struct Inverter {
 }
 
 impl Inverter {
-    /// An IGBT inverter on a 400-V grid: 540 V, 10 kHz, 1 V, 0.2 Ω, 2 µs, 170-MHz timer.
+    /// An IGBT inverter on a 400-V grid: 540 V, 10 kHz, 1 V, 0.2 Ω, 2 µs, 170-MHz timer, 1 nF at
+    /// each leg's node (devices, some metres of cable, motor).
     #[must_use]
     pub const fn preset_2k2() -> Self {
-        Self { u_dc: 540.0, f_s: 10e3, u_th: 1.0, r_d: 0.2, dead_time: 2e-6, f_clk: 170e6, c_out: 0.0 }
+        Self { u_dc: 540.0, f_s: 10e3, u_th: 1.0, r_d: 0.2, dead_time: 2e-6, f_clk: 170e6, c_out: 1e-9 }
     }
 
-    /// As [`Inverter::preset_2k2`] with the larger devices' 0.05 Ω.
+    /// As [`Inverter::preset_2k2`] with the larger devices' 0.05 Ω and 2 nF.
     #[must_use]
     pub const fn preset_11k() -> Self {
-        Self { r_d: 0.05, ..Self::preset_2k2() }
+        Self { r_d: 0.05, c_out: 2e-9, ..Self::preset_2k2() }
     }
 
     /// Control periods in a time, s, to the nearest.

@@ -65,9 +65,12 @@ def paper_drive(
 ) -> Scenario:
     """The drive of the paper on a switching-level plant with current offset, 12 bit and noise.
 
+    The bridge is the one that the paper describes: dead time, thresholds and legs that are clamped at current zero,
+    without capacitance of their nodes.
+
     `omega` in per unit, `load` in units of rated torque, `offset` of the current space vector in per unit.
     """
-    return drive(
+    scenario = drive(
         machine,
         "paper",
         arithmetic,
@@ -78,6 +81,7 @@ def paper_drive(
         offset=offset,
         **{"signals": None, "record_every": 10, **fields},
     ).with_settings(calibrate_offset=False)
+    return scenario.replace(inverter=scenario.inverter.replace(c_out=0.0))
 
 
 def identify_then(omega: float) -> list[tuple[float, float]]:

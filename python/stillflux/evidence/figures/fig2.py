@@ -28,7 +28,7 @@ _U_TH = 1.0
 def runs(machine: str, arithmetic: str = "f32") -> tuple[VoltageFed, ...]:
     """Motoring at ω_s = 0.017 and 0.01; driven at 0.017; driven at 0.15, where power does flow back."""
     del arithmetic  # No drive takes part.
-    bare = Inverter.preset(machine).replace(dead_time=0.0)
+    bare = Inverter.preset(machine).replace(dead_time=0.0, c_out=0.0)
     points = [(0.017, 0.02), (0.01, 0.02), (0.017, -0.02), (0.15, -0.02)]
     return tuple(
         VoltageFed(motor=Motor.preset(machine), inverter=bare, omega_s=omega_s, omega_r=omega_r)

@@ -26,7 +26,7 @@ _REVERSES = "switching periods per crossing in which i_a reverses"
 def run(machine: str, arithmetic: str = "f32") -> VoltageFed:
     """Motoring at ω_s = 0.1 on a circle of u*, with dead time and hence zero-current clamping."""
     del arithmetic  # No drive takes part.
-    bridge = Inverter.preset(machine)
+    bridge = Inverter.preset(machine).replace(c_out=0.0)
     return VoltageFed(motor=Motor.preset(machine), inverter=bridge, omega_s=0.1, omega_r=0.02, periods=3)
 
 
