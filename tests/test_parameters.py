@@ -33,7 +33,9 @@ def test_circuits_convert_exactly() -> None:
             assert getattr(back, name) == pytest.approx(getattr(motor, name), rel=1e-11)
 
 
-@pytest.mark.parametrize("value", [sf.Motor.preset("2.2kW"), sf.Motor.preset("11kW"), sf.Inverter(f_s=5e3)])
+@pytest.mark.parametrize(
+    "value", [sf.Motor.preset("2.2kW"), sf.Motor.preset("11kW"), sf.Inverter(c_out=1e-9)]
+)
 def test_pickle_and_repr(value: sf.Motor | sf.Inverter) -> None:
     assert pickle.loads(pickle.dumps(value)) == value
     assert eval(repr(value), vars(sf)) == value
@@ -58,3 +60,5 @@ def test_other_errors() -> None:
         sf.Motor.preset("2.2kW").replace(R_x=1.0)
     with pytest.raises(ValueError, match=r"dead_time = 1"):
         sf.Inverter(dead_time=1.0)
+    with pytest.raises(ValueError, match=r"c_out = 0\.000001 F .* range 0 to 0\.00000001"):
+        sf.Inverter(c_out=1e-6)

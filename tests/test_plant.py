@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -56,6 +58,160 @@ def test_agrees_with_solve_ivp(motor: sf.Motor, inverter: sf.Inverter, saturated
     assert state.omega_m == pytest.approx(x[4], rel=1e-6)
     assert state.torque == pytest.approx(torque, rel=1e-5)
     assert state.omega_m > 50.0
+
+
+class Event:
+    """Ends a stretch where a margin falls through zero."""
+
+    terminal, direction = True, -1
+
+    def __init__(self, margin: Callable[[np.ndarray], float]) -> None:
+        self.margin = margin
+
+    def __call__(self, _: float, x: np.ndarray) -> float:
+        return self.margin(x)
+
+
+class Reference:
+    """Motor at constant speed on a bridge with node capacitance, each stretch between events by solve_ivp."""
+
+    def __init__(
+        self, motor: sf.Motor, inverter: sf.Inverter, psi: tuple[complex, complex], omega_m: float
+    ) -> None:
+        self.motor, self.inverter, self.gamma = motor, inverter, motor.to_gamma()
+        self.omega = motor.n_p * omega_m
+        self.x = np.array([psi[0].real, psi[0].imag, psi[1].real, psi[1].imag, 0.0, 0.0, 0.0])
+        self.lower = [(-math.inf, False)] * 3
+        # Whether a leg's node is held at its lower (1) or upper (-1) bound, or floats (0).
+        self.held = [1 if i > 0 else -1 for i in self.currents(self.x)]
+        self.x[4:] = [-inverter.u_th * h for h in self.held]
+        self.t, self.period = 0.0, 1 / inverter.f_s
+
+    def current(self, x: np.ndarray) -> complex:
+        """Γ form: i_s of the state (psi_s, psi_r, v_a, v_b, v_c)."""
+        psi_s, psi_r = complex(x[0], x[1]), complex(x[2], x[3])
+        assert self.motor.saturation is not None
+        L_u, a, S = self.motor.saturation
+        return complex(psi_s * (1 + (a * abs(psi_s)) ** S) / L_u + (psi_s - psi_r) / self.gamma["L_l"])
+
+    def currents(self, x: np.ndarray) -> list[float]:
+        i = self.current(x)
+        return [(i * cmath.exp(-2j * math.pi * k / 3)).real for k in range(3)]
+
+    def slope(self, x: np.ndarray) -> list[float]:
+        psi_s, psi_r, i_s = complex(x[0], x[1]), complex(x[2], x[3]), self.current(x)
+        u = sum(2 / 3 * v * cmath.exp(2j * math.pi * k / 3) for k, v in enumerate(x[4:]))
+        d_s = u - (self.motor.R_s + self.inverter.r_d) * i_s
+        d_r = self.gamma["R_r"] / self.gamma["L_l"] * (psi_s - psi_r) + 1j * self.omega * psi_r
+        dv = [
+            0.0 if h else -i / self.inverter.c_out for h, i in zip(self.held, self.currents(x), strict=True)
+        ]
+        return [d_s.real, d_s.imag, d_r.real, d_r.imag, *dv]
+
+    def bounds(self, on: list[bool | None]) -> list[tuple[float, float]]:
+        u_dc, u_th = self.inverter.u_dc, self.inverter.u_th
+        return [(u_dc - u_th if upper else -u_th, u_th if upper is False else u_dc + u_th) for upper in on]
+
+    def runs_out(self, k: int) -> Event:
+        return Event(lambda x: self.held[k] * self.currents(x)[k])
+
+    def meets(self, k: int, bound: float, sign: float) -> Event:
+        return Event(lambda x: sign * (float(x[4 + k]) - bound))
+
+    def run(self, schedule: list[tuple[float, list[bool | None]]]) -> None:
+        """Through gate states: each (until, per leg True: upper on, False: lower on, None: both off)."""
+        for until, on in schedule:
+            bounds = self.bounds(on)
+            for k, (low, high) in enumerate(bounds):
+                v, i = self.x[4 + k], self.currents(self.x)[k]
+                self.x[4 + k] = min(max(v, low), high)
+                if self.held[k] and v != (low if self.held[k] > 0 else high):
+                    self.held[k] = 0
+                if not self.held[k] and ((v < low and i > 0) or (v > high and i < 0)):
+                    self.held[k] = 1 if i > 0 else -1
+            while self.t < until:
+                events: list[tuple[int, Event]] = []
+                for k, (low, high) in enumerate(bounds):
+                    if self.held[k]:
+                        events.append((k, self.runs_out(k)))
+                    else:
+                        events += [(k, self.meets(k, low, 1.0)), (k, self.meets(k, high, -1.0))]
+                out = solve_ivp(
+                    lambda _, x: self.slope(x),
+                    (self.t, until),
+                    self.x,
+                    method="DOP853",
+                    events=[event for _, event in events],
+                    rtol=1e-11,
+                    atol=1e-13,
+                    max_step=2e-6,
+                )
+                self.t, self.x = out.t[-1], out.y[:, -1]
+                for (k, _), times in zip(events, out.t_events, strict=True):
+                    if len(times) and self.held[k]:
+                        self.held[k] = 0
+                    elif len(times):
+                        self.held[k] = 1 if self.x[4 + k] < 0.5 * sum(bounds[k]) else -1
+                        self.x[4 + k] = bounds[k][0 if self.held[k] > 0 else 1]
+
+    def step(self, duty: list[float], gates_on: bool) -> None:
+        """One period of centred pulses."""
+        begin, T = self.t, self.period
+        if not gates_on:
+            self.lower = [(-math.inf, False)] * 3
+            self.run([(begin + T, [None] * 3)])
+            return
+        # Command edges as (time, level); the last one before this period is carried along.
+        edges = [
+            [carry, (begin + (1 - d) / 2 * T, True), (begin + (1 + d) / 2 * T, False)]
+            for carry, d in zip(self.lower, duty, strict=True)
+        ]
+        dead = self.inverter.dead_time
+        cuts = sorted({t + delay for leg in edges for t, _ in leg for delay in (0.0, dead)} | {begin + T})
+        schedule = []
+        for start, end in zip([begin, *cuts], [*cuts, math.inf], strict=True):
+            if begin < end <= begin + T:
+                middle = 0.5 * (max(start, begin) + end)
+                last = [max((e for e in leg if e[0] <= middle), key=lambda e: e[0]) for leg in edges]
+                schedule.append((end, [level if middle >= t + dead else None for t, level in last]))
+        self.lower = [leg[-1] for leg in edges]
+        self.run(schedule)
+
+
+@pytest.mark.parametrize(
+    ("c_out", "current", "speed", "voltage", "blocked"),
+    [
+        (1e-9, 0.1 + 0.02j, 0.0, 2.0, False),
+        (1e-9, 4.0 - 1.0j, 10.0, 40.0, False),
+        (0.2e-9, 0.02 + 0.4j, 5.0, 12.0, False),
+        (5e-9, 1.0 + 2.0j, 60.0, 120.0, False),
+        (1e-9, 2.0 + 2.0j, 120.0, 230.0, True),
+        (0.2e-9, 3.0j, 0.0, 10.0, True),
+    ],
+)
+def test_capacitive_edges_agree_with_solve_ivp(
+    motor: sf.Motor, c_out: float, current: complex, speed: float, voltage: float, blocked: bool
+) -> None:
+    """Current within 1e-6 of I_N after each of eight periods: reversals, floating legs, blocked gates."""
+    inverter = sf.Inverter(c_out=c_out, f_clk=0.0)
+    plant = sf.Plant(motor, inverter, speed=speed, adc_bits=0)
+    psi_r = 0.85 * cmath.exp(0.4j)
+    plant.set_state(psi_r + motor.L_sigma * current, psi_r, speed)
+    state = plant.state
+    assert motor.saturation is not None
+    L_u, a, S = motor.saturation
+    leakage = motor.to_gamma()["L_l"] * (state.i_s - state.psi_s * (1 + (a * abs(state.psi_s)) ** S) / L_u)
+    reference = Reference(motor, inverter, (state.psi_s, state.psi_s - leakage), speed)
+    acting = [0.5] * 3
+    for n in range(8):
+        u = voltage * cmath.exp(1j * (0.7 + motor.n_p * speed * n / inverter.f_s))
+        duty = [0.5 + (u * cmath.exp(-2j * math.pi * k / 3)).real / inverter.u_dc for k in range(3)]
+        gates_on = not (blocked and 2 <= n < 6)
+        plant.step(duty, gates_on=gates_on)
+        reference.step(acting, gates_on)
+        acting = duty
+        assert abs(plant.state.i_s - reference.current(reference.x)) <= 1e-6 * motor.I_N, n
+        assert abs(plant.state.psi_s - complex(*reference.x[:2])) <= 1e-7, n
 
 
 def test_duties_act_one_period_later(motor: sf.Motor) -> None:
@@ -116,3 +272,32 @@ def test_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
         sf.Plant(motor, inverter, mode="mean")
     with pytest.raises(ValueError, match="load_torque = NaN"):
         sf.Plant(motor, inverter).step([0.5] * 3, load_torque=float("nan"))
+
+
+def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    def current(**options: Any) -> complex:
+        plant = sf.Plant(motor, inverter, speed=30.0, adc_bits=0, **options)
+        for k in range(200):
+            plant.step([0.5 + 0.1 * math.cos(2e-2 * k - 2.1 * p) for p in range(3)])
+        return plant.state.i_s
+
+    plain = current()
+    for option in (
+        {"turn_on_delay": [(1e-7, 0.0)] * 3},
+        {"turn_off_delay": [(0.0, 3e-7), (0.0, 0.0), (1e-7, 0.0)]},
+        {"iron_loss": (900.0, 150e-6)},
+        {"deep_bar": (0.3, 0.6)},
+    ):
+        assert 1e-3 < abs(current(**option) - plain) < 1.0, option
+    # These change what is read or called, not the plant.
+    calls = {"missed_calls": 0.1, "doubled_calls": 0.1}
+    assert current(adc_skew=(0.0, 1e-6, 2e-6), **calls) == pytest.approx(plain, abs=1e-6)
+    for name, value, text in (
+        ("turn_off_delay", [(0.0, 4e-6)] * 3, "turn_off_delay = "),
+        ("adc_skew", (0.0, 0.0, 1e-3), "adc_skew = "),
+        ("iron_loss", (900.0, 1e-6), "time constant"),
+        ("deep_bar", (0.0, 0.5), "conductance"),
+        ("missed_calls", 1.5, "missed_calls = "),
+    ):
+        with pytest.raises(ValueError, match=text):
+            sf.Plant(motor, inverter, **{name: value})  # type: ignore[arg-type]

@@ -94,6 +94,10 @@ class PlantOptions(TypedDict, total=False):
     """Speed at which that excess has fallen to 1/e, mechanical rad/s."""
     speed: float | None
     """Imposed shaft speed, mechanical rad/s; None: the shaft is free."""
+    turn_on_delay: Sequence[tuple[float, float]]
+    """Time that each switch takes to turn on after its command, s: (upper, lower) for each leg."""
+    turn_off_delay: Sequence[tuple[float, float]]
+    """The same for turning off, at most the dead time and the turn-on delay of the leg's other switch."""
     adc_bits: int
     """Resolution of the current channels, bit; 0: no quantisation."""
     adc_range: float | None
@@ -106,5 +110,17 @@ class PlantOptions(TypedDict, total=False):
     """Its drift, A/s."""
     current_gain: Sequence[float]
     """Gain of each current channel, ideally 1."""
+    adc_skew: Sequence[float]
+    """Time before the carrier peak at which each current channel is sampled, s, at most half a period."""
+    iron_loss: tuple[float, float] | None
+    """Eddy currents: resistance parallel to the magnetising branch of the Γ circuit in Ω, and time constant of the
+    field in the sheets in s, at least 20 µs."""
+    deep_bar: tuple[float, float] | None
+    """Second branch of the rotor: its share of the cage's conductance at small slip and its share of the inverse
+    leakage inductance at high frequency, each from 0.01 to 0.9."""
+    missed_calls: float
+    """Probability that the control is not called in a period: duties stay. Only in a scenario."""
+    doubled_calls: float
+    """Probability that the control is called twice with the same sample. Only in a scenario."""
     thermal: tuple[float, float, float] | None
     """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K."""

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
-use stillflux_sim::{Mode, PlantParams, Thermal, Truth};
+use stillflux_sim::{DeepBar, IronLoss, Mode, PlantParams, Thermal, Truth};
 
 use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
 use crate::parameters::{Inverter, Motor};
@@ -30,12 +30,25 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
         "stribeck" => p.mechanics.stribeck = extract(name, value)?,
         "stribeck_speed" => p.mechanics.stribeck_speed = extract(name, value)?,
         "speed" => p.mechanics.speed = extract(name, value)?,
+        "turn_on_delay" => p.gate_delays.on = extract(name, value)?,
+        "turn_off_delay" => p.gate_delays.off = extract(name, value)?,
         "adc_bits" => p.adc.bits = extract(name, value)?,
         "adc_range" => p.adc.range = extract::<Option<f64>>(name, value)?.unwrap_or(p.adc.range),
         "adc_noise" => p.adc.noise = extract(name, value)?,
         "current_offset" => p.adc.offset = offsets(name, value)?,
         "current_offset_drift" => p.adc.offset_drift = offsets(name, value)?,
         "current_gain" => p.adc.gain = three(name, value)?,
+        "iron_loss" => {
+            p.iron_loss = extract::<Option<(f64, f64)>>(name, value)?
+                .map(|(R_fe, time_constant)| IronLoss { R_fe, time_constant });
+        }
+        "deep_bar" => {
+            p.deep_bar = extract::<Option<(f64, f64)>>(name, value)?
+                .map(|(conductance, leakage)| DeepBar { conductance, leakage });
+        }
+        "adc_skew" => p.adc.skew = three(name, value)?,
+        "missed_calls" => p.calls.missed = extract(name, value)?,
+        "doubled_calls" => p.calls.doubled = extract(name, value)?,
         "thermal" => {
             p.thermal = extract::<Option<(f64, f64, f64)>>(name, value)?.map(|(time_constant, rise, alpha)| Thermal {
                 time_constant,

@@ -1,10 +1,36 @@
-//! Wall time of one plant period: `cargo run --release -p stillflux-sim --example plant_speed`.
+//! Wall time of one plant period and of a closed loop: `cargo run --release -p stillflux-sim --example plant_speed`.
 
+use std::borrow::Cow;
 use std::time::Instant;
 use stillflux::params::{Inverter, Machine};
+use stillflux_sim::simulate::{Profile, ReferenceProfile, Run, Scenario};
 use stillflux_sim::{Mode, Plant, PlantParams};
 
 fn main() {
+    plants();
+    println!(
+        "simulated seconds per second with drive, f32 (best of 8): start, ramp, half the rated load; switching level"
+    );
+    for c_out in [0.0, 0.1e-9, 1e-9, 10e-9] {
+        let best = (0..8).map(|_| closed_loop(c_out)).fold(0.0, f64::max);
+        println!("  {:.1} nF: {best:.0}", c_out * 1e9);
+    }
+}
+
+/// Simulated seconds per second of wall time.
+fn closed_loop(c_out: f64) -> f64 {
+    let duration = 4.0;
+    let mut s = Scenario::new(Machine::preset_2k2(), Inverter::preset_2k2(), duration);
+    s.plant.inverter.c_out = c_out;
+    s.reference = ReferenceProfile::Speed(Profile::new(vec![(1.6, 0.0), (1.8, 15.0)]).unwrap());
+    s.load = Profile::new(vec![(2.0, 0.0), (2.0, 7.0)]).unwrap();
+    let t = Instant::now();
+    let mut run = Run::new(Cow::Owned(s)).unwrap();
+    while run.advance(10_000) {}
+    duration / t.elapsed().as_secs_f64()
+}
+
+fn plants() {
     println!("ns per period at 10 kHz (best of 5)      slow = 1 Hz, fast = 45 Hz, loaded; idle = 1 Hz, no load");
     let plain = [(Mode::Switching, false), (Mode::Switching, true), (Mode::Averaged, false), (Mode::Averaged, true)];
     for (mode, saturation, c_out) in plain

@@ -7,7 +7,8 @@ use stillflux::si::MeasurementSi;
 /// A/D conversion of three phase currents and the dc-link voltage.
 ///
 /// `reading = quantise(gain i + offset + drift t + noise)`, clipped to the range of a two's complement
-/// converter.
+/// converter. `i` is the current at the channel's instant, `skew` before the carrier peak: a converter that takes
+/// one channel after the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adc {
     /// Resolution of the current channels, bit; 0: no quantisation.
@@ -22,6 +23,8 @@ pub struct Adc {
     pub offset_drift: [f64; 3],
     /// Gain per channel, ideally 1.
     pub gain: [f64; 3],
+    /// Time before the carrier peak at which each channel is sampled, s.
+    pub skew: [f64; 3],
     /// Resolution of the dc-link channel, bit; 0: no quantisation.
     pub u_dc_bits: u32,
     /// Full scale of the dc-link channel, V.
@@ -39,6 +42,7 @@ impl Adc {
             offset: [0.0; 3],
             offset_drift: [0.0; 3],
             gain: [1.0; 3],
+            skew: [0.0; 3],
             u_dc_bits: 12,
             u_dc_range: 1.5 * inverter.u_dc,
         }

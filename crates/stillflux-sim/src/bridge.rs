@@ -13,16 +13,48 @@
 //! floats at the induced potential while that stays inside. One rule covers switch, diode, dead time,
 //! zero-current clamping and the blocked bridge. `r_d` is folded into the stator resistance. With capacitance
 //! at the node the potential floats inside the interval as [`crate::nodes`] says.
+//!
+//! A switch turns on and off later than it is told ([`GateDelays`]). A pulse lasts by its turn-off delay longer and
+//! by its turn-on delay shorter; one that nothing is left of does not appear. Per period a switching leg with `i > 0`,
+//! which only its upper switch moves, gains `u_dc (off_u - on_u)`, one with `i < 0` `u_dc (on_l - off_l)`.
 
 use crate::adc::nearest;
 use crate::machine::{AXIS, Circuit, Field, State, V2, phases, space_vector};
-use stillflux::params::Inverter;
+use stillflux::params::{Inverter, ParamError, check};
 
 /// Which switch of a leg is on. Bit 0: `v_lo` at the positive rail; bit 1: `v_hi` there.
 pub(crate) type Gate = u8;
 pub(crate) const LOW: Gate = 0b00;
 pub(crate) const OFF: Gate = 0b10;
 pub(crate) const HIGH: Gate = 0b11;
+
+/// Delays of the six switches, s: for each leg its upper and its lower switch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GateDelays {
+    /// From the command to turn on, dead time included, until the switch conducts.
+    pub on: [[f64; 2]; 3],
+    /// From the command to turn off until it no longer does.
+    pub off: [[f64; 2]; 3],
+}
+
+impl GateDelays {
+    /// Checks that no leg's switches are on together.
+    ///
+    /// # Errors
+    /// The first delay outside its range: 0 to a twentieth of the period, a turn-off delay also at most the dead time
+    /// and the turn-on delay of the leg's other switch.
+    pub fn validate(&self, inverter: &Inverter) -> Result<(), ParamError> {
+        for leg in 0..3 {
+            for switch in 0..2 {
+                let on = self.on[leg][1 - switch];
+                check("turn_on_delay", on, 0.0, 0.05 / inverter.f_s, "s")?;
+                let most = (inverter.dead_time + on).min(0.05 / inverter.f_s);
+                check("turn_off_delay", self.off[leg][switch], 0.0, most, "s")?;
+            }
+        }
+        Ok(())
+    }
+}
 
 /// One leg's gate and the changes ahead of it in this period.
 #[derive(Clone, Copy, Debug)]
@@ -32,17 +64,36 @@ pub(crate) struct Leg {
     level: bool,
     /// Time within the period at which the commanded switch turns on, infinite if it already has.
     turn_on: f64,
+    /// Delays of (upper, lower) switch.
+    on_delay: [f64; 2],
+    off_delay: [f64; 2],
     /// Next entry of the list.
     next: usize,
     n: usize,
-    /// At most: carried turn-on, and Off + on for each of three edges.
-    t: [f64; 8],
-    to: [Gate; 8],
+    /// At most: carried turn-off and turn-on, and Off + on for each of three edges.
+    t: [f64; LIST],
+    to: [Gate; LIST],
 }
 
+const LIST: usize = 16;
+
 impl Leg {
-    const BLOCKED: Self =
-        Self { gate: OFF, level: false, turn_on: f64::INFINITY, next: 0, n: 0, t: [f64::INFINITY; 8], to: [OFF; 8] };
+    const BLOCKED: Self = Self {
+        gate: OFF,
+        level: false,
+        turn_on: f64::INFINITY,
+        on_delay: [0.0; 2],
+        off_delay: [0.0; 2],
+        next: 0,
+        n: 0,
+        t: [f64::INFINITY; LIST],
+        to: [OFF; LIST],
+    };
+
+    /// A leg with this gate and nothing ahead of it.
+    fn at_rest(&self, gate: Gate) -> Self {
+        Self { gate, on_delay: self.on_delay, off_delay: self.off_delay, ..Self::BLOCKED }
+    }
 
     #[inline(always)]
     fn push(&mut self, t: f64, to: Gate) {
@@ -55,18 +106,25 @@ impl Leg {
     /// pending is cancelled: a pulse shorter than the dead time never turns its switch on.
     #[inline(always)]
     fn edge(&mut self, t: f64, level: bool, dead_time: f64) {
-        if self.turn_on < t {
+        let (old, new) = (usize::from(!self.level), usize::from(!level));
+        let off = t + self.off_delay[old];
+        // Told to turn on in time, and on before it is off again.
+        if self.turn_on - self.on_delay[old] < t && self.turn_on < off {
             self.push(self.turn_on, if self.level { HIGH } else { LOW });
         }
-        self.push(t, OFF);
+        self.push(off, OFF);
         self.level = level;
-        self.turn_on = t + dead_time;
+        self.turn_on = t + dead_time + self.on_delay[new];
     }
 
     /// Lists the changes of one period `T` for a pulse of half width `half` about its centre.
     #[inline(always)]
     fn load(&mut self, half: f64, period: f64, dead_time: f64) {
+        let carried = self.next..self.n;
         (self.n, self.next) = (0, 0);
+        for k in carried {
+            self.push(self.t[k] - period, self.to[k]);
+        }
         let centre = 0.5 * period;
         let full = half >= centre;
         if self.level != full {
@@ -92,11 +150,11 @@ impl Leg {
         let see: Gate = if sign > 0.0 { 0b01 } else { 0b10 };
         let mut k = self.next;
         if sign != 0.0 {
-            while k < self.n && (self.to[k & 7] ^ self.gate) & see == 0 {
+            while k < self.n && (self.to[k & (LIST - 1)] ^ self.gate) & see == 0 {
                 k += 1;
             }
         }
-        self.t[k & 7]
+        self.t[k & (LIST - 1)]
     }
 }
 
@@ -146,7 +204,7 @@ pub(crate) struct Average {
 }
 
 impl Bridge {
-    pub fn new(inv: &Inverter) -> Self {
+    pub fn new(inv: &Inverter, delays: &GateDelays) -> Self {
         let (ticks, tick) = if inv.f_clk > 0.0 { (inv.f_clk / (2.0 * inv.f_s), 1.0 / inv.f_clk) } else { (0.0, 0.0) };
         Self {
             u_dc: inv.u_dc,
@@ -157,7 +215,7 @@ impl Bridge {
             ticks,
             tick,
             on: false,
-            legs: [Leg::BLOCKED; 3],
+            legs: [0, 1, 2].map(|k| Leg { on_delay: delays.on[k], off_delay: delays.off[k], ..Leg::BLOCKED }),
             sign: [0.0; 3],
         }
     }
@@ -174,10 +232,10 @@ impl Bridge {
     /// Prepares one period. Blocking acts at once, unblocking turns the lower switches on at once.
     pub fn load(&mut self, duty: [f64; 3], on: bool) {
         if !on {
-            self.legs = [Leg::BLOCKED; 3];
+            self.legs = self.legs.map(|leg| leg.at_rest(OFF));
         } else {
             if !self.on {
-                self.legs = [Leg { gate: LOW, ..Leg::BLOCKED }; 3];
+                self.legs = self.legs.map(|leg| leg.at_rest(LOW));
             }
             for k in 0..3 {
                 let half = self.half_width(duty[k]);
@@ -199,8 +257,8 @@ impl Bridge {
     #[inline(always)]
     pub fn apply(&mut self, t: f64) {
         for leg in &mut self.legs {
-            while leg.t[leg.next & 7] <= t {
-                leg.gate = leg.to[leg.next & 7];
+            while leg.t[leg.next & (LIST - 1)] <= t {
+                leg.gate = leg.to[leg.next & (LIST - 1)];
                 leg.next += 1;
             }
         }
@@ -257,17 +315,17 @@ impl Bridge {
     /// Decides for each leg at zero current whether it floats or which way it conducts, and returns the feed.
     /// `lift`: the star point has just run out of room, do not ask again.
     #[inline(always)]
-    pub fn feed<const SAT: bool>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
+    pub fn feed<const KIND: u8>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
         if self.sign[0] != 0.0 && self.sign[1] != 0.0 && self.sign[2] != 0.0 {
             return Feed::Voltage(self.voltage());
         }
-        self.feed_at_zero::<SAT>(c, x, f, lift)
+        self.feed_at_zero::<KIND>(c, x, f, lift)
     }
 
     #[inline(never)]
-    fn feed_at_zero<const SAT: bool>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
+    fn feed_at_zero<const KIND: u8>(&mut self, c: &Circuit, x: &State, f: &Field, lift: bool) -> Feed {
         if self.sign == [0.0; 3] {
-            let (room, p, q) = self.room(c.open::<SAT>(x, f));
+            let (room, p, q) = self.room(c.open::<KIND>(x, f));
             if p == q || (room >= 0.0 && !lift) {
                 return Feed::Open;
             }
@@ -275,7 +333,7 @@ impl Bridge {
         }
         let k = self.sign.iter().position(|s| *s == 0.0).unwrap_or(0);
         let u = self.voltage();
-        let v = c.float::<SAT>(x, f, k, u).1;
+        let v = c.float::<KIND>(x, f, k, u).1;
         if v < self.lo(k) {
             self.sign[k] = 1.0;
         } else if v > self.hi(k) {
@@ -301,16 +359,24 @@ impl Bridge {
     /// `i_rise` and `i_fall` at the leg's two edges, it is `max(L(i_fall), 0) + min(L(i_rise), 0)`: within the
     /// ripple twice as steep. The average model knows no ripple.
     pub fn average(&self, duty: [f64; 3], band: f64) -> Feed {
-        let (mut v, mut drop, mut dead) = ([0.0; 3], [self.u_th; 3], [0.0; 3]);
+        let (mut v, mut drop, mut dead, mut delay) = ([0.0; 3], [self.u_th; 3], [0.0; 3], [[0.0; 2]; 3]);
         for k in 0..3 {
             let d = 2.0 * self.half_width(duty[k]) / self.period;
             v[k] = d * self.u_dc;
             if d > 0.0 && d < 1.0 {
                 dead[k] = self.dead_time / self.period * self.u_dc;
                 drop[k] += dead[k];
+                let (on, off) = (self.legs[k].on_delay, self.legs[k].off_delay);
+                let half = 0.5 * self.u_dc / self.period;
+                let (positive, negative) = (half * (off[0] - on[0]), half * (on[1] - off[1]));
+                delay[k] = [positive + negative, positive - negative];
             }
         }
         let knee = if self.dead_time > 0.0 { self.c_out * self.u_dc / self.dead_time } else { 0.0 };
+        for k in 0..3 {
+            v[k] += delay[k][0];
+            drop[k] -= delay[k][1];
+        }
         Feed::Average(Average { v, drop, dead, inv_band: 1.0 / band, knee })
     }
 }
@@ -333,12 +399,12 @@ impl Average {
 
 impl Feed {
     /// Right-hand side of the stator equation; `q` is `∫ i_s dt` since the start of the segment.
-    pub fn dpsi_s<const SAT: bool>(&self, c: &Circuit, x: &State, f: &Field, q: V2) -> V2 {
+    pub fn dpsi_s<const KIND: u8>(&self, c: &Circuit, x: &State, f: &Field, q: V2) -> V2 {
         let minus_ri = |u: V2| [u[0] - c.R * f.i[0], u[1] - c.R * f.i[1]];
         match self {
             Feed::Voltage(u) => minus_ri(*u),
-            Feed::Float(k, u) => c.float::<SAT>(x, f, *k, *u).0,
-            Feed::Open => c.open::<SAT>(x, f),
+            Feed::Float(k, u) => c.float::<KIND>(x, f, *k, *u).0,
+            Feed::Open => c.open::<KIND>(x, f),
             Feed::Nodes(u, k) => minus_ri(Self::discharged(*u, k, q)),
             Feed::Average(a) => minus_ri(a.voltage(f.i)),
         }
@@ -366,8 +432,9 @@ mod tests {
     fn gates(leg: &mut Leg, half: f64, dead: f64) -> Vec<(f64, Gate)> {
         leg.load(half, T, dead);
         let list: Vec<_> = (0..leg.n).map(|k| ((leg.t[k] * 1e7).round() / 10.0, leg.to[k])).collect();
-        if let Some(last) = list.last() {
-            leg.gate = last.1;
+        while leg.t[leg.next] <= T {
+            leg.gate = leg.to[leg.next];
+            leg.next += 1;
         }
         list
     }
@@ -401,8 +468,22 @@ mod tests {
     }
 
     #[test]
+    fn switches_act_late_and_pulses_end_with_the_turn_off_delay() {
+        let mut leg = Leg { gate: LOW, on_delay: [0.3e-6, 0.1e-6], off_delay: [0.7e-6, 0.2e-6], ..Leg::BLOCKED };
+        assert_eq!(gates(&mut leg, 20e-6, 2e-6), [(30.2, OFF), (32.3, HIGH), (70.7, OFF), (72.1, LOW)]);
+        assert_eq!(gates(&mut leg, 1.2e-6, 2e-6), [(49.0, OFF), (51.1, HIGH), (51.9, OFF), (53.3, LOW)]);
+        assert_eq!(gates(&mut leg, 49.8e-6, 2e-6), [(0.4, OFF), (2.5, HIGH), (100.5, OFF)], "past the end");
+        assert_eq!(
+            gates(&mut leg, 10e-6, 2e-6),
+            [(0.5, OFF), (1.9, LOW), (40.2, OFF), (42.3, HIGH), (60.7, OFF), (62.1, LOW)]
+        );
+        let slow = Leg { gate: LOW, on_delay: [1.5e-6, 0.0], ..Leg::BLOCKED };
+        assert_eq!(gates(&mut { slow }, 1.2e-6, 2e-6), [(48.8, OFF), (51.2, OFF), (53.2, LOW)], "nothing left of it");
+    }
+
+    #[test]
     fn edges_are_multiples_of_the_timer_clock() {
-        let b = Bridge::new(&Inverter { f_clk: 10e6, ..Inverter::preset_2k2() });
+        let b = Bridge::new(&Inverter { f_clk: 10e6, ..Inverter::preset_2k2() }, &GateDelays::default());
         assert!((b.half_width(0.3333) - 16.7e-6).abs() < 1e-18, "0.3333 · 500 = 166.65 → 167 ticks");
         assert_eq!(b.half_width(1.0), 0.5 * b.period);
     }

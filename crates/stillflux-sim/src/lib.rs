@@ -6,6 +6,7 @@
 #![deny(missing_docs)]
 
 mod adc;
+mod branches;
 mod bridge;
 mod machine;
 mod mechanics;
@@ -16,7 +17,9 @@ pub mod simulate;
 mod thermal;
 
 pub use adc::Adc;
+pub use branches::{DeepBar, IronLoss};
+pub use bridge::GateDelays;
 pub use machine::Energy;
 pub use mechanics::Mechanics;
-pub use plant::{Mode, Plant, PlantParams, Truth};
+pub use plant::{Calls, Mode, Plant, PlantParams, Truth};
 pub use thermal::Thermal;

@@ -21,15 +21,21 @@
 //!
 //! With `q = ∫ i_s dt` since the start of a segment, floating legs `F` and `e_k` their axes,
 //! `u_s = u_0 - K q`, `K = 2/(3 C) Σ_F e_k e_k^T`: [`Nodes::feed`]. With the machine it is an oscillator of at most
-//! `omega_0² = (∂i/∂psi)/C`; steps are kept below `0.2/omega_0`, where Runge-Kutta of 4th order leaves
-//! 1e-5 of the amplitude in the potential and 1e-6 in the volt-seconds. The charge is exact.
+//! `omega_0² = (∂i/∂psi)/C`; a step of at most `0.3/omega_0` ([`crate::machine::Circuit::taylor`]) errs by 1e-6 of the
+//! swing, and the charge is exact.
+//!
+//! **Gates blocked for long.** The nodes ring about the induced voltage until the windings' resistance has damped it,
+//! some 0.1 s. Below 1e-4 of `u_dc` they follow the induced voltage and the phase current, some 0.1 mA, is
+//! neglected: [`Nodes::follow`]. What their stored energy then changes by is booked as charging.
 #![allow(non_snake_case)]
 
 use crate::bridge::{Bridge, Feed, phase};
-use crate::machine::{Circuit, Energy, Field, Series, State, V2, dot, phases, space_vector};
+use crate::machine::{Circuit, Energy, Field, Series, State, V2, axpy, dot, phases, space_vector};
 
 /// Longest step in units of `1/omega_0`.
-const STEP: f64 = 0.2;
+const STEP: f64 = 0.3;
+/// Ringing below this part of the link voltage is over.
+const STILL: f64 = 1e-4;
 
 /// Potentials of the legs' nodes.
 #[derive(Clone, Copy, Debug)]
@@ -132,8 +138,8 @@ impl Nodes {
 
     /// Longest step of the oscillator.
     #[inline(always)]
-    pub fn longest_step<const SAT: bool>(&self, c: &Circuit, x: &State, f: &Field) -> f64 {
-        let (b, q) = c.tangent_from::<SAT>(x.psi_s, f.b);
+    pub fn longest_step<const KIND: u8>(&self, c: &Circuit, x: &State, f: &Field) -> f64 {
+        let (b, q) = c.tangent_from::<KIND>(x.psi_s, f.b);
         STEP * (self.C / (b + q * dot(x.psi_s, x.psi_s))).sqrt()
     }
 
@@ -152,12 +158,39 @@ impl Nodes {
             if way.abs() > 1.5 * i[k].abs() * first || way == 0.0 {
                 continue;
             }
-            let t = series.time_of(k, way, way / i[k]);
+            let t = series.time_of(k, way);
             if t > 0.0 && t < first {
                 (leg, first) = (Some((k, t)), t);
             }
         }
         leg
+    }
+
+    /// Whether all nodes float, have done with ringing and will not meet a rail while the induced voltage turns.
+    pub fn still<const KIND: u8>(&self, b: &Bridge, c: &Circuit, x: &State, f: &Field) -> bool {
+        if b.sign != [0.0; 3] {
+            return false;
+        }
+        // The voltage at which the current keeps its value, turning with the rotor, and the current this takes.
+        let e = axpy(c.open::<KIND>(x, f), c.R, f.i);
+        let k = self.C * c.n_p * x.omega;
+        let du = axpy(space_vector(self.v), -1.0, e);
+        // None at all: a stretch without ringing came before.
+        let di = if f.i == [0.0; 2] { [0.0; 2] } else { [f.i[0] - k * e[1], f.i[1] + k * e[0]] };
+        let mean = (self.v[0] + self.v[1] + self.v[2]) / 3.0;
+        let room = [0, 1, 2].map(|k| (mean - b.lo(k)).min(b.hi(k) - mean)).into_iter().fold(f64::INFINITY, f64::min);
+        dot(du, du) + dot(di, di) / (f.b * self.C) < (STILL * b.u_dc).powi(2)
+            && 1.01 * dot(e, e).sqrt() + 0.01 * b.u_dc < room
+    }
+
+    /// Puts floating nodes at the induced voltage `e`, without changing their common part.
+    pub fn follow(&mut self, e: V2, energy: &mut Option<Energy>) {
+        let (before, e) = (self.energy(), phases(e));
+        let mean = (self.v[0] + self.v[1] + self.v[2]) / 3.0;
+        self.v = [0, 1, 2].map(|k| mean + e[k]);
+        if let Some(books) = energy {
+            books.charging += before - self.energy();
+        }
     }
 
     /// Takes the charge `∫ i_s dt` out of the floating nodes.

@@ -9,8 +9,9 @@
 #![allow(non_snake_case)]
 
 use crate::adc::{Adc, Converter};
-use crate::bridge::{Bridge, Feed, phase};
-use crate::machine::{Circuit, Energy, Field, State, Step, V2, dot, phases};
+use crate::branches::{DeepBar, IronLoss};
+use crate::bridge::{Bridge, Feed, GateDelays, phase};
+use crate::machine::{BRANCHED, Circuit, Energy, Field, LINEAR, SATURATING, State, Step, V2, dot, phases};
 use crate::mechanics::{Mechanics, Shaft};
 use crate::nodes::Nodes;
 use crate::thermal::Thermal;
@@ -26,6 +27,16 @@ pub enum Mode {
     Averaged,
 }
 
+/// Interrupts that do not come or come twice, by chance: what a closed loop ([`crate::simulate`]) does of it. A plant
+/// alone is stepped by its caller.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Calls {
+    /// Probability that the control is not called in a period: the preload register keeps its duties.
+    pub missed: f64,
+    /// Probability that it is called twice with the same sample; the second duties count.
+    pub doubled: f64,
+}
+
 /// Everything the plant is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantParams {
@@ -33,10 +44,18 @@ pub struct PlantParams {
     pub machine: Machine,
     /// The bridge.
     pub inverter: Inverter,
+    /// Delays of the switches.
+    pub gate_delays: GateDelays,
     /// Load inertia and friction, or an imposed speed.
     pub mechanics: Mechanics,
     /// Measurement.
     pub adc: Adc,
+    /// Eddy currents in the iron.
+    pub iron_loss: Option<IronLoss>,
+    /// Skin effect in the rotor's bars.
+    pub deep_bar: Option<DeepBar>,
+    /// Whether the control is called once a period, as it should be.
+    pub calls: Calls,
     /// Winding temperature; `None`: cold throughout.
     pub thermal: Option<Thermal>,
     /// Model of the bridge.
@@ -54,8 +73,12 @@ impl PlantParams {
         Self {
             machine,
             inverter,
+            gate_delays: GateDelays::default(),
             mechanics: Mechanics::default(),
             adc: Adc::new(&machine, &inverter),
+            iron_loss: None,
+            deep_bar: None,
+            calls: Calls::default(),
             thermal: None,
             mode: Mode::Switching,
             saturation: true,
@@ -72,8 +95,16 @@ impl PlantParams {
         self.inverter.validate()?;
         // Below 10 µs of stray time constant the sub-steps would no longer be few.
         check("(R_s + r_d + R_R)/L_sigma", stray_rate(&self.machine, &self.inverter), 0.0, 1e5, "1/s")?;
+        self.gate_delays.validate(&self.inverter)?;
         self.mechanics.validate()?;
         self.adc.validate()?;
+        for skew in self.adc.skew {
+            check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s, "s")?;
+        }
+        self.iron_loss.map_or(Ok(()), |l| l.validate(&self.machine))?;
+        self.deep_bar.map_or(Ok(()), |b| b.validate())?;
+        check("missed_calls", self.calls.missed, 0.0, 0.9, "")?;
+        check("doubled_calls", self.calls.doubled, 0.0, 1.0 - self.calls.missed, "")?;
         self.thermal.map_or(Ok(()), |t| t.validate())
     }
 }
@@ -161,6 +192,9 @@ pub struct Plant {
     tol: Tolerance,
     /// Duties for the coming period.
     preload: [f64; 3],
+    /// Instants within the period at which channels are sampled ahead of its end, else infinite, and what they saw.
+    instants: [f64; 3],
+    seen: [f64; 3],
     /// `∫ i_s dt` since the period began.
     int_i: V2,
     /// Band of the average model, A.
@@ -174,9 +208,6 @@ pub struct Plant {
 
 /// Longest step of the average model and of [`Plant::step_voltage`], s.
 const H_MAX: f64 = 50e-6;
-
-/// Up to this part of [`Nodes::longest_step`] a ramp takes a Taylor step.
-const TAYLOR: f64 = 0.5;
 
 /// Half width of the current band over which the average model's drop changes sign, in units of
 /// `(2/3) (u_dc T_d + u_th T_s)/L_sigma`, what a full drop changes a phase current by in one period.
@@ -194,12 +225,14 @@ impl Plant {
     pub fn new(params: PlantParams) -> Result<Self, ParamError> {
         params.validate()?;
         let PlantParams { machine: m, inverter: inv, .. } = params;
-        let circuit = Circuit::new(&m, inv.r_d, params.saturation);
+        let circuit = Circuit::new(&m, inv.r_d, params.saturation, params.iron_loss, params.deep_bar);
         let i_n = std::f64::consts::SQRT_2 * m.I_N;
+        // A branch carries a small part of the current: its time constant may be met by fewer steps.
+        let rate = stray_rate(&m, &inv) + 0.15 * circuit.branch_rate() + 1.5 * m.omega_sR();
         let mut plant = Self {
             params,
             circuit,
-            bridge: Bridge::new(&inv),
+            bridge: Bridge::new(&inv, &params.gate_delays),
             nodes: (inv.c_out > 0.0).then(|| Nodes::new(inv.c_out, inv.u_dc, 1e-11 * i_n)),
             shaft: Shaft::new(params.mechanics, m.J),
             adc: Converter::new(params.adc, params.seed),
@@ -208,8 +241,8 @@ impl Plant {
             theta: 0.0,
             t: 0.0,
             period: 1.0 / inv.f_s,
-            h_max: (0.05 / (stray_rate(&m, &inv) + 1.5 * m.omega_sR())).min(60e-6),
-            h_taylor: if inv.c_out > 0.0 { 5e-3 / (stray_rate(&m, &inv) + 1.5 * m.omega_sR()) } else { 0.0 },
+            h_max: (0.05 / rate).min(60e-6),
+            h_taylor: if inv.c_out > 0.0 { 5e-3 / rate } else { 0.0 },
             tol: Tolerance {
                 current: 1e-11 * i_n,
                 voltage: 1e-10 * inv.u_dc,
@@ -219,6 +252,8 @@ impl Plant {
                 near: 2e-3 * i_n,
             },
             preload: [0.5; 3],
+            instants: params.adc.skew.map(|s| if s > 0.0 { 1.0 / inv.f_s - s } else { f64::INFINITY }),
+            seen: [0.0; 3],
             int_i: [0.0; 2],
             band: (BAND * (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma).max(1e-9 * i_n),
             stale: false,
@@ -239,14 +274,22 @@ impl Plant {
         let active = std::mem::replace(&mut self.preload, duty.map(|d| if d > 0.0 { d.min(1.0) } else { 0.0 }));
         let begin = self.begin(load_torque);
         let averaged = self.params.mode == Mode::Averaged && gates_on;
-        match (averaged, self.circuit.saturates()) {
-            (false, false) => self.switched::<false>(active, gates_on),
-            (false, true) => self.switched::<true>(active, gates_on),
-            (true, false) => self.smooth::<false>(self.bridge.average(active, self.band), self.period),
-            (true, true) => self.smooth::<true>(self.bridge.average(active, self.band), self.period),
+        match (averaged, self.circuit.kind()) {
+            (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
+            (false, SATURATING) => self.switched::<SATURATING>(active, gates_on),
+            (false, _) => self.switched::<BRANCHED>(active, gates_on),
+            (true, LINEAR) => self.averaged::<LINEAR>(active),
+            (true, SATURATING) => self.averaged::<SATURATING>(active),
+            (true, _) => self.averaged::<BRANCHED>(active),
         }
         self.finish(begin, self.period);
-        self.sample()
+        let mut i = self.phase_currents();
+        for k in 0..3 {
+            if self.instants[k].is_finite() {
+                i[k] = self.seen[k];
+            }
+        }
+        self.adc.read(i, self.bridge.u_dc)
     }
 
     /// Applies a constant voltage vector to the terminals for `dt` seconds, past the bridge (and its `r_d`).
@@ -254,10 +297,10 @@ impl Plant {
         let begin = self.begin(load_torque);
         let r_d = std::mem::replace(&mut self.circuit.r_d, 0.0);
         self.circuit.set_R_s(self.circuit.R_s);
-        if self.circuit.saturates() {
-            self.smooth::<true>(Feed::Voltage(u_s), dt);
-        } else {
-            self.smooth::<false>(Feed::Voltage(u_s), dt);
+        match self.circuit.kind() {
+            LINEAR => self.smooth::<LINEAR>(Feed::Voltage(u_s), dt),
+            SATURATING => self.smooth::<SATURATING>(Feed::Voltage(u_s), dt),
+            _ => self.smooth::<BRANCHED>(Feed::Voltage(u_s), dt),
         }
         self.circuit.r_d = r_d;
         self.circuit.set_R_s(self.circuit.R_s);
@@ -329,7 +372,7 @@ impl Plant {
 
     /// Puts the machine into a state: stator flux and inverse-Γ rotor flux in V·s, mechanical rad/s.
     pub fn set_state(&mut self, psi_s: [f64; 2], psi_r: [f64; 2], omega_m: f64) {
-        self.x = State { psi_s, psi_r: self.circuit.psi_r_of(psi_s, psi_r), omega: omega_m };
+        self.x = self.circuit.state_of(psi_s, psi_r, omega_m);
         self.shaft.restart(omega_m);
         self.stale = true;
         self.refresh();
@@ -402,7 +445,7 @@ impl Plant {
 
     /// Recomputes what follows from the state after it was changed from outside.
     fn refresh(&mut self) {
-        self.f = self.circuit.field::<true>(&self.x);
+        self.f = self.circuit.field::<BRANCHED>(&self.x);
         self.publish();
     }
 
@@ -413,22 +456,54 @@ impl Plant {
         (t.R_s, t.u_dc) = (self.circuit.R_s, self.bridge.u_dc);
     }
 
+    /// The next instant after `t` at which a channel is sampled ahead of the period's end.
+    #[inline(always)]
+    fn next_instant(&self, t: f64) -> f64 {
+        self.instants.into_iter().filter(|s| *s > t).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Samples the channels whose instant is `t`.
+    #[inline(always)]
+    fn look(&mut self, t: f64) {
+        if self.instants.contains(&t) {
+            let i = self.phase_currents();
+            for k in 0..3 {
+                if self.instants[k] == t {
+                    self.seen[k] = i[k];
+                }
+            }
+        }
+    }
+
+    /// A period of the average model.
+    fn averaged<const KIND: u8>(&mut self, duty: [f64; 3]) {
+        let feed = self.bridge.average(duty, self.band);
+        let mut t = 0.0;
+        while t < self.period {
+            let end = self.next_instant(t).min(self.period);
+            self.smooth::<KIND>(feed, end - t);
+            t = end;
+            self.look(t);
+        }
+    }
+
     /// A period of the bridge.
-    fn switched<const SAT: bool>(&mut self, duty: [f64; 3], gates_on: bool) {
+    fn switched<const KIND: u8>(&mut self, duty: [f64; 3], gates_on: bool) {
         let stale = std::mem::replace(&mut self.stale, false);
         if stale {
             self.bridge.set_signs(self.f.i, self.tol.current);
         }
         self.bridge.load(duty, gates_on);
         if let Some(nodes) = self.nodes {
-            return self.capacitive::<SAT>(nodes, stale);
+            return self.capacitive::<KIND>(nodes, stale);
         }
         let (mut t, mut lift, mut stall) = (0.0, false, 0);
         while t < self.period {
+            self.look(t);
             self.bridge.apply(t);
-            let feed = self.bridge.feed::<SAT>(&self.circuit, &self.x, &self.f, lift);
-            let end = self.bridge.next_change().min(self.period).min(t + self.h_max);
-            match self.segment::<SAT, true>(&feed, end - t, stall > 8) {
+            let feed = self.bridge.feed::<KIND>(&self.circuit, &self.x, &self.f, lift);
+            let end = self.bridge.next_change().min(self.period).min(self.next_instant(t)).min(t + self.h_max);
+            match self.segment::<KIND, true>(&feed, end - t, stall > 8) {
                 None => (t, lift, stall) = (end, false, 0),
                 Some((tau, event)) => {
                     // Conditions that contradict each other by rounding alone could repeat at one instant;
@@ -444,21 +519,22 @@ impl Plant {
     }
 
     /// The rest of [`Self::switched`] with capacitance at the legs' nodes.
-    fn capacitive<const SAT: bool>(&mut self, mut nodes: Nodes, stale: bool) {
+    fn capacitive<const KIND: u8>(&mut self, mut nodes: Nodes, stale: bool) {
         if stale {
             nodes.place(&self.bridge);
         }
         let (mut t, mut stall) = (0.0, 0);
         while t < self.period {
+            self.look(t);
             self.bridge.apply(t);
             nodes.settle(&mut self.bridge, self.f.i, &mut self.energy);
             let feed = nodes.feed(&self.bridge);
-            let end = self.bridge.next_change().min(self.period).min(t + self.h_max);
+            let end = self.bridge.next_change().min(self.period).min(self.next_instant(t)).min(t + self.h_max);
             self.nodes = Some(nodes);
             let blind = stall > 8;
             let (h, hit) = match feed {
-                Feed::Nodes(u, K) => self.ramp::<SAT>(u, &K, &nodes, end - t, blind),
-                _ => (end - t, self.segment::<SAT, true>(&feed, end - t, blind)),
+                Feed::Nodes(u, K) => self.ramp::<KIND>(u, &K, &nodes, end - t, blind),
+                _ => (end - t, self.segment::<KIND, true>(&feed, end - t, blind)),
             };
             nodes = self.nodes.unwrap_or(nodes);
             match hit {
@@ -475,14 +551,14 @@ impl Plant {
     }
 
     /// A stretch without a bridge: only the shaft has events.
-    fn smooth<const SAT: bool>(&mut self, feed: Feed, dt: f64) {
+    fn smooth<const KIND: u8>(&mut self, feed: Feed, dt: f64) {
         self.stale = true;
         let least = if matches!(feed, Feed::Average(_)) { 2.0 } else { 1.0 };
         let n = (dt / self.h_max.min(H_MAX) - 1e-9).ceil().max(least);
         for _ in 0..n as u64 {
             let (mut left, mut stall) = (dt / n, 0);
             while left > 0.0 {
-                match self.segment::<SAT, false>(&feed, left, stall > 8) {
+                match self.segment::<KIND, false>(&feed, left, stall > 8) {
                     None => break,
                     Some((tau, _)) => {
                         stall = if tau <= self.tol.time { stall + 1 } else { 0 };
@@ -495,29 +571,29 @@ impl Plant {
 
     /// Integrates over `h`, or to the first event within and what it was.
     #[inline(always)]
-    fn segment<const SAT: bool, const BRIDGE: bool>(
+    fn segment<const KIND: u8, const BRIDGE: bool>(
         &mut self,
         feed: &Feed,
         h: f64,
         blind: bool,
     ) -> Option<(f64, Event)> {
-        let step = self.trial::<SAT>(feed, &self.x, &self.f, h);
-        let f = self.circuit.field::<SAT>(&step.x);
+        let step = self.trial::<KIND>(feed, &self.x, &self.f, h);
+        let f = self.circuit.field::<KIND>(&step.x);
         let near = BRIDGE && {
             let (s, i) = (&self.bridge.sign, phases(f.i));
             // A floating leg has sign 0 and is near.
             (s[0] * i[0]).min(s[1] * i[1]).min(s[2] * i[2]) < self.tol.near
         };
         if near || self.shaft.stuck || self.shaft.dir * step.x.omega < 0.0 {
-            return self.eventful::<SAT, BRIDGE>(feed, h, step, f, blind);
+            return self.eventful::<KIND, BRIDGE>(feed, h, step, f, blind);
         }
-        self.commit::<SAT>(feed, h, step, f);
+        self.commit::<KIND>(feed, h, step, f);
         None
     }
 
     /// A segment of at most `h` in which some node floats: how long it was meant to be, and its event.
     #[inline(always)]
-    fn ramp<const SAT: bool>(
+    fn ramp<const KIND: u8>(
         &mut self,
         u: V2,
         K: &[f64; 3],
@@ -526,20 +602,24 @@ impl Plant {
         blind: bool,
     ) -> (f64, Option<(f64, Event)>) {
         let c = &self.circuit;
-        let longest = nodes.longest_step::<SAT>(c, &self.x, &self.f);
-        let series = c.series::<SAT>(&self.shaft, &self.x, &self.f, u, K);
-        let mut h = h.min(longest);
+        let longest = nodes.longest_step::<KIND>(c, &self.x, &self.f);
+        if h > 5.0 * longest && nodes.still::<KIND>(&self.bridge, c, &self.x, &self.f) {
+            let hit = self.segment::<KIND, true>(&Feed::Open, h, blind);
+            let e = self.circuit.open::<KIND>(&self.x, &self.f);
+            if let Some(nodes) = &mut self.nodes {
+                nodes.follow(e, &mut self.energy);
+            }
+            return (h, hit);
+        }
+        let series = c.series::<KIND, true>(&self.shaft, &self.x, &self.f, u, K);
+        let mut h = h.min(longest).min(self.h_taylor);
         let ramp = nodes.ramp(&self.bridge, &self.f, &series, h);
         if let Some((_, t)) = ramp {
             h = t;
         }
         let feed = Feed::Nodes(u, *K);
-        let step = if h <= self.h_taylor.min(TAYLOR * longest) {
-            c.taylor(&self.shaft, &self.x, &series, h)
-        } else {
-            self.trial::<SAT>(&feed, &self.x, &self.f, h)
-        };
-        let f = c.field::<SAT>(&step.x);
+        let step = c.taylor::<KIND, true>(&self.shaft, &self.x, &series, h);
+        let f = c.field::<KIND>(&step.x);
         // The usual course: one node has come to its diode, no current is near zero or has turned.
         let (i0, i1, mut plain) =
             (phases(self.f.i), phases(f.i), !self.shaft.stuck && self.shaft.dir * step.x.omega >= 0.0);
@@ -555,9 +635,9 @@ impl Plant {
             };
         }
         if !plain {
-            return (h, self.eventful::<SAT, true>(&feed, h, step, f, blind));
+            return (h, self.eventful::<KIND, true>(&feed, h, step, f, blind));
         }
-        self.commit::<SAT>(&feed, h, step, f);
+        self.commit::<KIND>(&feed, h, step, f);
         let hit = ramp.map(|(k, t)| {
             let sign = i1[k].signum();
             self.take_over(k, sign);
@@ -577,9 +657,9 @@ impl Plant {
     }
 
     #[inline(always)]
-    fn commit<const SAT: bool>(&mut self, feed: &Feed, h: f64, step: Step, f: Field) {
+    fn commit<const KIND: u8>(&mut self, feed: &Feed, h: f64, step: Step, f: Field) {
         if self.energy.is_some() {
-            self.account::<SAT>(feed, h, &step, &f);
+            self.account::<KIND>(feed, h, &step, &f);
         }
         if let (Feed::Nodes(..), Some(nodes)) = (feed, &mut self.nodes) {
             nodes.discharge(&self.bridge, step.int_i);
@@ -591,36 +671,36 @@ impl Plant {
     }
 
     #[inline(always)]
-    fn trial<const SAT: bool>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
+    fn trial<const KIND: u8>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
         let (c, s) = (&self.circuit, &self.shaft);
         if let Feed::Voltage(u) = *feed {
             if h <= self.h_taylor {
-                return c.taylor(s, x, &c.series::<SAT>(s, x, f, u, &[0.0; 3]), h);
+                return c.taylor::<KIND, false>(s, x, &c.series::<KIND, false>(s, x, f, u, &[0.0; 3]), h);
             }
-            return c.rk4::<SAT>(s, x, f, h, |x, f, _| c.stator(x, f, u));
+            return c.rk4::<KIND>(s, x, f, h, |x, f| c.stator::<KIND>(x, f, u));
         }
         if let Feed::Nodes(u, k) = *feed {
-            return c.rk4::<SAT>(s, x, f, h, |x, f, q| c.stator(x, f, Feed::discharged(u, &k, q)));
+            return c.taylor::<KIND, true>(s, x, &c.series::<KIND, true>(s, x, f, u, &k), h);
         }
         if let Feed::Average(a) = feed {
-            return c.rk4::<SAT>(s, x, f, h, |x, f, _| c.stator(x, f, a.voltage(f.i)));
+            return c.rk4::<KIND>(s, x, f, h, |x, f| c.stator::<KIND>(x, f, a.voltage(f.i)));
         }
-        self.trial_at_zero::<SAT>(feed, x, f, h)
+        self.trial_at_zero::<KIND>(feed, x, f, h)
     }
 
     #[inline(never)]
-    fn trial_at_zero<const SAT: bool>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
+    fn trial_at_zero<const KIND: u8>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
         let c = &self.circuit;
-        c.rk4::<SAT>(&self.shaft, x, f, h, |x, f, q| feed.dpsi_s::<SAT>(c, x, f, q))
+        c.rk4::<KIND>(&self.shaft, x, f, h, |x, f| feed.dpsi_s::<KIND>(c, x, f, [0.0; 2]))
     }
 
     /// Simpson's rule over the segment: the order of the integrator.
     #[inline(never)]
-    fn account<const SAT: bool>(&mut self, feed: &Feed, h: f64, step: &Step, f: &Field) {
+    fn account<const KIND: u8>(&mut self, feed: &Feed, h: f64, step: &Step, f: &Field) {
         let c = &self.circuit;
-        let mid = self.trial::<SAT>(feed, &self.x, &self.f, 0.5 * h);
-        let power = |s: &Step, f: &Field| c.power(&s.x, f, feed.dpsi_s::<SAT>(c, &s.x, f, s.int_i));
-        let p = [power(&self.here(), &self.f), power(&mid, &c.field::<SAT>(&mid.x)), power(step, f)];
+        let mid = self.trial::<KIND>(feed, &self.x, &self.f, 0.5 * h);
+        let power = |s: &Step, f: &Field| c.power(&s.x, f, feed.dpsi_s::<KIND>(c, &s.x, f, s.int_i));
+        let p = [power(&self.here(), &self.f), power(&mid, &c.field::<KIND>(&mid.x)), power(step, f)];
         let (b, q) = (&self.bridge, phases(step.int_i));
         if let Some(e) = &mut self.energy {
             for (p, k) in p.iter().zip([1.0, 4.0, 1.0]) {
@@ -644,7 +724,7 @@ impl Plant {
 
     /// The end of a segment that may hold an event.
     #[inline(never)]
-    fn eventful<const SAT: bool, const BRIDGE: bool>(
+    fn eventful<const KIND: u8, const BRIDGE: bool>(
         &mut self,
         feed: &Feed,
         h: f64,
@@ -683,9 +763,9 @@ impl Plant {
             for event in shaft.iter().chain(bridge) {
                 let tol = self.tolerance(*event);
                 let mut end = (h, step, f);
-                let margin = self.margin::<SAT>(*event, feed, &step, &f);
+                let margin = self.margin::<KIND>(*event, feed, &step, &f);
                 if margin >= -tol {
-                    match self.dip::<SAT>(*event, feed, h, &step, &f) {
+                    match self.dip::<KIND>(*event, feed, h, &step, &f) {
                         None if margin <= tol && self.drives(*event, &f) => {
                             hit = Some((h, *event));
                             continue;
@@ -694,14 +774,14 @@ impl Plant {
                         None => continue,
                     }
                 }
-                (h, step, f) = self.locate::<SAT>(*event, feed, end);
+                (h, step, f) = self.locate::<KIND>(*event, feed, end);
                 hit = Some((h, *event));
             }
         }
-        self.commit::<SAT>(feed, h, step, f);
+        self.commit::<KIND>(feed, h, step, f);
         match *feed {
-            Feed::Float(k, _) => self.circuit.clear_leg::<SAT>(&mut self.x, &mut self.f, k),
-            Feed::Open => self.circuit.clear_all::<SAT>(&mut self.x, &mut self.f),
+            Feed::Float(k, _) => self.circuit.clear_leg::<KIND>(&mut self.x, &mut self.f, k),
+            Feed::Open => self.circuit.clear_all::<KIND>(&mut self.x, &mut self.f),
             _ => {}
         }
         match hit.map(|(_, e)| e) {
@@ -713,16 +793,16 @@ impl Plant {
             Some(Event::Rail(k, sign)) => self.take_over(k, sign),
             Some(Event::Current(k)) => {
                 self.bridge.sign[k] = 0.0;
-                self.circuit.clear_leg::<SAT>(&mut self.x, &mut self.f, k);
+                self.circuit.clear_leg::<KIND>(&mut self.x, &mut self.f, k);
                 if self.bridge.sign.iter().filter(|s| **s == 0.0).count() > 1 {
                     self.bridge.sign = [0.0; 3];
-                    self.circuit.clear_all::<SAT>(&mut self.x, &mut self.f);
+                    self.circuit.clear_all::<KIND>(&mut self.x, &mut self.f);
                 }
             }
             Some(Event::Lift(k, sign)) => self.bridge.sign[k] = sign,
             Some(Event::Rest) => {
                 self.x.omega = 0.0;
-                self.f = self.circuit.field::<SAT>(&self.x);
+                self.f = self.circuit.field::<KIND>(&self.x);
                 self.shaft.at_rest(self.f.torque);
             }
             Some(Event::Breakaway) => self.shaft.release(self.f.torque),
@@ -741,7 +821,7 @@ impl Plant {
 
     /// A current with the right sign at both ends of a segment may still have crossed zero between, a node its
     /// rail: the course is nearly a parabola, so the state at the vertex decides.
-    fn dip<const SAT: bool>(
+    fn dip<const KIND: u8>(
         &self,
         event: Event,
         feed: &Feed,
@@ -757,7 +837,7 @@ impl Plant {
                     return None;
                 }
                 let slope =
-                    |x: &Step, f: &Field| s * phase(c.di::<SAT>(&x.x, f, feed.dpsi_s::<SAT>(c, &x.x, f, x.int_i)), k);
+                    |x: &Step, f: &Field| s * phase(c.di::<KIND>(&x.x, f, feed.dpsi_s::<KIND>(c, &x.x, f, x.int_i)), k);
                 (slope(&self.here(), &self.f), slope(end, f))
             }
             Event::Rail(k, sign) if self.bridge.sign[k] == 0.0 => (-sign * phase(self.f.i, k), -sign * phase(f.i, k)),
@@ -767,9 +847,9 @@ impl Plant {
             return None;
         }
         let tau = h * d0 / (d0 - d1);
-        let step = self.trial::<SAT>(feed, &self.x, &self.f, tau);
-        let low = (tau, step, c.field::<SAT>(&step.x));
-        (self.margin::<SAT>(event, feed, &low.1, &low.2) < -self.tolerance(event)).then_some(low)
+        let step = self.trial::<KIND>(feed, &self.x, &self.f, tau);
+        let low = (tau, step, c.field::<KIND>(&step.x));
+        (self.margin::<KIND>(event, feed, &low.1, &low.2) < -self.tolerance(event)).then_some(low)
     }
 
     fn tolerance(&self, event: Event) -> f64 {
@@ -783,12 +863,12 @@ impl Plant {
     }
 
     /// Distance from an event; negative once it has happened.
-    fn margin<const SAT: bool>(&self, event: Event, feed: &Feed, step: &Step, f: &Field) -> f64 {
+    fn margin<const KIND: u8>(&self, event: Event, feed: &Feed, step: &Step, f: &Field) -> f64 {
         let (c, x) = (&self.circuit, &step.x);
         match (event, feed) {
             (Event::Current(k), _) => self.bridge.sign[k] * phase(f.i, k),
             (Event::Lift(k, sign), Feed::Float(_, u)) => {
-                let v = c.float::<SAT>(x, f, k, *u).1;
+                let v = c.float::<KIND>(x, f, k, *u).1;
                 if sign > 0.0 { v - self.bridge.lo(k) } else { self.bridge.hi(k) - v }
             }
             (Event::Rail(k, sign), _) => match &self.nodes {
@@ -798,7 +878,7 @@ impl Plant {
                 }
                 _ => f64::INFINITY,
             },
-            (Event::LiftAny, _) => self.bridge.room(c.open::<SAT>(x, f)).0,
+            (Event::LiftAny, _) => self.bridge.room(c.open::<KIND>(x, f)).0,
             (Event::Rest, _) => self.shaft.dir * x.omega,
             (Event::Breakaway, _) => self.shaft.breakaway() - (f.torque - self.shaft.load).abs(),
             (Event::Lift(..), _) => f64::INFINITY,
@@ -807,14 +887,14 @@ impl Plant {
 
     /// Finds the event's instant in (0, end], where its condition is violated at `end`: bracketed secant
     /// (Illinois) on the integrator's own solution from the segment's start.
-    fn locate<const SAT: bool>(&self, event: Event, feed: &Feed, end: (f64, Step, Field)) -> (f64, Step, Field) {
+    fn locate<const KIND: u8>(&self, event: Event, feed: &Feed, end: (f64, Step, Field)) -> (f64, Step, Field) {
         let at = |tau: f64| {
-            let step = self.trial::<SAT>(feed, &self.x, &self.f, tau);
-            let f = self.circuit.field::<SAT>(&step.x);
-            ((tau, step, f), self.margin::<SAT>(event, feed, &step, &f))
+            let step = self.trial::<KIND>(feed, &self.x, &self.f, tau);
+            let f = self.circuit.field::<KIND>(&step.x);
+            ((tau, step, f), self.margin::<KIND>(event, feed, &step, &f))
         };
-        let (mut a, mut fa) = (0.0, self.margin::<SAT>(event, feed, &self.here(), &self.f));
-        let (mut b, mut fb) = (end.0, self.margin::<SAT>(event, feed, &end.1, &end.2));
+        let (mut a, mut fa) = (0.0, self.margin::<KIND>(event, feed, &self.here(), &self.f));
+        let (mut b, mut fb) = (end.0, self.margin::<KIND>(event, feed, &end.1, &end.2));
         let mut best = end;
         // Starting on the boundary: an excursion to the admissible side, however short, precedes the event.
         for _ in 0..12 {

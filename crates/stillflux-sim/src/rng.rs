@@ -32,6 +32,11 @@ impl Rng {
         out
     }
 
+    /// Uniform in [0, 1).
+    pub fn uniform(&mut self) -> f64 {
+        0.5 + 0.5 * self.signed()
+    }
+
     /// Uniform in [-1, 1).
     fn signed(&mut self) -> f64 {
         ((self.next() as i64) >> 11) as f64 * (1.0 / (1u64 << 52) as f64)

@@ -9,7 +9,8 @@ use std::borrow::Cow;
 use stillflux::config::DriveParams;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 
-use crate::plant::{Plant, PlantParams};
+use crate::plant::{Calls, Plant, PlantParams};
+use crate::rng::Rng;
 use stillflux::si::{Arithmetic, EstimateSi, MeasurementSi, MemorySi, ReferenceSi, SiDrive, Vector};
 use stillflux::space::AlphaBeta;
 
@@ -225,6 +226,9 @@ pub struct Record {
     pub columns: Vec<Column>,
 }
 
+/// Tells the chance of the control's calls from the sensors' noise of the same seed.
+const CALLS: u64 = 0x0063_616c_6c73;
+
 /// A run in progress: advance it in pieces, look at the record any time.
 pub struct Run<'s> {
     scenario: Cow<'s, Scenario>,
@@ -233,6 +237,10 @@ pub struct Run<'s> {
     getters: Vec<fn(&Moment<'_>) -> Value>,
     record: Record,
     sample: MeasurementSi,
+    /// What the drive last asked for, and the chance of its next call.
+    duty: [f64; 3],
+    gates_on: bool,
+    chance: Rng,
     period: u64,
     periods: u64,
     reference_at: usize,
@@ -291,6 +299,9 @@ impl<'s> Run<'s> {
             getters: chosen.iter().map(|s| s.get).collect(),
             record: Record { t: Vec::with_capacity(rows), columns: Vec::new() },
             sample,
+            duty: [0.5; 3],
+            gates_on: false,
+            chance: Rng::new(s.plant.seed ^ CALLS),
             period: 0,
             periods,
             reference_at: 0,
@@ -377,14 +388,29 @@ impl<'s> Run<'s> {
                 (ReferenceSi::Torque(x), x)
             }
         };
-        let (duty, gates_on) = self.drive.step(&self.sample, &command);
-        self.book_drift();
+        for _ in 0..self.calls() {
+            (self.duty, self.gates_on) = self.drive.step(&self.sample, &command);
+            self.book_drift();
+        }
         if self.period.is_multiple_of(u64::from(self.scenario.record_every)) {
             self.write_row(t, reference);
         }
         let load = self.scenario.load.at(t, &mut self.load_at);
-        self.sample = self.plant.step(duty, gates_on, load);
+        self.sample = self.plant.step(self.duty, self.gates_on, load);
         self.period += 1;
+    }
+
+    /// How often the control is called this period.
+    fn calls(&mut self) -> u32 {
+        let Calls { missed, doubled } = self.scenario.plant.calls;
+        if missed + doubled == 0.0 {
+            return 1;
+        }
+        match self.chance.uniform() {
+            x if x < missed => 0,
+            x if x < missed + doubled => 2,
+            _ => 1,
+        }
     }
 
     /// `∫ û_i dt - ψ_s` since the drive runs: its slope is the offset voltage the drive really has to find.

@@ -338,3 +338,50 @@ fn nodes_stay_between_the_diodes_whatever_happens() {
         assert!(i.iter().all(|i| i.abs() < 300.0) && (i[0] + i[1] + i[2]).abs() < 1e-9, "{i:?}");
     }
 }
+
+#[test]
+fn nodes_of_a_long_blocked_bridge_follow_the_induced_voltage() {
+    for c_out in [0.1e-9, 1e-9, 10e-9] {
+        let mut p = held(capacitive(c_out), 60.0);
+        p.machine.saturation = None;
+        let mut plant = plant(p);
+        plant.set_state([0.95, 0.25], [0.9, 0.1], 60.0);
+        plant.track_energy(true);
+        let begin = plant.magnetic_energy();
+        plant.step([0.5; 3], true, 0.0);
+        let nodes = |plant: &Plant| plant.node_potentials().unwrap();
+        let mut rate = 0.0;
+        for k in 0..8000 {
+            plant.step([0.5; 3], false, 0.0);
+            let t = *plant.truth();
+            if k == 6000 {
+                rate = t.psi_r[0].hypot(t.psi_r[1]);
+            }
+            if k > 6000 {
+                assert!((t.omega_s - 120.0).abs() < 1e-6, "{c_out:e} F, {k}: {}", t.omega_s);
+                // psi_s turns with the rotor: e = j 120 psi_s but for the decay.
+                let e = vector(nodes(&plant));
+                let want = [-120.0 * t.psi_s[1], 120.0 * t.psi_s[0]];
+                assert!(distance(e, want) < 0.1 * want[0].hypot(want[1]), "{e:?} {want:?}");
+            }
+        }
+        let t = plant.truth();
+        let decay = (t.psi_r[0].hypot(t.psi_r[1]) / rate).ln() / (1999.0 * T_S);
+        assert!((decay * 0.224 / 2.1 + 1.0).abs() < 1e-6, "open circuit: tau_r, {decay}");
+        // And on again: the balance closes over all of it.
+        for _ in 0..20 {
+            plant.step([0.5; 3], true, 0.0);
+        }
+        let e = *plant.energy().unwrap();
+        let all = e.link
+            - e.conduction
+            - e.charging
+            - e.copper_s
+            - e.copper_r
+            - e.shaft
+            - plant.magnetic_energy()
+            - plant.node_energy()
+            + begin;
+        assert!((all - 3.0 * 0.5 * c_out * 1.0).abs() < 1e-6 * e.copper_r, "{all:e} {e:?}");
+    }
+}

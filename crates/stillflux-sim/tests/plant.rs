@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 use stillflux::params::{Inverter, Machine};
-use stillflux_sim::{Mechanics, Mode, Plant, PlantParams, Thermal, Truth};
+use stillflux_sim::{GateDelays, Mechanics, Mode, Plant, PlantParams, Thermal, Truth};
 
 const T_S: f64 = 1e-4;
 const AXIS: [[f64; 2]; 3] = [[1.0, 0.0], [-0.5, 0.866_025_403_784_438_6], [-0.5, -0.866_025_403_784_438_6]];
@@ -169,6 +169,35 @@ fn bridge_loses_dead_time_threshold_and_resistance() {
             assert!(distance(t.u_s, want) < 1e-9, "{:?} {want:?}", t.u_s);
         }
     }
+}
+
+#[test]
+fn delays_of_the_switches_add_their_volt_seconds() {
+    let delays = GateDelays {
+        on: [[0.10e-6, 0.25e-6], [0.05e-6, 0.0], [0.3e-6, 0.2e-6]],
+        off: [[0.40e-6, 0.15e-6], [0.6e-6, 0.5e-6], [0.0, 0.35e-6]],
+    };
+    let d = [0.53, 0.48, 0.50];
+    for mode in [Mode::Switching, Mode::Averaged] {
+        for angle in [0.3, 1.2, 2.5, 4.0, 5.8] {
+            let lossless = PlantParams { inverter: Inverter { r_d: 0.0, ..linear().inverter }, ..linear() };
+            let run = |gate_delays| {
+                let (mut plant, sign) = loaded(PlantParams { mode, gate_delays, ..lossless }, polar(4.0, angle));
+                plant.step(d, true, 0.0);
+                plant.step(d, true, 0.0);
+                (*plant.truth(), sign)
+            };
+            let ((late, sign), (ideal, _)) = (run(delays), run(GateDelays::default()));
+            let gain = vector([0, 1, 2].map(|k| {
+                let (on, off) = (delays.on[k], delays.off[k]);
+                540.0 / T_S * if sign[k] > 0.0 { off[0] - on[0] } else { on[1] - off[1] }
+            }));
+            let want = [0, 1].map(|x| ideal.u_s[x] + gain[x]);
+            assert!(distance(late.u_s, want) < 1e-9, "{mode:?} {angle}: {:?} {want:?}", late.u_s);
+        }
+    }
+    let bad = GateDelays { off: [[0.0, 2.2e-6], [0.0; 2], [0.0; 2]], ..GateDelays::default() };
+    assert_eq!(Plant::new(PlantParams { gate_delays: bad, ..linear() }).unwrap_err().field, "turn_off_delay");
 }
 
 #[test]
@@ -418,6 +447,9 @@ fn any_duties_and_blockings_keep_the_balance() {
     {
         let mut p = if sat { saturated() } else { linear() };
         (p.inverter.u_th, p.inverter.dead_time) = (u_th, dead_time);
+        if dead_time > 5e-6 {
+            p.gate_delays = GateDelays { on: [[1e-6, 4e-6]; 3], off: [[3e-6, 0.5e-6], [2e-6, 4e-6], [0.0, 5e-6]] };
+        }
         p.mechanics = Mechanics { coulomb: 0.3, stribeck: 0.3, ..p.mechanics };
         let mut plant = plant(p);
         plant.track_energy(true);
@@ -499,6 +531,29 @@ fn winding_warms_to_its_rise() {
     assert!((R_s / (3.7 * (1.0 + 0.0039 * kelvin)) - 1.0).abs() < 1e-6, "{R_s}");
     plant.set_R_s(4.0);
     assert!((plant.truth().R_s / R_s - 4.0 / 3.7).abs() < 1e-12);
+}
+
+#[test]
+fn channels_are_sampled_at_their_own_instants() {
+    for (mode, c_out) in [(Mode::Switching, 0.0), (Mode::Switching, 1e-9), (Mode::Averaged, 0.0)] {
+        // Standing flux that stays, at the end of the period no voltage: the current decays with L_sigma/R.
+        let mut p = ideal_bridge(PlantParams { mode, ..linear() });
+        (p.machine.R_R, p.inverter.c_out, p.adc.skew) = (1e-5, c_out, [0.0, 2e-6, 5e-6]);
+        let (mut plant, _) = loaded(p, [3.0, 1.0]);
+        let d = duties([0.0; 2], 540.0);
+        for _ in 0..5 {
+            let seen = plant.step(d, true, 0.0).i_abc;
+            let now = plant.phase_currents();
+            for k in 0..3 {
+                let want = now[k] * (p.adc.skew[k] * 3.7 / 0.021).exp();
+                assert!((seen[k] - want).abs() < 1e-7, "{mode:?} {k}: {seen:?} {now:?} {want}");
+            }
+        }
+        assert_eq!(plant.sample().i_abc, plant.phase_currents(), "a reading between periods is of that instant");
+    }
+    let mut p = linear();
+    p.adc.skew[1] = 60e-6;
+    assert_eq!(Plant::new(p).unwrap_err().field, "adc_skew");
 }
 
 #[test]

@@ -1,0 +1,129 @@
+//! Iron loss and deep bar: limits in which they are something known, steady states, energy balance.
+#![allow(non_snake_case)]
+
+use std::f64::consts::TAU;
+use stillflux::params::{Inverter, Machine};
+use stillflux_sim::{DeepBar, IronLoss, Plant, PlantParams};
+
+const T_S: f64 = 1e-4;
+
+fn params(c_out: f64) -> PlantParams {
+    let mut p = PlantParams::new(Machine::preset_2k2(), Inverter { f_clk: 0.0, c_out, ..Inverter::preset_2k2() });
+    (p.adc.bits, p.adc.u_dc_bits) = (0, 0);
+    p
+}
+
+fn polar(r: f64, a: f64) -> [f64; 2] {
+    [r * a.cos(), r * a.sin()]
+}
+
+fn duties(u: [f64; 2]) -> [f64; 3] {
+    [0.0, 1.0, 2.0].map(|k| 0.5 + (u[0] * (k * TAU / 3.0).cos() + u[1] * (k * TAU / 3.0).sin()) / 540.0)
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+#[test]
+fn two_branches_of_one_time_constant_are_one() {
+    for (c_out, saturation) in [(0.0, true), (1e-9, true), (1e-9, false)] {
+        let one = PlantParams { saturation, ..params(c_out) };
+        let two = PlantParams { deep_bar: Some(DeepBar { conductance: 0.3, leakage: 0.3 }), ..one };
+        let (mut a, mut b) = (Plant::new(one).unwrap(), Plant::new(two).unwrap());
+        let mut worst = 0.0f64;
+        for k in 0..8000 {
+            let t = k as f64 * T_S;
+            let d = duties(polar(25.0 + 120.0 * t, TAU * 12.0 * t * t));
+            let on = k % 1000 < 950;
+            a.step(d, on, 1.0);
+            b.step(d, on, 1.0);
+            worst = worst.max(distance(a.truth().i_s, b.truth().i_s));
+        }
+        let (a, b) = (a.truth(), b.truth());
+        assert!(worst < 1e-5, "{worst:e} A");
+        assert!((a.omega_m - b.omega_m).abs() < 1e-6 && a.omega_m > 5.0, "{} {}", a.omega_m, b.omega_m);
+        assert!(distance(a.psi_r, b.psi_r) < 1e-7);
+    }
+}
+
+#[test]
+fn energy_is_conserved_with_every_branch() {
+    for c_out in [0.0, 1e-9] {
+        let mut p = params(c_out);
+        p.iron_loss = Some(IronLoss { R_fe: 900.0, time_constant: 150e-6 });
+        p.deep_bar = Some(DeepBar { conductance: 0.3, leakage: 0.6 });
+        p.mechanics.coulomb = 0.3;
+        let mut plant = Plant::new(p).unwrap();
+        plant.track_energy(true);
+        let begin = plant.node_energy();
+        for k in 0..6000 {
+            let t = k as f64 * T_S;
+            plant.step(duties(polar(25.0 + 200.0 * t, TAU * 20.0 * t * t)), k % 700 < 650, 1.0);
+        }
+        let e = *plant.energy().unwrap();
+        let lost = e.copper_s + e.copper_r + e.iron + e.shaft;
+        let machine = e.input - lost - plant.magnetic_energy();
+        let all = e.link - e.conduction - e.charging - lost - plant.magnetic_energy() - plant.node_energy() + begin;
+        assert!(e.iron > 0.01 * e.input, "{e:?}");
+        assert!(machine.abs() < 1e-6 * e.input && all.abs() < 1e-6 * e.input, "{machine:e} {all:e} {e:?}");
+    }
+}
+
+#[test]
+fn steady_state_is_that_of_the_branches_impedances() {
+    // Complex numbers as pairs.
+    let mul = |a: [f64; 2], b: [f64; 2]| [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
+    let inv = |a: [f64; 2]| {
+        let n = a[0] * a[0] + a[1] * a[1];
+        [a[0] / n, -a[1] / n]
+    };
+    let mut p = PlantParams { saturation: false, ..params(0.0) };
+    let (iron, bar) = (IronLoss { R_fe: 700.0, time_constant: 200e-6 }, DeepBar { conductance: 0.25, leakage: 0.6 });
+    (p.iron_loss, p.deep_bar, p.mechanics.speed) = (Some(iron), Some(bar), Some(50.0));
+    let (m, g) = (p.machine, p.machine.to_gamma());
+    let (w, dt, U) = (TAU * 40.0, 2e-6, 200.0);
+    let mut plant = Plant::new(p).unwrap();
+    plant.track_energy(true);
+    let (n, mut half) = (500_000, 0.0);
+    for k in 0..n {
+        plant.step_voltage(polar(U, w * (k as f64 + 0.5) * dt), dt, 0.0);
+        if k + 1 == n / 2 {
+            half = plant.energy().unwrap().iron;
+        }
+    }
+    // A winding with R/L and the flux psi_s = 1 across turns w_x slower: its current is (1 - psi_x/psi_s)/L.
+    let branch = |R: f64, L: f64, slip: f64| mul([0.0, slip / L], inv([R / L, slip]));
+    let slip = w - 2.0 * 50.0;
+    let L_fe = iron.R_fe * iron.time_constant;
+    let parts = [
+        [1.0 / g.L_s, 0.0],
+        branch(g.R_r / 0.75, g.L_l / 0.4, slip),
+        branch(g.R_r / 0.25, g.L_l / 0.6, slip),
+        branch(iron.R_fe, L_fe, w),
+    ];
+    let y = parts.iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    // U = (R_s y + j w) psi_s
+    let psi = mul([U, 0.0], inv([m.R_s * y[0], m.R_s * y[1] + w]));
+    let i = mul(y, psi);
+    let t = plant.truth();
+    let back = |v: [f64; 2]| mul(v, polar(1.0, -w * t.t));
+    assert!(distance(back(t.psi_s), psi) < 1e-5 * psi[0].hypot(psi[1]), "{:?} {psi:?}", back(t.psi_s));
+    assert!(distance(back(t.i_s), i) < 1e-5 * i[0].hypot(i[1]), "{:?} {i:?}", back(t.i_s));
+    // Loss of the iron, 3/2 |w psi_s|²/R_fe but for the sheets' time constant.
+    let psi2 = psi[0] * psi[0] + psi[1] * psi[1];
+    let power = 1.5 * w * w * psi2 / iron.R_fe / (1.0 + (w * iron.time_constant).powi(2));
+    let got = (plant.energy().unwrap().iron - half) / (0.5 * n as f64 * dt);
+    assert!((got / power - 1.0).abs() < 1e-4, "{got} {power}");
+    // The cage alone makes torque.
+    let torque = 1.5 * 2.0 * psi2 * (parts[1][1] + parts[2][1]);
+    assert!((t.torque / torque - 1.0).abs() < 1e-4, "{} {torque}", t.torque);
+}
+
+#[test]
+fn bad_branches_are_named() {
+    let field = |iron_loss, deep_bar| Plant::new(PlantParams { iron_loss, deep_bar, ..params(0.0) }).unwrap_err().field;
+    assert_eq!(field(Some(IronLoss { R_fe: 0.0, time_constant: 1e-3 }), None), "iron_loss R_fe");
+    assert_eq!(field(Some(IronLoss { R_fe: 700.0, time_constant: 1e-6 }), None), "iron_loss time constant");
+    assert_eq!(field(None, Some(DeepBar { conductance: 0.95, leakage: 0.5 })), "deep_bar conductance");
+}
