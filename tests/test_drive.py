@@ -98,6 +98,8 @@ def test_sequence_and_estimate(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert abs(np.angle(estimate.psi_s / truth.psi_s)) < math.radians(3)
     assert estimate.omega_m == pytest.approx(truth.omega_m, abs=1.0)
     assert 0.0 < estimate.confidence <= 1.0
+    assert 0.0 < estimate.angle_deviation < math.radians(15)
+    assert 0.0 < estimate.nis < 1.0
     duty = drive.step(i_abc, u_dc)
     assert drive.status == "stopped"
     assert not drive.gates_on

@@ -150,6 +150,11 @@ estimate! {
     /// Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s; zero in the
     /// scheme "paper".
     innovation,
+    /// Normalised innovation squared (NIS), low-passed over 20 ms: one where the filter's model is exact; zero in the
+    /// scheme "paper".
+    nis,
+    /// Standard deviation that the drive expects of its field angle, rad; π while it does not run.
+    angle_deviation,
     /// Confidence in the field angle, 0 to 1.
     confidence,
 }

@@ -193,6 +193,8 @@ signals! {
     "estimate.R_s", "ohm", Real, |m| m.estimate.R_s;
     "estimate.epsilon", "p.u.", Real, |m| m.estimate.epsilon;
     "estimate.innovation", "V s", Real, |m| m.estimate.innovation;
+    "estimate.nis", "", Real, |m| m.estimate.nis;
+    "estimate.angle_deviation", "rad", Real, |m| m.estimate.angle_deviation;
     "estimate.confidence", "", Real, |m| m.estimate.confidence;
     "status", "", Real, |m| f64::from(m.drive.status().code());
 }

@@ -86,8 +86,9 @@ impl<R: Real> Drive<R> {
     /// Estimates of the latest period; what the step does not need in this form is computed here.
     pub fn estimate(&self) -> Estimate<R> {
         let Control { i_dq, i_dq_ref, psi_ref, ref voltage, .. } = self.common.control;
-        let Estimated { flux, speed, psi_1, u_off, i_s, r_s, epsilon, innovation, confidence } =
+        let Estimated { flux, speed, psi_1, u_off, i_s, r_s, epsilon, innovation, nis, angle_deviation, confidence } =
             with_estimators!(&self.estimators, e => e.estimated());
+        let running = self.status() == Status::Running;
         Estimate {
             flux,
             speed,
@@ -102,7 +103,9 @@ impl<R: Real> Drive<R> {
             r_s,
             epsilon,
             innovation,
-            confidence: if self.status() == Status::Running { confidence } else { R::ZERO },
+            nis,
+            angle_deviation: if running { angle_deviation } else { R::from_f64(core::f64::consts::PI) },
+            confidence: if running { confidence } else { R::ZERO },
         }
     }
 

@@ -90,6 +90,10 @@ pub struct EstimateSi {
     /// Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s; zero in the
     /// published scheme.
     pub innovation: f64,
+    /// Normalised innovation squared, low-passed; zero in the published scheme.
+    pub nis: f64,
+    /// Expected standard deviation of the field angle, rad; π while the drive does not run.
+    pub angle_deviation: f64,
     /// Confidence, 0 to 1.
     pub confidence: f64,
 }
@@ -177,6 +181,8 @@ impl SiUnits {
             R_s: e.r_s.to_f64() * b.z,
             epsilon: e.epsilon.to_f64(),
             innovation: e.innovation.to_f64() * b.psi,
+            nis: e.nis.to_f64(),
+            angle_deviation: e.angle_deviation.to_f64(),
             confidence: e.confidence.to_f64(),
         }
     }

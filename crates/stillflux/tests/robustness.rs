@@ -46,13 +46,23 @@ fn check<R: Real>(d: &mut Drive<R>, m: &Measurement<R>, reference: &Reference<R>
         assert!(duty >= R::ZERO && duty <= R::ONE, "{duty:?}");
     }
     let e = d.estimate();
-    for x in
-        [e.speed.omega_m, e.speed.omega_s, e.torque, e.r_s, e.confidence, e.flux.magnitude, e.epsilon, e.innovation]
-    {
+    for x in [
+        e.speed.omega_m,
+        e.speed.omega_s,
+        e.torque,
+        e.r_s,
+        e.confidence,
+        e.flux.magnitude,
+        e.epsilon,
+        e.innovation,
+        e.nis,
+        e.angle_deviation,
+    ] {
         assert!(x.is_finite(), "{e:?}");
     }
     assert!(e.flux.psi_s.is_finite() && e.u_off.is_finite() && e.i_dq_ref.is_finite());
     assert!(e.confidence >= R::ZERO && e.confidence <= R::ONE);
+    assert!(e.nis >= R::ZERO && e.angle_deviation >= R::ZERO);
 }
 
 fn any_f32() -> impl Strategy<Value = f32> {

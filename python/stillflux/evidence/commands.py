@@ -5,10 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stillflux.evidence.machines import ALL_MACHINES, MACHINES
+
+if TYPE_CHECKING:
+    from stillflux.evidence.journal import Journal
 
 __all__ = ["beyond", "demo", "docs", "reproduce"]
 
@@ -37,11 +41,21 @@ def reproduce(parser: argparse.ArgumentParser) -> None:
 def beyond(parser: argparse.ArgumentParser) -> None:
     """Arguments of `beyond`."""
     from stillflux.evidence.conditions import SCHEMES
+    from stillflux.evidence.courses import COURSES
+    from stillflux.evidence.drives import DRIVES
 
     parser.add_argument(
-        "targets", nargs="*", metavar="TARGET", help="such as plane, plane-drift, mismatch; none: all of them"
+        "targets",
+        nargs="*",
+        metavar="TARGET",
+        help="such as plane, plane-drift, mismatch; none: all of them; or alone one of the campaigns over "
+        "installations drawn at random, tolerance and consistency",
     )
-    _where(parser, ALL_MACHINES)
+    _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES])))
+    drawn = parser.add_argument_group("tolerance and consistency")
+    drawn.add_argument("--draws", type=_count, metavar="N", help="draws of each drive (and course)")
+    drawn.add_argument("--draw", type=int, action="append", metavar="K", help="only this draw")
+    drawn.add_argument("--course", choices=COURSES, action="append", help="only this course (tolerance)")
     parser.add_argument("--scheme", choices=[*SCHEMES, "all"], default="all")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every run there as JSON")
     _metrics(parser)
@@ -149,6 +163,15 @@ def _beyond(options: argparse.Namespace) -> int:
     from stillflux.evidence.table import of_summary, update
     from stillflux.parallel import Stopped, run_jobs
 
+    drawn = [name for name in options.targets if name in _CAMPAIGNS]
+    if drawn:
+        if len(options.targets) > 1:
+            raise ValueError(f"TARGET = {' '.join(options.targets)}: {drawn[0]} stands alone")
+        return _CAMPAIGNS[drawn[0]](options)
+    if options.machine not in ("all", *ALL_MACHINES):
+        raise ValueError(f"--machine {options.machine}: admissible here are {', '.join(ALL_MACHINES)}, all")
+    if options.draws or options.draw or options.course:
+        raise ValueError(f"--draws, --draw and --course: admissible for {' and '.join(_CAMPAIGNS)} only")
     machines = _chosen(options.machine, ALL_MACHINES)
     schemes = _chosen(options.scheme, SCHEMES)
     chosen = choose_targets(options.targets)
@@ -169,12 +192,114 @@ def _beyond(options: argparse.Namespace) -> int:
         options.json.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     path = options.out / "beyond.html"
     plane.write(path, options.command_line, rows, stopped)
+    return _ended(path, journal, stopped)
+
+
+def _count(text: str) -> int:
+    """A number of draws. Raises what `argparse` expects."""
+    number = int(text)
+    if not 1 <= number <= 100_000:
+        raise argparse.ArgumentTypeError(f"{number} draws: admissible are 1 to 100000")
+    return number
+
+
+def _drives(options: argparse.Namespace) -> Sequence[str]:
+    """Drives of a campaign over drawn installations."""
+    from stillflux.evidence.drives import DRIVES
+
+    if options.machine not in ("all", *DRIVES):
+        raise ValueError(f"--machine {options.machine}: admissible here are {', '.join(DRIVES)}, all")
+    return _chosen(options.machine, tuple(DRIVES))
+
+
+def _draws(options: argparse.Namespace, default: int) -> Sequence[int]:
+    if options.draw and options.draws:
+        raise ValueError(f"--draws {options.draws} and --draw: give only one")
+    return options.draw or range(options.draws or default)
+
+
+def _tolerance(options: argparse.Namespace) -> int:
+    from stillflux.evidence import tolerance
+    from stillflux.evidence.courses import COURSES
+    from stillflux.evidence.journal import Journal
+    from stillflux.evidence.report import installations
+    from stillflux.evidence.table import of_rate, update
+    from stillflux.parallel import Stopped, run_jobs
+
+    machines, courses = _drives(options), options.course or tuple(COURSES)
+    draws = _draws(options, tolerance.DRAWS)
+    scheme = "enhanced" if options.scheme == "all" else options.scheme
+    options.out.mkdir(parents=True, exist_ok=True)
+    if len(machines) == len(courses) == len(draws) == 1:
+        job = (machines[0], courses[0], draws[0], scheme, options.arithmetic)
+        outcome, result = tolerance.run(*job, signals=None)
+        print(installations.describe(outcome))
+        path = options.out / f"tolerance-{machines[0]}-{courses[0]}-{draws[0]}.png"
+        result.plot().savefig(path, dpi=110)
+        print(f"plot: {path}", file=sys.stderr)
+        return 0
+    journal = Journal(options.journal) if options.journal else None
+    runner, stopped = (journal.run if journal else run_jobs), ""
+    try:
+        found = tolerance.run_all(
+            machines, courses, draws, (scheme,), options.arithmetic, tolerance.Progress(), runner
+        )
+    except Stopped as stop:
+        found, stopped = stop.results, str(stop)
+    print(installations.table(found))
+    if options.metrics and not stopped:
+        update(options.metrics, map(of_rate, tolerance.rates(found)))
+    if options.json:
+        options.json.write_text(installations.to_json(found) + "\n", encoding="utf-8")
+    path = options.out / "tolerance.html"
+    installations.write_tolerance(path, options.command_line, found, stopped)
+    return _ended(path, journal, stopped)
+
+
+def _consistency(options: argparse.Namespace) -> int:
+    from stillflux.evidence import consistency
+    from stillflux.evidence.journal import Journal
+    from stillflux.evidence.report import installations
+    from stillflux.evidence.table import of_consistency, update
+    from stillflux.parallel import Stopped, run_jobs
+
+    if options.course or options.json:
+        raise ValueError("--course and --json: not of consistency, which has one course and no runs to list")
+    machines, draws = _drives(options), _draws(options, consistency.DRAWS)
+    scheme = "enhanced" if options.scheme == "all" else options.scheme
+    options.out.mkdir(parents=True, exist_ok=True)
+    journal = Journal(options.journal) if options.journal else None
+    runner, stopped = (journal.run if journal else run_jobs), ""
+    try:
+        samples = consistency.run_all(
+            machines, draws, scheme, options.arithmetic, consistency.progress, runner
+        )
+    except Stopped as stop:
+        samples, stopped = stop.results, str(stop)
+    found = consistency.judged(samples)
+    print(installations.consistency_table(found))
+    if options.metrics and not stopped:
+        update(options.metrics, (of_consistency(x, scheme) for x in found))
+    path = options.out / "consistency.html"
+    installations.write_consistency(path, options.command_line, found, samples, stopped)
+    return _ended(path, journal, stopped)
+
+
+def _ended(path: Path, journal: Journal | None, stopped: str) -> int:
+    """Where the report is; a journal has served once all is done."""
     print(f"report: {path}", file=sys.stderr)
     if stopped:
         print(f"stillflux: {stopped}", file=sys.stderr)
     elif journal:
         journal.remove()
     return 130 if stopped else 0
+
+
+_CAMPAIGNS: Mapping[str, Callable[[argparse.Namespace], int]] = {
+    "tolerance": _tolerance,
+    "consistency": _consistency,
+}
+"""Over installations drawn at random; they have machines and options of their own."""
 
 
 def _docs(options: argparse.Namespace) -> int:

@@ -59,7 +59,7 @@ SIGNALS = tuple(
         "estimate.torque",
         "estimate.R_s",
         "estimate.confidence",
-        "estimate.angle_sigma",
+        "estimate.angle_deviation",
         "status",
     )
     if name in _core.signals()

@@ -22,16 +22,19 @@ from typing import cast, get_args
 import numpy as np
 
 from stillflux.evidence.conditions import SCHEMES
+from stillflux.evidence.courses import COURSES
+from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.errors import ERRORS
 from stillflux.evidence.machines import ALL_MACHINES, MACHINES
 from stillflux.evidence.registry import experiments, figures, targets
 from stillflux.evidence.sensitivity import FIGURES as OF_MARGINS
 from stillflux.evidence.sensitivity import LESS, MORE, Margin
 from stillflux.evidence.table import LOST_AFTER, Group, Kind, Line, Table
+from stillflux.evidence.tolerance import EXCURSIONS, MISSES, NEEDLESS, interval, rerun
 
 __all__ = ["DOCUMENTS", "TABLES", "rendered", "tests_named", "update"]
 
-DOCUMENTS = (Path("README.md"), Path("docs/figures.md"), Path("docs/beyond.md"))
+DOCUMENTS = (Path("README.md"), Path("docs/figures.md"), Path("docs/beyond.md"), Path("docs/tolerance.md"))
 """The files that hold tables, from the root of the project."""
 
 _TABLE = re.compile(r"(<!-- table: (?P<name>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -394,6 +397,100 @@ def _targets(table: Table) -> str:
     return markdown(["target", *_HEAD], rows)
 
 
+# Drawn installations.
+
+_ENHANCED = SCHEMES[-1]
+_LOSS = re.compile(r"draw (?P<draw>\d+) lost at")
+
+
+def _losses(lines: Iterable[Line]) -> list[Line]:
+    return [line for line in lines if _LOSS.fullmatch(line.quantity)]
+
+
+def _draws(lines: Iterable[Line]) -> int:
+    return sum(round(line.number) for line in lines if line.quantity == "draws")
+
+
+def _rate(lines: Sequence[Line]) -> str:
+    """Runs lost of all, with the 95 % interval; in bold where the rate misses its target."""
+    runs, lost = _draws(lines), len(_losses(lines))
+    if not runs:
+        return _UNKNOWN
+    low, high = (100.0 * x for x in interval(lost, runs))
+    text = f"{lost} of {runs} ({_number(low)} … {_number(high)} %)"
+    return text if all(line.holds for line in lines) else f"**{text}**"
+
+
+def _tolerance(table: Table) -> str:
+    """Rates of loss by course and drive."""
+    rows = []
+    for name, course in COURSES.items():
+        by = [table.find("tolerance", name, machine, _ENHANCED) for machine in DRIVES]
+        target = _UNKNOWN if course.target is None else f"{course.target:g} %"
+        together = [line for lines in by for line in lines]
+        rows.append([f"{course.title} (`{name}`)", target, *map(_rate, by), _rate(together)])
+    return markdown(["lost of all draws", "target", *DRIVES, "all"], rows)
+
+
+def _tolerance_angles(table: Table) -> str:
+    """Largest angle error of the runs that were kept."""
+    rows = []
+    for name, course in COURSES.items():
+        cells = []
+        for machine in DRIVES:
+            lines = table.find("tolerance", name, machine, _ENHANCED)
+            found = [line for line in lines if line.quantity == "largest angle error of the runs kept"]
+            cells.append(value(found[0] if found else None))
+        rows.append([course.title, *cells])
+    return markdown(["largest angle error of runs kept", *DRIVES], rows)
+
+
+def _tolerance_confidence(table: Table) -> str:
+    """What the confidence announced over all draws, by drive."""
+    rows = []
+    for machine in DRIVES:
+        lines = [line for name in COURSES for line in table.find("tolerance", name, machine, _ENHANCED)]
+        by = {
+            q: [line.number for line in lines if line.quantity == q] for q in (EXCURSIONS, MISSES, NEEDLESS)
+        }
+        excursions, misses = round(sum(by[EXCURSIONS])), round(sum(by[MISSES]))
+        # Courses differ in length: the largest share of any stands for all of them.
+        needless = f"{_number(max(by[NEEDLESS]))} %" if by[NEEDLESS] else _UNKNOWN
+        rows.append([machine, str(excursions), str(excursions - misses), needless])
+    head = ["drive", "excursions beyond 15°", "announced", "needless alarms, part of the time, worst course"]
+    return markdown(head, rows)
+
+
+def _tolerance_losses(table: Table) -> str:
+    """Every loss, and how to run it again."""
+    rows = [
+        [
+            machine,
+            name,
+            line.seed,
+            value(line),
+            line.run,
+            f"`{rerun(machine, name, int(line.seed), _ENHANCED)}`",
+        ]
+        for name in COURSES
+        for machine in DRIVES
+        for line in _losses(table.find("tolerance", name, machine, _ENHANCED))
+    ]
+    return markdown(["drive", "course", "draw", "lost at", "by", "run again"], rows)
+
+
+def _consistency(table: Table) -> str:
+    """NEES, NIS, rank correlation, and the truth of the confidence."""
+    by = {machine: table.find("consistency", "consistency", machine, _ENHANCED) for machine in DRIVES}
+    keys = dict.fromkeys((line.quantity, line.direction) for lines in by.values() for line in lines)
+    rows = []
+    for key in keys:
+        cells = {m: next((x for x in by[m] if (x.quantity, x.direction) == key), None) for m in DRIVES}
+        first = next(line for line in cells.values() if line is not None)
+        rows.append([claim(first), *map(judged, cells.values())])
+    return markdown(["", *DRIVES], rows)
+
+
 TABLES: Mapping[str, Callable[[Table], str]] = {
     "headline": _headline,
     "plane": _plane,
@@ -403,6 +500,11 @@ TABLES: Mapping[str, Callable[[Table], str]] = {
     "sensitivity-2.2kW": partial(_margins, "2.2kW"),
     "sensitivity-11kW": partial(_margins, "11kW"),
     "targets": _targets,
+    "tolerance": _tolerance,
+    "tolerance-angles": _tolerance_angles,
+    "tolerance-confidence": _tolerance_confidence,
+    "tolerance-losses": _tolerance_losses,
+    "consistency": _consistency,
 }
 """By the name in the marker."""
 

@@ -1,10 +1,11 @@
 """The committed table: what every claim measured, one line each, from which the documents are written.
 
 `kind` says what a line is about: a "figure" of the paper, its negative "control", the "margin" of a
-parameter, or a "target" of the plane. `value` is the worst that was found; `run` and `seed` say where: which
-run of a target it was, and under which realisation of the noise, empty where there is none. `ok` says that it
-is as it should be: that the claim holds, or, of a control, that it fails for its reason and not before its
-time.
+parameter, a "target" of the plane, losses over drawn installations on a course ("tolerance"), or the
+"consistency" of the estimate over them. `value` is the worst that was found; `run` and `seed` say where:
+which run of a target it was, and under which realisation of the noise, empty where there is none; of a loss
+what was lost and the number of the draw. `ok` says that it is as it should be: that the claim holds, or, of a
+control, that it fails for its reason and not before its time.
 
 The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A line that
 agrees with the one there (see `agree`), is of the same run and seed and no worse, is left as it stands: only
@@ -24,10 +25,14 @@ from typing import Literal, TypeAlias
 from stillflux.evidence.beyond import Summary
 from stillflux.evidence.claims import Claim, Direction, at_least
 from stillflux.evidence.conditions import SCHEMES
+from stillflux.evidence.consistency import Consistency
+from stillflux.evidence.courses import COURSES
+from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import ALL_MACHINES
 from stillflux.evidence.registry import experiments, targets
 from stillflux.evidence.reproduce import Outcome
 from stillflux.evidence.sensitivity import Margin
+from stillflux.evidence.tolerance import Rate
 
 __all__ = [
     "Group",
@@ -36,13 +41,15 @@ __all__ = [
     "Table",
     "agree",
     "line_of",
+    "of_consistency",
     "of_margin",
     "of_outcome",
+    "of_rate",
     "of_summary",
     "shown",
 ]
 
-Kind: TypeAlias = Literal["figure", "control", "margin", "target"]
+Kind: TypeAlias = Literal["figure", "control", "margin", "target", "tolerance", "consistency"]
 Group: TypeAlias = tuple[Kind, str, str, str]
 """Kind, name, machine, scheme: lines that are measured together."""
 
@@ -149,6 +156,17 @@ def of_summary(summary: Summary) -> list[Line]:
     return [line_of(group, claim) for claim in summary.claims]
 
 
+def of_rate(rate: Rate) -> list[Line]:
+    """The lines of a drive on a course, over all draws."""
+    return [line_of(("tolerance", rate.course, rate.machine, rate.scheme), claim) for claim in rate.claims]
+
+
+def of_consistency(found: Consistency, scheme: str) -> list[Line]:
+    """The lines of the consistency of the estimate of a drive."""
+    group: Group = ("consistency", "consistency", found.machine, scheme)
+    return [line_of(group, claim) for claim in found.claims]
+
+
 def agree(old: Line, new: Line) -> bool:
     """Whether two lines say the same: equal, or within 30 % or 5 % of the bound where both are as they should
     be."""
@@ -240,4 +258,7 @@ def order() -> list[Group]:
     verdicts = [target.verdict for target in targets().values() if target.verdict]
     for name in dict.fromkeys([*targets(), *verdicts]):
         found += [("target", name, machine, scheme) for machine in ALL_MACHINES for scheme in SCHEMES]
+    for machine in DRIVES:
+        found += [("tolerance", name, machine, scheme) for name in COURSES for scheme in SCHEMES]
+    found += [("consistency", "consistency", machine, scheme) for machine in DRIVES for scheme in SCHEMES]
     return found

@@ -257,6 +257,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             r_s: f.r_s(),
             epsilon: R::ZERO,
             innovation: f.residual() * R::from_f64(RESIDUAL_UNIT),
+            nis: f.nis(),
+            angle_deviation: f.sigma(),
             confidence: f.confidence(),
         }
     }

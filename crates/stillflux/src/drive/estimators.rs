@@ -70,6 +70,8 @@ pub(super) struct Estimated<R: Real> {
     pub r_s: R,
     pub epsilon: R,
     pub innovation: R,
+    pub nis: R,
+    pub angle_deviation: R,
     pub confidence: R,
 }
 

@@ -205,6 +205,11 @@ pub struct Estimate<R: Real> {
     /// Innovation of the filter, the rotor flux of the current model less that of the voltage model; zero in the
     /// published scheme.
     pub innovation: R,
+    /// Normalised innovation squared (NIS): innovation squared over its expected variance, low-passed over 20 ms; one
+    /// where the filter's model is exact, zero in the published scheme.
+    pub nis: R,
+    /// Standard deviation that the scheme expects of its field angle, rad; π while the drive does not run.
+    pub angle_deviation: R,
     /// Confidence in the field angle, 0 to 1; below 0.5 an error of 15° must be expected.
     pub confidence: R,
 }

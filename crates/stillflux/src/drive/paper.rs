@@ -186,6 +186,8 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
             r_s: self.resistance.r_s(),
             epsilon: self.resistance.epsilon(),
             innovation: R::ZERO,
+            nis: R::ZERO,
+            angle_deviation: self.confidence.sigma(),
             confidence: self.confidence.value(),
         }
     }

@@ -351,6 +351,11 @@ impl<R: Real> Filter<R> {
         self.residual
     }
 
+    /// Normalised innovation squared, low-passed: one where model and noise are those of the machine.
+    pub fn nis(&self) -> R {
+        self.nis
+    }
+
     /// Expected deviation of the field angle, rad.
     pub fn sigma(&self) -> R {
         self.sigma

@@ -1,0 +1,99 @@
+"""Courses that an installation has to survive: references and loads over the time since the end of the
+start-up.
+
+Speeds in per unit of rated frequency, torques in units of rated torque, times in s. `slip` is that of the
+machine as the drive knows it, at rated flux; the real one's is off by as much as its R_R.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from stillflux.evidence.conditions import slip
+from stillflux.parameters import Motor
+
+__all__ = ["COURSES", "Course", "Points"]
+
+Points: TypeAlias = list[tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Course:
+    """One course."""
+
+    title: str
+    build: Callable[[Motor], tuple[Points, Points]]
+    """Points of speed reference and load; the run ends with the last of either."""
+    target: float | None
+    """Largest admissible rate of loss, %; None: no target is set."""
+
+
+def _start(motor: Motor) -> tuple[Points, Points]:
+    """Rated load arrives at once, 0.1 s after the start-up, then a ramp to a tenth of rated speed."""
+    del motor
+    return [(0, 0), (0.5, 0), (1.5, 0.1), (4, 0.1)], [(0, 0), (0.1, 0), (0.1, 1)]
+
+
+def _low_speed(motor: Motor) -> tuple[Points, Points]:
+    """Motoring at 0.02, then regeneration at ω_s = 0.02, 4 s each."""
+    generating = slip(motor, 1.0) + 0.02
+    omega = [(0, 0), (0.3, 0), (0.8, 0.02), (5, 0.02), (5.5, generating), (9.5, generating)]
+    return omega, [(0, 0), (0.8, 0), (1.3, 1), (5, 1), (5.5, -1)]
+
+
+def _hold(motor: Motor) -> tuple[Points, Points]:
+    """Rated load at zero speed for 8 s."""
+    del motor
+    return [(0, 0), (8.8, 0)], [(0, 0), (0.3, 0), (0.8, 1)]
+
+
+def _crossing(motor: Motor) -> tuple[Points, Points]:
+    """ω_s from 0.03 to −0.03 within 10 s under rated load."""
+    line = -slip(motor, 1.0)
+    omega = [(0, 0), (0.3, 0), (0.8, line + 0.03), (2, line + 0.03), (12, line - 0.03), (13, line - 0.03)]
+    return omega, [(0, 0), (0.8, 0), (1.3, 1)]
+
+
+def _load_steps(motor: Motor) -> tuple[Points, Points]:
+    """Steps of ± rated load at zero speed."""
+    del motor
+    steps = [(0.5, 1.0), (1.5, 0.0), (2.5, -1.0), (3.5, 0.0), (4.5, 1.0), (5.5, -1.0)]
+    load: Points = [(0, 0)]
+    for t, torque in steps:
+        load += [(t, load[-1][1]), (t, torque)]
+    return [(0, 0), (6.5, 0)], load
+
+
+def _beside(torque: float) -> Callable[[Motor], tuple[Points, Points]]:
+    """15 s at a speed at which ω_s is 0.003 at rated flux."""
+
+    def build(motor: Motor) -> tuple[Points, Points]:
+        beside = 0.003 - slip(motor, torque)
+        omega = [(0, 0), (0.3, 0), (0.8, 0.05), (1.5, 0.05), (2.5, beside), (17.5, beside)]
+        return omega, [(0, 0), (0.8, 0), (1.3, torque)]
+
+    return build
+
+
+def _reversal(motor: Motor) -> tuple[Points, Points]:
+    """To rated speed and from there to the opposite one, without load, on a ramp that asks the largest
+    inertia for four fifths of rated torque."""
+    ramp = max(1.0, 3.0 * motor.J * motor.base["omega_m"] / (0.8 * motor.T_N))
+    return [(0, 0), (0.3, 0), (0.3 + ramp, 1), (0.8 + ramp, 1), (0.8 + 3 * ramp, -1), (1.3 + 3 * ramp, -1)], [
+        (0, 0)
+    ]
+
+
+COURSES: Mapping[str, Course] = {
+    "start": Course("start into rated load", _start, 0.0),
+    "low-speed": Course("low speed, motoring and regeneration, T_N", _low_speed, 0.0),
+    "hold": Course("zero speed held under T_N", _hold, 0.0),
+    "crossing": Course("slow crossing of ω_s = 0 under T_N", _crossing, 0.0),
+    "load-steps": Course("steps of ±T_N at zero speed", _load_steps, 0.0),
+    "beside-rated": Course("15 s beside ω_s = 0 at T_N", _beside(1.0), 1.0),
+    "beside-half": Course("15 s beside ω_s = 0 at T_N/2", _beside(0.5), None),
+    "reversal": Course("to rated speed and its opposite", _reversal, None),
+}
+"""By name."""
