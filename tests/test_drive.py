@@ -102,6 +102,7 @@ def test_sequence_and_estimate(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert 0.0 < estimate.nis < 1.0
     duty = drive.step(i_abc, u_dc)
     assert drive.status == "stopped"
+    assert drive.estimate.angle_deviation == pytest.approx(math.pi)
     assert not drive.gates_on
     assert list(duty) == [0.5, 0.5, 0.5]
     memory = drive.memory()

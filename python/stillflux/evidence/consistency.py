@@ -38,7 +38,17 @@ from stillflux.parallel import run_jobs
 from stillflux.parameters import Motor
 from stillflux.result import Result
 
-__all__ = ["DRAWS", "REGIONS", "Consistency", "Sample", "judged", "progress", "rank_correlation", "run_all"]
+__all__ = [
+    "DRAWS",
+    "REGIONS",
+    "Consistency",
+    "Sample",
+    "by_claim",
+    "judged",
+    "progress",
+    "rank_correlation",
+    "run_all",
+]
 
 DRAWS = 10
 """Draws of each drive."""

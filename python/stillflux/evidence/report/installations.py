@@ -149,7 +149,7 @@ def _angles(found: Sequence[Outcome]) -> Figure:
         xscale="log", yscale="log", xlabel="I_k in % of rated peak current", ylabel="largest angle error, °"
     )
     axes.set_title("dots: kept, crosses: lost", fontsize=9)
-    axes.legend(ncols=2, fontsize=8)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     return figure
 
 
