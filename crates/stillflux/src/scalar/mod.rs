@@ -109,6 +109,15 @@ pub trait Real:
     fn cross(a: [Self; 2], b: [Self; 2]) -> Self {
         a[0] * b[1] - a[1] * b[0]
     }
+    /// `Σ a·b`, rounded as [`Real::dot`]. Fixed point: the products together are within ±2^15.
+    #[inline]
+    fn sum_of_products<const T: usize>(a: [Self; T], b: [Self; T]) -> Self {
+        let mut sum = Self::ZERO;
+        for (x, y) in a.into_iter().zip(b) {
+            sum += x * y;
+        }
+        sum
+    }
     /// `|x| <= bound` for `bound >= 0`; never true of NaN.
     #[inline]
     fn within(self, bound: Self) -> bool {

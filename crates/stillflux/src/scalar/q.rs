@@ -231,6 +231,14 @@ impl Real for Q {
         Self(narrow(wide(a[0], b[1]).wrapping_sub(wide(a[1], b[0]))))
     }
     #[inline]
+    fn sum_of_products<const T: usize>(a: [Self; T], b: [Self; T]) -> Self {
+        let mut sum = 0_i64;
+        for (x, y) in a.into_iter().zip(b) {
+            sum = sum.wrapping_add(wide(x, y));
+        }
+        Self(narrow(sum))
+    }
+    #[inline]
     fn within(self, bound: Self) -> bool {
         // One unsigned comparison: -bound ..= bound moved to 0 ..= 2 bound.
         self.0.wrapping_add(bound.0) as u32 <= (bound.0 as u32) << 1

@@ -77,10 +77,8 @@ impl<R: Real> Covariance<R> {
     #[inline(always)]
     pub fn advance<const I: usize, const T: usize>(&mut self, a: R, terms: &[(usize, R); T], row: &Column<R>) {
         let own = self.get(I, I);
-        let mut variance = a * (a * own + row[I] + row[I]);
-        for &(j, c) in terms {
-            variance += c * row[j];
-        }
+        let variance =
+            a * (a * own + row[I] + row[I]) + R::sum_of_products(terms.map(|(_, c)| c), terms.map(|(j, _)| row[j]));
         for (k, r) in row.iter().enumerate() {
             *self.get_mut(I, k) = a * self.get(I, k) + *r;
         }
@@ -90,21 +88,20 @@ impl<R: Real> Covariance<R> {
     /// The same for one of the first two states, a vector whose components have rows of the same shape:
     /// `x_0 ← x_0 + own x_O + Σ c_j x_j`, or with `x_1` and `x_(O+1)` (`second`). Both take this one code.
     #[inline(always)]
-    pub fn advance_pair<const O: usize, const T: usize>(&mut self, second: bool, own: R, terms: &[(usize, R); T]) {
+    pub fn advance_pair<const O: usize>(&mut self, second: bool, own: R, terms: &[(usize, R); 3]) {
         let from = usize::from(second);
         let row: Column<R> = core::array::from_fn(|k| {
-            let mut sum = own * if second { self.get(O + 1, k) } else { self.get(O, k) };
-            for &(j, c) in terms {
-                sum += c * self.get(j, k);
-            }
-            sum
+            let of_own = if second { self.get(O + 1, k) } else { self.get(O, k) };
+            R::dot([own, terms[0].1], [of_own, self.get(terms[0].0, k)])
+                + R::dot([terms[1].1, terms[2].1], [self.get(terms[1].0, k), self.get(terms[2].0, k)])
         });
         let (before, of_self, of_own) =
             if second { (self.get(1, 1), row[1], row[O + 1]) } else { (self.get(0, 0), row[0], row[O]) };
-        let mut variance = before + of_self + of_self + own * of_own;
-        for &(j, c) in terms {
-            variance += c * row[j];
-        }
+        let variance = before
+            + of_self
+            + of_self
+            + own * of_own
+            + R::sum_of_products(terms.map(|(_, c)| c), terms.map(|(j, _)| row[j]));
         for (k, r) in row.into_iter().enumerate() {
             // Columns 0 and 1 lie side by side, also where the element is (0, 1) = (1, 0).
             self.p.as_flattened_mut()[at(k, 0) + from] += r;
@@ -115,39 +112,34 @@ impl<R: Real> Covariance<R> {
     /// `P h` for a sparse `h`.
     #[inline(always)]
     pub fn project<const T: usize>(&self, h: &[(usize, R); T]) -> Column<R> {
-        core::array::from_fn(|k| {
-            let mut sum = R::ZERO;
-            for &(j, c) in h {
-                sum += c * self.get(j, k);
-            }
-            sum
-        })
+        core::array::from_fn(|k| R::sum_of_products(h.map(|(_, c)| c), h.map(|(j, _)| self.get(j, k))))
     }
 
     /// A state forgets what it has to do with the others; its variance stays.
-    pub fn isolate(&mut self, i: usize) {
+    #[inline(always)]
+    pub fn isolate<const I: usize>(&mut self) {
         for k in 0..N {
-            if k != i {
-                *self.get_mut(i, k) = R::ZERO;
+            if k != I {
+                *self.get_mut(I, k) = R::ZERO;
             }
         }
     }
 
     /// What a measurement takes from the rows `from..to`: `P ← P - (P h)(P h)ᵀ/S`, the variances not below a floor.
     /// A loop over the elements: unrolled it would take a kilobyte of flash.
-    #[inline(always)]
+    #[inline(never)]
     pub fn reduce(&mut self, from: usize, to: usize, ph: &Column<R>, inv_s: R, floor: R) {
-        let mut rest = self.p.as_flattened_mut().iter_mut().skip(at(from, 0));
-        for (i, x) in ph.iter().enumerate().take(to).skip(from) {
-            let gain = *x * inv_s;
-            for y in ph.iter().take(i) {
-                if let Some(p) = rest.next() {
-                    *p -= gain * *y;
-                }
+        let mut rest = self.p.as_flattened_mut().get_mut(at(from, 0)..).unwrap_or_default();
+        for i in from..to {
+            let Some((row, below)) = rest.split_at_mut_checked(i) else { return };
+            let Some((own, below)) = below.split_first_mut() else { return };
+            let of_row = ph[if i < N { i } else { N - 1 }];
+            let gain = of_row * inv_s;
+            for (x, y) in row.iter_mut().zip(ph) {
+                *x -= gain * *y;
             }
-            if let Some(p) = rest.next() {
-                *p = (*p - gain * *x).max(floor);
-            }
+            *own = (*own - gain * of_row).max(floor);
+            rest = below;
         }
     }
 }
@@ -209,7 +201,7 @@ mod tests {
     #[test]
     fn an_isolated_state_gets_nothing_from_a_measurement() {
         let mut p = sample();
-        p.isolate(5);
+        p.isolate::<5>();
         let ph = p.project(&[(0, 1.0), (2, -1.0)]);
         assert_eq!(ph[5], 0.0);
         assert_eq!(p.get(5, 5), 0.7);

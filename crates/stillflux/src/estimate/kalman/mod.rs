@@ -72,7 +72,7 @@ use self::covariance::N;
 use self::covariance::{Column, Covariance};
 use self::model::{B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, Saturated, V};
 use self::noise::Noise;
-use self::schedule::{SLOTS, Scratch};
+use self::schedule::{Holds, SLOTS};
 use self::start::Initial;
 use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
@@ -164,7 +164,7 @@ pub struct Input<R: Real> {
 }
 
 /// State of the filter.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Filter<R: Real> {
@@ -184,7 +184,9 @@ pub struct Filter<R: Real> {
     period: u32,
     point: OperatingPoint<R>,
     p: Covariance<R>,
-    scratch: Scratch<R>,
+    /// What slots leave for each other.
+    column: Column<R>,
+    holds: Holds,
     /// `1/S` of the last block.
     inv_s: R,
     /// Innovation, and low-pass of its normalised square.
@@ -250,7 +252,7 @@ impl<R: Real> Filter<R> {
             omega_s: input.omega_s,
             valid,
         };
-        let (point, increment) = model.operating_point(&means, self.m.value(), self.gamma.value(), self.c.value());
+        let (point, increment) = model.operating_point(&means, self.point.magnetisation, self.gamma.value());
         self.point = point;
         if !valid {
             self.m.set(psi_r);
@@ -390,7 +392,7 @@ fn nudge<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
 }
 
 /// What a filter has learned of machine, bridge and sensors.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Learned<R: Real> {

@@ -149,6 +149,19 @@ impl Saturated {
 /// Largest `(m/m_N)^S` that the curve follows: keeps it within fixed point.
 const SATURATED_MAX: f64 = 8.0;
 
+/// Where on the magnetising curve the model is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub(super) struct Magnetisation<R: Real> {
+    /// `m`, `m g(m)`, and `γ d(m g)/dm`.
+    pub m: R,
+    pub m_g: R,
+    pub slope: R,
+    /// `(m/m_N)^S - 1`.
+    pub bend: R,
+}
+
 /// The magnetising curve at one flux.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Curve<R: Real> {
@@ -195,12 +208,7 @@ pub(super) struct OperatingPoint<R: Real> {
     pub loss: Distortion<R>,
     /// `r_R Δ i_q/|ψ_R|`: change of `m` in a block per turn of the flux.
     pub turn: R,
-    /// `m`, `m g(m)`, and `γ d(m g)/dm`.
-    pub m: R,
-    pub m_g: R,
-    pub slope: R,
-    /// `(m/m_N)^S - 1`.
-    pub bend: R,
+    pub magnetisation: Magnetisation<R>,
     /// Distance from the steady state, `l_M (i·n - i_μ)`, times [`TRANSIENT`], scaled as a flux.
     pub transient: R,
     pub omega_s: R,
@@ -261,21 +269,29 @@ impl<R: Real> Model<R> {
         R::ONE + self.s * c
     }
 
+    /// Where on the curve a flux `m` is.
+    #[inline(never)]
+    pub fn magnetisation(&self, m: R, gamma: R, c: R) -> Magnetisation<R> {
+        let curve = self.curve(m, c);
+        Magnetisation { m, m_g: curve.m_g, slope: gamma * curve.slope, bend: curve.bend }
+    }
+
     /// The next operating point, and what `m` gains in this block: `r_R Δ (i·n - i_μ(m))`.
     #[inline(always)]
-    pub fn operating_point(&self, x: &BlockMeans<R>, m: R, gamma: R, c: R) -> (OperatingPoint<R>, R) {
-        let curve = self.curve(m, c);
-        let m_steady = gamma * curve.m_g;
+    pub fn operating_point(
+        &self,
+        x: &BlockMeans<R>,
+        magnetisation: Magnetisation<R>,
+        gamma: R,
+    ) -> (OperatingPoint<R>, R) {
+        let m_steady = gamma * magnetisation.m_g;
         let point = OperatingPoint {
             n: x.n,
             inv_psi_r: x.inv_psi_r,
             i_s: x.i_s,
             loss: x.loss,
             turn: self.r_r_block * (x.i_q * x.inv_psi_r).limit(R::TWO),
-            m,
-            m_g: curve.m_g,
-            slope: gamma * curve.slope,
-            bend: curve.bend,
+            magnetisation,
             transient: (x.i_d * self.l_m - m_steady) * R::from_f64(TRANSIENT / SCALE_PSI),
             omega_s: x.omega_s,
             valid: x.valid,
@@ -286,13 +302,14 @@ impl<R: Real> Model<R> {
     /// Row of `m` in `F`: coefficient of `m` itself.
     #[inline(always)]
     pub fn rotor_own(&self, at: &OperatingPoint<R>) -> R {
-        R::ONE - self.decay * at.slope
+        R::ONE - self.decay * at.magnetisation.slope
     }
 
     /// Row of `m` in `F`: the other states.
     #[inline(always)]
     pub fn rotor_row(&self, at: &OperatingPoint<R>, gamma: R) -> [(usize, R); 6] {
         let r = R::from_f64;
+        let q = &at.magnetisation;
         let by_b = self.r_r_block * r(SCALE_B / SCALE_PSI);
         let by_gamma = self.decay * r(SCALE_GAMMA / SCALE_PSI);
         let by_c = self.decay * r(SCALE_C / SCALE_PSI);
@@ -301,8 +318,8 @@ impl<R: Real> Model<R> {
             (PSI + 1, at.turn * at.n.cos),
             (B, -by_b * at.n.cos),
             (B + 1, -by_b * at.n.sin),
-            (GAMMA, -by_gamma * at.m_g),
-            (C, -by_c * (gamma * at.m * at.bend)),
+            (GAMMA, -by_gamma * q.m_g),
+            (C, -by_c * (gamma * q.m * q.bend)),
         ]
     }
 

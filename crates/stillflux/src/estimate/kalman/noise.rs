@@ -161,6 +161,8 @@ impl<R: Real> Noise<R> {
     }
 
     /// Variances at the start.
+    #[cold]
+    #[inline(never)]
     pub fn prior(&self) -> Column<R> {
         let [b, r_s, v, knee, c] = self.prior;
         let psi = R::from_f64(const { scaled(PRIOR_PSI, SCALE_PSI) });

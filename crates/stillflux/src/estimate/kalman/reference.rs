@@ -91,7 +91,7 @@ fn point(model: &Model<f64>, x: &State, i_m: Vector2<f64>, loss: Distortion<f64>
         omega_s,
         valid: true,
     };
-    model.operating_point(&means, m, x[GAMMA], x[C]).0
+    model.operating_point(&means, model.magnetisation(m, x[GAMMA], x[C]), x[GAMMA]).0
 }
 
 /// `F` of the scaled states, row by row from the model.
@@ -270,7 +270,7 @@ impl Reference {
             omega_s: input.omega_s,
             valid: true,
         };
-        let (at, increment) = model.operating_point(&means, self.x[M], gamma, self.x[C]);
+        let (at, increment) = model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma);
         self.x[M] += increment;
         let z = (self.x[M] - magnitude) / SCALE_PSI;
         if self.trial == 0 {

@@ -5,7 +5,7 @@
 //! correction and the next operating point, and each of the following ones a part of the covariance prediction and
 //! update. The gain is therefore a block old, against time constants of many blocks.
 //!
-//! A slot works only on what an earlier slot of the *same* covariance has left for it ([`Scratch`]): after a
+//! A slot works only on what an earlier slot of the *same* covariance has left for it ([`Holds`]): after a
 //! re-initialisation within a block the covariance stays what it was set to, and the block ends without a
 //! correction.
 
@@ -38,6 +38,8 @@ enum Slot {
     Gain,
     /// Update of some rows.
     Update(usize, usize),
+    /// The same, and before it the magnetisation at the end of the block: what it depends on changes only there.
+    Magnetisation(usize, usize),
     /// A block may have more periods than there is work.
     Idle,
 }
@@ -53,7 +55,7 @@ impl Slot {
             4 => Self::Flux(true),
             5 => Self::Noise,
             6 => Self::Gain,
-            7 => Self::Update(0, 5),
+            7 => Self::Magnetisation(0, 5),
             8 => Self::Update(5, 8),
             9 => Self::Update(8, N),
             _ => Self::Idle,
@@ -61,18 +63,18 @@ impl Slot {
     }
 }
 
-/// What one slot leaves for the next ones. Both need a column, at different times: they share its memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// What the filter's column has in it. One slot leaves it for the next ones; each use has its time in the block.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub(super) enum Scratch<R: Real> {
-    /// Nothing.
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub(super) enum Holds {
+    /// Nothing for another slot.
     #[default]
-    Empty,
+    Nothing,
     /// `F_m P` without the element of `m` itself.
-    Row(Column<R>),
+    Row,
     /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
-    Gain(Column<R>),
+    Gain,
 }
 
 impl<R: Real> OperatingPoint<R> {
@@ -87,28 +89,31 @@ impl<R: Real> Filter<R> {
     #[inline(always)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
         match Slot::of(self.period) {
-            Slot::RotorRow => self.rotor_row(c),
-            Slot::RotorAdvance => self.rotor_advance(c),
+            Slot::RotorRow => self.rotor(c, false),
+            Slot::RotorAdvance => self.rotor(c, true),
             Slot::Flux(second) => self.flux_advance(c, second),
             Slot::Noise => self.add_noise(c),
             Slot::Gain => self.weigh(c),
             Slot::Update(from, to) => self.update(from, to),
+            Slot::Magnetisation(from, to) => {
+                self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
+                self.update(from, to);
+            }
             Slot::Idle => {}
         }
     }
 
+    /// Both steps of the row of `m`: they share the code of its coefficients.
     #[inline(never)]
-    fn rotor_row(&mut self, c: &FilterConfig<R>) {
-        self.scratch = Scratch::Row(self.p.project(&c.model.rotor_row(&self.point, self.gamma.value())));
-    }
-
-    #[inline(never)]
-    fn rotor_advance(&mut self, c: &FilterConfig<R>) {
-        if let Scratch::Row(row) = &self.scratch {
-            let terms = c.model.rotor_row(&self.point, self.gamma.value());
-            self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, row);
+    fn rotor(&mut self, c: &FilterConfig<R>, advance: bool) {
+        let terms = c.model.rotor_row(&self.point, self.gamma.value());
+        if !advance {
+            self.column = self.p.project(&terms);
+            self.holds = Holds::Row;
+        } else if self.holds == Holds::Row {
+            self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &self.column);
+            self.holds = Holds::Nothing;
         }
-        self.scratch = Scratch::Empty;
     }
 
     #[inline(never)]
@@ -122,7 +127,7 @@ impl<R: Real> Filter<R> {
         };
         // The loss falls as the knee grows.
         let [by_b, by_r_s, by_v, by_k] = c.model.flux_row(of(i), of(u_l), -of(u_k), self.r_s());
-        self.p.advance_pair::<B, 3>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k)]);
+        self.p.advance_pair::<B>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k)]);
     }
 
     /// What the states may have done by themselves.
@@ -135,10 +140,10 @@ impl<R: Real> Filter<R> {
         if q.held() {
             // Held at their values and variances, and decorrelated: no innovation moves them, and what they were
             // correlated with is told by the voltage error that grows with frequency.
-            for k in [RS, V, KNEE] {
-                walk[k] = R::ZERO;
-                self.p.isolate(k);
-            }
+            (walk[RS], walk[V], walk[KNEE]) = (R::ZERO, R::ZERO, R::ZERO);
+            self.p.isolate::<RS>();
+            self.p.isolate::<V>();
+            self.p.isolate::<KNEE>();
         }
         walk[M] += c.noise.lag(q.transient);
         let induced = c.noise.induced(omega);
@@ -176,7 +181,7 @@ impl<R: Real> Filter<R> {
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 
         if !(q.valid && c.correct) {
-            self.scratch = Scratch::Empty;
+            self.holds = Holds::Nothing;
             return;
         }
         let row = Model::measurement_row(q);
@@ -189,24 +194,22 @@ impl<R: Real> Filter<R> {
         }
         let s = s + residual + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
         self.inv_s = s.max(residual).recip();
-        self.scratch = Scratch::Gain(ph);
+        self.column = ph;
+        self.holds = Holds::Gain;
     }
 
     /// Rows `from..to` of the covariance lose what the innovation has told.
     #[inline(never)]
     fn update(&mut self, from: usize, to: usize) {
-        if let Scratch::Gain(ph) = &self.scratch {
-            self.p.reduce(from, to, ph, self.inv_s, R::from_f64(FLOOR));
+        if self.holds == Holds::Gain {
+            self.p.reduce(from, to, &self.column, self.inv_s, R::from_f64(FLOOR));
         }
     }
 
     /// Gain of the correction in units of the states, if this block has one.
     #[inline(always)]
     pub(super) fn gain(&self, scale: &Column<R>) -> Option<Column<R>> {
-        match &self.scratch {
-            Scratch::Gain(ph) => Some(core::array::from_fn(|k| ph[k] * self.inv_s * scale[k])),
-            _ => None,
-        }
+        (self.holds == Holds::Gain).then(|| core::array::from_fn(|k| self.column[k] * self.inv_s * scale[k]))
     }
 }
 

@@ -3,11 +3,10 @@
 
 use super::model::{B, C, GAMMA, KNEE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
 use super::noise::SIGMA_AGAIN;
-use super::schedule::Scratch;
+use super::schedule::Holds;
 use super::{B_MAX, Column, Covariance, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, Learned, R_S_RANGE, V_MAX};
-use crate::estimate::integral::FluxIntegral;
 use crate::scalar::{Integrator, Real, clamp_seldom};
-use crate::space::{AlphaBeta, Dq};
+use crate::space::AlphaBeta;
 
 /// Blocks after a start in which no innovation counts as a step: the priors are still being tried.
 const TRIAL: u32 = 200;
@@ -19,7 +18,7 @@ const fn known(k: usize) -> f64 {
 }
 
 /// What was known before a start, and how well: the start may have to be repeated from it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Initial<R: Real> {
@@ -33,42 +32,13 @@ impl<R: Real> Filter<R> {
     #[must_use]
     pub fn new(c: &FilterConfig<R>) -> Self {
         let prior = c.noise.prior();
-        let initial = Initial {
-            learned: Learned { b: AlphaBeta::default(), r_s: c.model.r_s, v: R::ZERO, knee: R::ONE, gamma: R::ONE },
-            variance: [B, RS, V, KNEE, GAMMA].map(|k| prior[k]),
-        };
-        let mut filter = Self::with(initial, Integrator::new(c.saturation));
-        filter.reset_from_initial(c);
+        let mut filter = Self::default();
+        filter.c.set(c.saturation);
+        filter.p.set_diagonal(&prior);
+        filter.initial.learned =
+            Learned { b: AlphaBeta::default(), r_s: c.model.r_s, v: R::ZERO, knee: R::ONE, gamma: R::ONE };
+        filter.begin(c);
         filter
-    }
-
-    /// States and memory of a block at their beginning; the covariance is not set.
-    #[inline(always)]
-    fn with(initial: Initial<R>, c: Integrator<R>) -> Self {
-        let Learned { b, r_s, v, knee, gamma } = initial.learned;
-        Self {
-            psi_s: FluxIntegral::default(),
-            m: Integrator::default(),
-            b: [Integrator::new(b.re()), Integrator::new(b.im())],
-            r_s: Integrator::new(r_s),
-            v: Integrator::new(v),
-            knee: Integrator::new(knee),
-            gamma: Integrator::new(gamma),
-            c,
-            i_s: AlphaBeta::default(),
-            u_i: AlphaBeta::default(),
-            sum: Dq::default(),
-            period: 0,
-            point: super::OperatingPoint::default(),
-            p: Covariance::default(),
-            scratch: Scratch::Empty,
-            inv_s: R::ZERO,
-            residual: R::ZERO,
-            nis: R::ZERO,
-            trial: TRIAL,
-            sigma: R::ZERO,
-            initial,
-        }
     }
 
     /// The one way in which a covariance begins: independent states, and nothing left of the block under way that
@@ -77,14 +47,18 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn reset_covariance(&mut self, variance: &Column<R>) {
         self.p.set_diagonal(variance);
-        self.scratch = Scratch::Empty;
+        self.holds = Holds::Nothing;
     }
 
     /// As the filter was before the start under way, but for the saturation.
     #[cold]
     #[inline(never)]
     fn reset_from_initial(&mut self, c: &FilterConfig<R>) {
-        *self = Self::with(self.initial, self.c);
+        *self = Self { initial: self.initial, c: self.c, trial: TRIAL, ..Self::default() };
+        let Learned { b, r_s, v, knee, gamma } = self.initial.learned;
+        (self.b[0], self.b[1]) = (Integrator::new(b.re()), Integrator::new(b.im()));
+        (self.r_s, self.v, self.knee, self.gamma) =
+            (Integrator::new(r_s), Integrator::new(v), Integrator::new(knee), Integrator::new(gamma));
         let mut variance = c.noise.prior();
         let [of_b, of_r_s, of_v, of_knee, of_gamma] = self.initial.variance;
         (variance[B], variance[B + 1]) = (of_b, of_b);
@@ -97,18 +71,16 @@ impl<R: Real> Filter<R> {
     pub fn restore(&mut self, c: &FilterConfig<R>, learned: &Learned<R>) {
         let r = R::from_f64;
         let r_s = c.model.r_s;
-        let prior = c.noise.prior();
-        self.initial = Initial {
-            learned: Learned {
-                b: learned.b.limit_components(r(B_MAX)),
-                r_s: clamp_seldom(learned.r_s, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1)),
-                v: clamp_seldom(learned.v, r(-V_MAX), r(V_MAX)),
-                knee: clamp_seldom(learned.knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1)),
-                gamma: clamp_seldom(learned.gamma, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1)),
-            },
-            variance: [B, RS, V, KNEE, GAMMA].map(|k| prior[k] * r(known(k))),
+        self.initial.learned = Learned {
+            b: learned.b.limit_components(r(B_MAX)),
+            r_s: clamp_seldom(learned.r_s, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1)),
+            v: clamp_seldom(learned.v, r(-V_MAX), r(V_MAX)),
+            knee: clamp_seldom(learned.knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1)),
+            gamma: clamp_seldom(learned.gamma, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1)),
         };
-        self.reset_from_initial(c);
+        // As well known as anything is that comes out of a stop.
+        self.p = Covariance::default();
+        self.begin(c);
     }
 
     /// What is worth keeping.
@@ -119,25 +91,24 @@ impl<R: Real> Filter<R> {
     /// Begins with a machine without flux; what has been learned stays, less certain by what temperature may have
     /// done to it since.
     pub fn start(&mut self, c: &FilterConfig<R>, i_s: &AlphaBeta<R>) {
-        let prior = c.noise.prior();
-        self.initial = Initial {
-            learned: self.learned(),
-            variance: [
-                self.kept::<B>(&prior),
-                self.kept::<RS>(&prior),
-                self.kept::<V>(&prior),
-                self.kept::<KNEE>(&prior),
-                self.kept::<GAMMA>(&prior),
-            ],
-        };
-        self.reset_from_initial(c);
+        self.initial.learned = self.learned();
+        self.begin(c);
         self.i_s = *i_s - self.b();
     }
 
-    /// Variance with which a state comes out of a stop.
-    #[inline(always)]
-    fn kept<const K: usize>(&self, prior: &Column<R>) -> R {
-        clamp_seldom(self.p.get(K, K), prior[K] * R::from_f64(known(K)), prior[K])
+    /// Begins with the values of `initial`, each with the variance that it comes out of a stop with.
+    fn begin(&mut self, c: &FilterConfig<R>) {
+        self.keep_variances(c);
+        self.reset_from_initial(c);
+    }
+
+    /// What a stop leaves of the variances.
+    #[cold]
+    #[inline(never)]
+    fn keep_variances(&mut self, c: &FilterConfig<R>) {
+        let prior = c.noise.prior();
+        let kept = |k: usize| clamp_seldom(self.p.get(k, k), prior[k] * R::from_f64(known(k)), prior[k]);
+        self.initial.variance = [kept(B), kept(RS), kept(V), kept(KNEE), kept(GAMMA)];
     }
 
     /// Begins anew with the flux `psi_s` that a direct current along the a-axis has built up in a machine at
