@@ -106,24 +106,15 @@ impl<R: Real> Distortion<R> {
         AlphaBeta::from_phases(self.phases)
     }
 
-    #[inline(never)]
-    fn leg_by_knee(&self, e: R) -> R {
-        let magnitude = (e.abs() - self.least).min(self.full - e.abs()).max(R::ZERO);
-        if e < R::ZERO { -magnitude } else { magnitude }
-    }
-
     /// By how much the loss of each phase falls when the knee grows, per relative change of it:
     /// `-∂e/∂ln I_k = min(e, U - e)` for a positive current.
     #[inline(always)]
     pub fn by_knee(&self) -> [R; 3] {
-        self.phases.map(|e| self.leg_by_knee(e))
+        self.phases.map(|e| {
+            let magnitude = (e.abs() - self.least).min(self.full - e.abs()).max(R::ZERO);
+            if e < R::ZERO { -magnitude } else { magnitude }
+        })
     }
-}
-
-/// The loss above the knee. A call: its reciprocal is not computed in advance where there is no capacitance.
-#[inline(never)]
-fn above_knee<R: Real>(full: R, tail: R, magnitude: R) -> R {
-    full - tail * (magnitude * R::from_f64(SCALE)).recip()
 }
 
 impl<R: Real> InverterModel<R> {
@@ -179,7 +170,7 @@ impl<R: Real> InverterModel<R> {
             let magnitude = i.abs();
             let e = if likely(magnitude > knee.width) {
                 // Without capacitance there is no tail, and no reciprocal to spend time on.
-                if tail > R::ZERO { above_knee(full, tail, magnitude) } else { full }
+                if tail > R::ZERO { full - tail * (magnitude * scale).recip() } else { full }
             } else {
                 magnitude * knee.slope * (dead * scale) + least * (magnitude * self.inv_band * scale).min(R::ONE)
             };
@@ -195,7 +186,7 @@ mod tests {
     use super::*;
     use crate::params::{Inverter, Machine};
 
-    fn model() -> (InverterModel<f64>, PerUnit<f64>) {
+    fn model() -> (InverterModel<f64>, PerUnit) {
         let (m, inv) = (Machine::preset_2k2(), Inverter { dead_time: 0.0, ..Inverter::preset_2k2() });
         let pu = PerUnit::new(&m, &inv).unwrap();
         (InverterModel::new(&pu), pu)

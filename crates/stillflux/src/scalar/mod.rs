@@ -109,7 +109,7 @@ pub trait Real:
     fn cross(a: [Self; 2], b: [Self; 2]) -> Self {
         a[0] * b[1] - a[1] * b[0]
     }
-    /// `Σ a·b`, rounded as [`Real::dot`]. Fixed point: the products together are within ±2^15.
+    /// `Σ a·b`, rounded as [`Real::dot`]. In fixed point the exact sum must be within ±2^15.
     #[inline]
     fn sum_of_products<const T: usize>(a: [Self; T], b: [Self; T]) -> Self {
         let mut sum = Self::ZERO;

@@ -47,7 +47,7 @@ enum Slot {
 impl Slot {
     /// That of a period of the block.
     #[inline(always)]
-    fn of(period: u32) -> Self {
+    fn of(period: u8) -> Self {
         match period {
             1 => Self::RotorRow,
             2 => Self::RotorAdvance,
@@ -145,7 +145,7 @@ impl<R: Real> Filter<R> {
             self.p.isolate::<V>();
             self.p.isolate::<KNEE>();
         }
-        walk[M] += c.noise.lag(q.transient);
+        walk[M] += Noise::lag(c.model.decay, q.transient);
         let induced = c.noise.induced(omega);
         walk[PSI] += induced;
         walk[PSI + 1] += induced;
@@ -180,7 +180,7 @@ impl<R: Real> Filter<R> {
         let scale = R::from_f64(SCALE_PSI);
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 
-        if !(q.valid && c.correct) {
+        if !(self.valid && c.correct) {
             self.holds = Holds::Nothing;
             return;
         }
