@@ -73,6 +73,8 @@ pub(super) enum Holds {
     Nothing,
     /// `F_m P` without the element of `m` itself.
     Row,
+    /// Current, loss and its derivative by the knee, as [`OperatingPoint::regressors`] has them.
+    Regressors,
     /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
     Gain,
 }
@@ -81,6 +83,19 @@ impl<R: Real> OperatingPoint<R> {
     /// Too fast for resistance and inverter error to be seen.
     fn held(&self) -> bool {
         self.omega_s.abs() > R::from_f64(OMEGA_HELD)
+    }
+
+    /// What resistance, inverter error and knee act by: `i`, `u_l` and `u_k`, two components each. None of them
+    /// where those states are held.
+    #[inline(always)]
+    fn regressors(&self) -> Column<R> {
+        let mut column = Column::default();
+        if !self.held() {
+            // The loss falls as the knee grows.
+            let (i, u_l, u_k) = (self.i_s, self.loss.vector(), -AlphaBeta::from_phases(self.loss.by_knee()));
+            column = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im(), R::ZERO, R::ZERO, R::ZERO, R::ZERO];
+        }
+        column
     }
 }
 
@@ -112,21 +127,18 @@ impl<R: Real> Filter<R> {
             self.holds = Holds::Row;
         } else if self.holds == Holds::Row {
             self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &self.column);
-            self.holds = Holds::Nothing;
+            self.column = self.point.regressors();
+            self.holds = Holds::Regressors;
         }
     }
 
     #[inline(never)]
     fn flux_advance(&mut self, c: &FilterConfig<R>, second: bool) {
-        let q = &self.point;
-        let (i, u_l, u_k) = (q.i_s, q.loss.vector(), AlphaBeta::<R>::from_phases(q.loss.by_knee()));
-        let of = |x: AlphaBeta<R>| match (q.held(), second) {
-            (true, _) => R::ZERO,
-            (_, true) => x.im(),
-            (_, false) => x.re(),
-        };
-        // The loss falls as the knee grows.
-        let [by_b, by_r_s, by_v, by_k] = c.model.flux_row(of(i), of(u_l), -of(u_k), self.r_s());
+        if self.holds != Holds::Regressors {
+            return;
+        }
+        let of = |k: usize| self.column[k + usize::from(second)];
+        let [by_b, by_r_s, by_v, by_k] = c.model.flux_row(of(0), of(2), of(4), self.r_s());
         self.p.advance_pair::<B>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k)]);
     }
 
