@@ -275,7 +275,7 @@ impl<R: Real> Filter<R> {
     /// Every state takes its part of the innovation.
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
-        let Some(by) = self.gain(&c.model.scale()) else { return };
+        let Some(by) = self.gain() else { return };
         let r = R::from_f64;
         // δψ_s = δχ - σl_s δb.
         let sigma_l_s = c.model.sigma_l_s;

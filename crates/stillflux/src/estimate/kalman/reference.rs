@@ -217,7 +217,7 @@ impl Reference {
                 value(&filter.c),
             ]),
             p: dense(filter),
-            gain: filter.gain(&[1.0; N]).map_or(State::zeros(), State::from),
+            gain: filter.gain().map_or(State::zeros(), |x| State::from(x).component_div(&scale(&c.model))),
             inv_s: filter.inv_s,
             i_s: vector(&filter.i_s),
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),

@@ -38,8 +38,10 @@ enum Slot {
     Gain,
     /// Update of some rows.
     Update(usize, usize),
-    /// The same, and before it the magnetisation at the end of the block: what it depends on changes only there.
+    /// The same, after the magnetisation at the end of the block: what it depends on changes only there.
     Magnetisation(usize, usize),
+    /// The same, then the gain of the correction.
+    LastUpdate(usize, usize),
     /// A block may have more periods than there is work.
     Idle,
 }
@@ -55,9 +57,9 @@ impl Slot {
             4 => Self::Flux(true),
             5 => Self::Noise,
             6 => Self::Gain,
-            7 => Self::Magnetisation(0, 5),
-            8 => Self::Update(5, 8),
-            9 => Self::Update(8, N),
+            7 => Self::Magnetisation(0, 4),
+            8 => Self::Update(4, 7),
+            9 => Self::LastUpdate(7, N),
             _ => Self::Idle,
         }
     }
@@ -75,7 +77,9 @@ pub(super) enum Holds {
     Row,
     /// Current, loss and its derivative by the knee, as [`OperatingPoint::regressors`] has them.
     Regressors,
-    /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
+    /// `P Hᵀ`: with `1/S` the gain of this block's update.
+    Innovation,
+    /// The gain of the next correction, in units of the states.
     Gain,
 }
 
@@ -113,6 +117,10 @@ impl<R: Real> Filter<R> {
             Slot::Magnetisation(from, to) => {
                 self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
                 self.update(from, to);
+            }
+            Slot::LastUpdate(from, to) => {
+                self.update(from, to);
+                self.scale_gain(c);
             }
             Slot::Idle => {}
         }
@@ -207,21 +215,31 @@ impl<R: Real> Filter<R> {
         let s = s + residual + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
         self.inv_s = s.max(residual).recip();
         self.column = ph;
-        self.holds = Holds::Gain;
+        self.holds = Holds::Innovation;
     }
 
     /// Rows `from..to` of the covariance lose what the innovation has told.
     #[inline(never)]
     fn update(&mut self, from: usize, to: usize) {
-        if self.holds == Holds::Gain {
+        if self.holds == Holds::Innovation {
             self.p.reduce(from, to, &self.column, self.inv_s, R::from_f64(FLOOR));
         }
     }
 
-    /// Gain of the correction in units of the states, if this block has one.
+    /// The column becomes the gain of the correction, in units of the states.
+    #[inline(never)]
+    fn scale_gain(&mut self, c: &FilterConfig<R>) {
+        if self.holds == Holds::Innovation {
+            let (inv_s, scale) = (self.inv_s, c.model.scale());
+            self.column = core::array::from_fn(|k| self.column[k] * inv_s * scale[k]);
+            self.holds = Holds::Gain;
+        }
+    }
+
+    /// Gain of the correction, if this block has one.
     #[inline(always)]
-    pub(super) fn gain(&self, scale: &Column<R>) -> Option<Column<R>> {
-        (self.holds == Holds::Gain).then(|| core::array::from_fn(|k| self.column[k] * self.inv_s * scale[k]))
+    pub(super) fn gain(&self) -> Option<Column<R>> {
+        (self.holds == Holds::Gain).then_some(self.column)
     }
 }
 
