@@ -88,7 +88,7 @@ AWAY = [
     for scheme in SCHEMES
     for omega, torque in ((0.05, 0.6), (-0.1, -1.2), (0.0, 1.0), (0.1, -0.4))
     # There the published scheme leaves 0.1° or 8°, as the noise will have it.
-    if (machine, scheme, omega) != ("11kW", "paper", 0.05)
+    if not (machine.startswith("11kW") and (scheme, omega) == ("paper", 0.05))
 ]
 
 

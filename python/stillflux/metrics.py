@@ -27,6 +27,7 @@ __all__ = [
     "turns",
 ]
 
+
 def running(result: Result) -> NDArray[np.bool_]:
     """Where the drive runs."""
     return np.asarray(result["status"] == StatusCode.RUNNING)

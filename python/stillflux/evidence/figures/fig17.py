@@ -10,7 +10,7 @@ import numpy as np
 from stillflux import metrics
 from stillflux.evidence.claims import Claim, at_most
 from stillflux.evidence.draw import recording
-from stillflux.evidence.figure import Control, Experiment, settings
+from stillflux.evidence.figure import Control, Experiment, Limit, settings
 from stillflux.evidence.paper import HOLD, identify_then, paper_drive, runs_to_the_end, speed_kept
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _BEGIN, _STAY = HOLD + 2.0, 4.0
 _PARTS = (1.0, 0.75, 0.5, 0.25, 0.0)
 _LOADED = "speed error under every load, from 1.5 s after the step"
+_AT_REST = "stator frequency at the end"
 
 
 def scenario(machine: str, arithmetic: str = "f32", load: float = 1.3) -> Scenario:
@@ -52,7 +53,7 @@ def claims(result: Result) -> list[Claim]:
     return [
         runs_to_the_end(result),
         at_most(_LOADED, max(errors), 0.002, "pu"),
-        at_most("stator frequency at the end", frequency, 5e-4, "pu"),
+        at_most(_AT_REST, frequency, 5e-4, "pu"),
         speed_kept("at the end", end),
     ]
 
@@ -67,7 +68,7 @@ def draw(result: Result) -> Figure:
     )
 
 
-def _experiment(name: str, load: float) -> Experiment:
+def _experiment(name: str, load: float, limits: dict[str, Limit] | None = None) -> Experiment:
     return Experiment(
         name,
         f"Zero speed, load from {100 * load:.0f} % to none in steps",
@@ -81,7 +82,15 @@ def _experiment(name: str, load: float) -> Experiment:
             (_LOADED, "the drive runs to the end"),
             event=HOLD,
         ),
+        limits=limits or {},
     )
 
 
-EXPERIMENTS = (_experiment("17-130", 1.3), _experiment("17-120", 1.2))
+_WANDERING = Limit(
+    (_AT_REST,),
+    "In one of five realisations of the noise the mean over the last four seconds is 0.0006 pu, in the others at most "
+    "0.0003 pu. Without load and friction a remaining offset voltage d makes the standing field swing like a pendulum "
+    "of the period 2π √(τ_r/d), some ten seconds: four of them do not average to zero.",
+)
+
+EXPERIMENTS = (_experiment("17-130", 1.3, {"2.2kW": _WANDERING}), _experiment("17-120", 1.2))
