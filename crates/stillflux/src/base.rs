@@ -55,37 +55,37 @@ pub(crate) fn rounded<R: Real>(x: f64) -> R {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub struct PerUnit<R: Real = f64> {
+pub struct PerUnit {
     /// Base quantities.
     pub base: Base,
     /// Stator resistance (with the inverter's `r_d`: the two are in series and identified as one).
-    pub r_s: R,
+    pub r_s: f64,
     /// Stator inductance.
-    pub l_s: R,
+    pub l_s: f64,
     /// Leakage inductance `sigma l_s`.
-    pub sigma_l_s: R,
+    pub sigma_l_s: f64,
     /// Magnetising inductance `l_M` of the inverse-Γ circuit.
-    pub l_m: R,
+    pub l_m: f64,
     /// Rotor resistance of the inverse-Γ circuit, `l_M / tau_r`.
-    pub r_r: R,
+    pub r_r: f64,
     /// Rotor time constant.
-    pub tau_r: R,
+    pub tau_r: f64,
     /// Inertia: the torque that changes the speed by one in normalised time.
-    pub j: R,
+    pub j: f64,
     /// Control period in normalised time, `omega_sR T_s`.
-    pub t_s: R,
+    pub t_s: f64,
     /// Threshold voltage.
-    pub u_th: R,
+    pub u_th: f64,
     /// Dead-time voltage loss per volt of dc link, `T_d / T_s`.
-    pub dead_time: R,
+    pub dead_time: f64,
     /// What a phase current can change by within the dead time, `2/3 u_dc T_d / (sigma L_s)`.
-    pub dead_time_swing: R,
+    pub dead_time_swing: f64,
     /// Current that moves the charge of a leg's node within the dead time, `c_out u_dc / T_d`; 0 without dead time.
-    pub knee: R,
+    pub knee: f64,
     /// Rated torque.
-    pub torque_rated: R,
+    pub torque_rated: f64,
     /// Rated dc-link voltage.
-    pub u_dc: R,
+    pub u_dc: f64,
 }
 
 impl PerUnit {
@@ -124,29 +124,6 @@ impl PerUnit {
     pub(crate) fn hz(&self, f: f64) -> f64 {
         core::f64::consts::TAU * f / self.base.omega
     }
-
-    /// All values in another arithmetic.
-    #[must_use]
-    pub fn round<R: Real>(&self) -> PerUnit<R> {
-        let r = rounded::<R>;
-        PerUnit {
-            base: self.base,
-            r_s: r(self.r_s),
-            l_s: r(self.l_s),
-            sigma_l_s: r(self.sigma_l_s),
-            l_m: r(self.l_m),
-            r_r: r(self.r_r),
-            tau_r: r(self.tau_r),
-            j: r(self.j),
-            t_s: r(self.t_s),
-            u_th: r(self.u_th),
-            dead_time: r(self.dead_time),
-            dead_time_swing: r(self.dead_time_swing),
-            knee: r(self.knee),
-            torque_rated: r(self.torque_rated),
-            u_dc: r(self.u_dc),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -170,7 +147,7 @@ mod tests {
     #[test]
     fn every_per_unit_value_is_that_of_its_base() {
         let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
-        let (b, p) = (Base::new(&machine), PerUnit::<f64>::new(&machine, &inverter).unwrap());
+        let (b, p) = (Base::new(&machine), PerUnit::new(&machine, &inverter).unwrap());
         // Rated phase peaks 326.6 V and 7.071 A, 314.2 rad/s, two pole pairs.
         for (name, got, want) in [
             ("u", b.u, 326.599),

@@ -128,12 +128,6 @@ impl<R: Real> Distortion<R> {
     }
 }
 
-/// The loss above the knee. A call: its reciprocal is not computed in advance where there is no capacitance.
-#[inline(never)]
-fn above_knee<R: Real>(full: R, tail: R, magnitude: R) -> R {
-    full - tail * (magnitude * R::from_f64(SCALE)).recip()
-}
-
 impl<R: Real> InverterModel<R> {
     /// Model of an inverter that feeds a machine.
     #[must_use]
@@ -189,7 +183,7 @@ impl<R: Real> InverterModel<R> {
             let magnitude = i.abs();
             let e = if likely(magnitude > knee.width) {
                 // Without capacitance there is no tail, and no reciprocal to spend time on.
-                if tail > R::ZERO { above_knee(full, tail, magnitude) } else { full }
+                if tail > R::ZERO { full - tail * (magnitude * scale).recip() } else { full }
             } else {
                 magnitude * knee.slope * (dead * scale) + least * (magnitude * self.inv_band * scale).min(R::ONE)
             };
@@ -205,7 +199,7 @@ mod tests {
     use super::*;
     use crate::params::{Inverter, Machine};
 
-    fn model() -> (InverterModel<f64>, PerUnit<f64>) {
+    fn model() -> (InverterModel<f64>, PerUnit) {
         let (m, inv) = (Machine::preset_2k2(), Inverter { dead_time: 0.0, c_out: 0.0, ..Inverter::preset_2k2() });
         let pu = PerUnit::new(&m, &inv).unwrap();
         (InverterModel::new(&pu), pu)

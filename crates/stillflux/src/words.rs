@@ -22,6 +22,16 @@ impl Words for u32 {
     }
 }
 
+impl Words for u8 {
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        out(u32::from(*self));
+    }
+    #[allow(clippy::cast_possible_truncation)]
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        from() as Self
+    }
+}
+
 impl Words for bool {
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(u32::from(*self));

@@ -52,7 +52,7 @@ impl<R: Real> EnhancedConfig<R> {
             Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
         };
         Self {
-            filter: FilterConfig::new(machine, inverter, &pu.round(), p.psi_ref, p.calibrate_offset, identified),
+            filter: FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified),
             balance: BalanceConfig {
                 step: rounded(BALANCE_RATE / inverter.f_s),
                 step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),

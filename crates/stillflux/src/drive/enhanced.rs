@@ -12,6 +12,7 @@
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
 use crate::config::{DriveConfig, SPEED_PERIODS};
+use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::kalman::{Filter, Input, Learned};
@@ -22,6 +23,8 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Speed above which a machine counts as rotating at the start.
 const ROTATING: f64 = 0.03;
+/// Part of the flux control that is left in regeneration near zero stator frequency.
+const REGENERATING: f64 = 0.12;
 /// Part of the magnetising current that separates resistance from inverter error.
 const REDUCED: f64 = 0.7;
 const SMALL: f64 = 0.4;
@@ -227,12 +230,17 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         self.filter.magnitude()
     }
 
-    /// By the variance of `|ψ̂_s|`, and within the limits of a flux that a drive under control has.
+    /// By the variance of `|ψ̂_s|`, and within the limits of a flux that a drive under control has. In regeneration near
+    /// zero stator frequency an error of `r̂_s` appears in `|ψ̂_s|` with the sign that a control of the flux would let
+    /// grow: there the current alone keeps the flux.
     #[inline(always)]
     fn present_flux(&self, psi_ref: R) -> (R, R) {
+        let SpeedEstimate { omega_s, omega_r, .. } = self.speed;
+        let regenerating = (omega_s < R::ZERO) != (omega_r < R::ZERO);
         let weight = self.filter.magnitude_weight();
+        let gain = if regenerating { weight_by_frequency(omega_s).max(R::from_f64(REGENERATING)) } else { R::ONE };
         let psi = self.filter.magnitude().clamp(psi_ref.half(), psi_ref * R::from_f64(1.5));
-        (psi_ref + weight * (psi - psi_ref), weight)
+        (psi_ref + weight * (psi - psi_ref), weight * gain)
     }
 
     #[inline(always)]

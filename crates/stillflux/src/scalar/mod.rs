@@ -109,10 +109,11 @@ pub trait Real:
     fn cross(a: [Self; 2], b: [Self; 2]) -> Self {
         a[0] * b[1] - a[1] * b[0]
     }
-    /// `Σ a·b`, rounded as [`Real::dot`]. Fixed point: the products together are within ±2^15.
+    /// `Σ a·b`, rounded as [`Real::dot`]. In fixed point the exact sum must be within ±2^15.
     #[inline]
     fn sum_of_products<const T: usize>(a: [Self; T], b: [Self; T]) -> Self {
-        let mut sum = Self::ZERO;
+        // Nothing is to be added to a negative zero: the first product is the sum.
+        let mut sum = -Self::ZERO;
         for (x, y) in a.into_iter().zip(b) {
             sum += x * y;
         }

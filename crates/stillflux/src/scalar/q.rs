@@ -232,6 +232,7 @@ impl Real for Q {
     }
     #[inline]
     fn sum_of_products<const T: usize>(a: [Self; T], b: [Self; T]) -> Self {
+        // Coefficients below 40 times anything: six such products are below 2^63.
         let mut sum = 0_i64;
         for (x, y) in a.into_iter().zip(b) {
             sum = sum.wrapping_add(wide(x, y));
@@ -312,6 +313,7 @@ mod tests {
             let product = |i: usize, k: usize| i128::from(a[i]) * i128::from(b[k]);
             for (exact, got) in [
                 (product(0, 0) + product(1, 1), Q::dot(a.map(Q), b.map(Q))),
+                (product(0, 0) + product(1, 1), Q::sum_of_products(a.map(Q), b.map(Q))),
                 (product(0, 1) - product(1, 0), Q::cross(a.map(Q), b.map(Q))),
             ] {
                 let want = (exact >> 24).clamp(i128::from(i32::MIN), i128::from(i32::MAX)) as i32;

@@ -45,7 +45,9 @@ impl<R: Real> Covariance<R> {
     #[inline(never)]
     pub fn set_diagonal(&mut self, variance: &Column<R>) {
         self.p.as_flattened_mut().fill(R::ZERO);
-        self.add(variance);
+        for (k, &v) in variance.iter().enumerate() {
+            *self.get_mut(k, k) = v;
+        }
     }
 
     /// One element.
@@ -90,11 +92,19 @@ impl<R: Real> Covariance<R> {
     #[inline(always)]
     pub fn advance_pair<const O: usize>(&mut self, second: bool, own: R, terms: &[(usize, R); 3]) {
         let from = usize::from(second);
-        let row: Column<R> = core::array::from_fn(|k| {
-            let of_own = if second { self.get(O + 1, k) } else { self.get(O, k) };
-            R::dot([own, terms[0].1], [of_own, self.get(terms[0].0, k)])
-                + R::dot([terms[1].1, terms[2].1], [self.get(terms[1].0, k), self.get(terms[2].0, k)])
-        });
+        // One after the other: in a loop, fixed point would compute the place of every element at run time.
+        let row: Column<R> = [
+            self.pair_row::<O>(from, own, terms, 0),
+            self.pair_row::<O>(from, own, terms, 1),
+            self.pair_row::<O>(from, own, terms, 2),
+            self.pair_row::<O>(from, own, terms, 3),
+            self.pair_row::<O>(from, own, terms, 4),
+            self.pair_row::<O>(from, own, terms, 5),
+            self.pair_row::<O>(from, own, terms, 6),
+            self.pair_row::<O>(from, own, terms, 7),
+            self.pair_row::<O>(from, own, terms, 8),
+            self.pair_row::<O>(from, own, terms, 9),
+        ];
         let (before, of_self, of_own) =
             if second { (self.get(1, 1), row[1], row[O + 1]) } else { (self.get(0, 0), row[0], row[O]) };
         let variance = before
@@ -107,6 +117,15 @@ impl<R: Real> Covariance<R> {
             self.p.as_flattened_mut()[at(k, 0) + from] += r;
         }
         *self.get_mut(from, from) = variance;
+    }
+
+    /// Element of the row that [`Covariance::advance_pair`] adds.
+    #[inline(always)]
+    fn pair_row<const O: usize>(&self, from: usize, own: R, terms: &[(usize, R); 3], k: usize) -> R {
+        // Row O + 1 begins O + 1 elements behind row O; columns O and O + 1 lie side by side.
+        let of_own = self.p.as_flattened()[at(O, k) + if k <= O { (O + 1) * from } else { from }];
+        let [(a, by_a), (b, by_b), (c, by_c)] = *terms;
+        R::sum_of_products([own, by_a, by_b, by_c], [of_own, self.get(a, k), self.get(b, k), self.get(c, k)])
     }
 
     /// `P h` for a sparse `h`.

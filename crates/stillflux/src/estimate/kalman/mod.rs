@@ -112,7 +112,7 @@ const SIGMA_LOST: f64 = 3.0;
 pub struct FilterConfig<R: Real> {
     t_s: R,
     /// Control periods in a block.
-    block: u32,
+    block: u8,
     inv_block: R,
     model: Model<R>,
     noise: Noise<R>,
@@ -130,7 +130,7 @@ impl<R: Real> FilterConfig<R> {
     pub fn new(
         machine: &Machine,
         inverter: &Inverter,
-        pu: &PerUnit<R>,
+        pu: &PerUnit,
         psi_ref: f64,
         calibrated: bool,
         identified: Identified,
@@ -139,11 +139,11 @@ impl<R: Real> FilterConfig<R> {
         let seconds = f64::from(block) / inverter.f_s;
         let saturated = Saturated::of(machine);
         Self {
-            t_s: pu.t_s,
-            block,
+            t_s: rounded(pu.t_s),
+            block: block as u8,
             inv_block: rounded(1.0 / f64::from(block)),
-            model: Model::new(machine, inverter, pu, psi_ref, seconds),
-            noise: Noise::new(machine, inverter, seconds, calibrated, saturated.known, identified),
+            model: Model::new(machine, pu, psi_ref, seconds),
+            noise: Noise::new(pu, seconds, calibrated, saturated.known, identified),
             saturation: rounded(saturated.c),
             correct: identified.flux,
         }
@@ -183,7 +183,7 @@ pub struct Filter<R: Real> {
     /// Sum of the current over the block, field coordinates.
     sum: Dq<R>,
     /// Period within the block.
-    period: u32,
+    period: u8,
     point: OperatingPoint<R>,
     p: Covariance<R>,
     /// What slots leave for each other.
@@ -195,7 +195,9 @@ pub struct Filter<R: Real> {
     residual: R,
     nis: R,
     /// Blocks for which no innovation counts as a step yet.
-    trial: u32,
+    trial: u8,
+    /// The rotor flux at the operating point is large enough for its direction to mean something.
+    valid: bool,
     /// Standard deviation of the field angle, rad.
     sigma: R,
     /// Variance of the flux's magnitude, scaled.
@@ -254,8 +256,8 @@ impl<R: Real> Filter<R> {
             i_s: self.field().to_stator(&input.i_ref),
             loss: input.loss,
             omega_s: input.omega_s,
-            valid,
         };
+        self.valid = valid;
         let (point, increment) = model.operating_point(&means, self.point.magnetisation, self.gamma.value());
         self.point = point;
         if !valid {
@@ -277,7 +279,7 @@ impl<R: Real> Filter<R> {
     /// Every state takes its part of the innovation.
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
-        let Some(by) = self.gain(&c.model.scale()) else { return };
+        let Some(by) = self.gain() else { return };
         let r = R::from_f64;
         // δψ_s = δχ - σl_s δb.
         let sigma_l_s = c.model.sigma_l_s;

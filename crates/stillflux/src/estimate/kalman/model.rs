@@ -37,9 +37,9 @@
 
 use super::covariance::{Column, N};
 
-use crate::base::{Base, PerUnit, rounded};
+use crate::base::{PerUnit, rounded};
 use crate::inverter::Distortion;
-use crate::params::{Inverter, Machine};
+use crate::params::Machine;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
@@ -102,13 +102,11 @@ pub(super) struct Model<R: Real> {
     pub decay: R,
     /// Reciprocal of the rated rotor flux.
     pub inv_m_rated: R,
-    /// Exponent `S` of the magnetising curve, the flux over rated up to which the curve is followed, and `S` again
-    /// as a factor.
+    /// Exponent `S` of the magnetising curve, and the flux over rated up to which the curve is followed.
     exponent: u32,
     x_max: R,
-    s: R,
 }
-words!(Model: sigma_l_s, r_s, l_m, delta, r_r_block, decay, inv_m_rated, exponent, x_max, s);
+words!(Model: sigma_l_s, r_s, l_m, delta, r_r_block, decay, inv_m_rated, exponent, x_max);
 
 /// The magnetising curve `i_μ = (m/L_M) (1 - c + c (m/m_N)^S)` of a machine.
 #[derive(Clone, Copy, Debug)]
@@ -154,11 +152,10 @@ const SATURATED_MAX: f64 = 8.0;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Magnetisation<R: Real> {
-    /// `m`, `m g(m)`, and `γ d(m g)/dm`.
-    pub m: R,
+    /// `m g(m)`, and `γ d(m g)/dm`.
     pub m_g: R,
     pub slope: R,
-    /// `(m/m_N)^S - 1`.
+    /// `m ((m/m_N)^S - 1)`.
     pub bend: R,
 }
 
@@ -188,8 +185,6 @@ pub(super) struct BlockMeans<R: Real> {
     pub loss: Distortion<R>,
     /// Stator frequency.
     pub omega_s: R,
-    /// The rotor flux is large enough for its direction to mean something.
-    pub valid: bool,
 }
 
 /// Where the next block is linearised.
@@ -212,30 +207,24 @@ pub(super) struct OperatingPoint<R: Real> {
     /// Distance from the steady state, `l_M (i·n - i_μ)`, times [`TRANSIENT`], scaled as a flux.
     pub transient: R,
     pub omega_s: R,
-    /// The rotor flux is large enough for its direction to mean something.
-    pub valid: bool,
 }
 
 impl<R: Real> Model<R> {
     /// Of validated parameters, for blocks of `seconds` at a flux reference `psi_ref`.
-    pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit<R>, psi_ref: f64, seconds: f64) -> Self {
+    pub fn new(machine: &Machine, pu: &PerUnit, psi_ref: f64, seconds: f64) -> Self {
         let r = rounded::<R>;
-        let b = Base::new(machine);
-        let delta = b.omega * seconds;
-        let r_r = machine.R_R / b.z;
-        let l_m = machine.L_M / b.l;
+        let delta = pu.base.omega * seconds;
         let exponent = Saturated::of(machine).exponent;
         Self {
-            sigma_l_s: pu.sigma_l_s,
-            r_s: r((machine.R_s + inverter.r_d) / b.z),
-            l_m: r(l_m),
+            sigma_l_s: r(pu.sigma_l_s),
+            r_s: r(pu.r_s),
+            l_m: r(pu.l_m),
             delta: r(delta),
-            r_r_block: r(r_r * delta),
-            decay: r(r_r / l_m * delta),
-            inv_m_rated: r(machine.L_s() / (machine.L_M * psi_ref)),
+            r_r_block: r(pu.r_r * delta),
+            decay: r(pu.r_r / pu.l_m * delta),
+            inv_m_rated: r(pu.l_s / (pu.l_m * psi_ref)),
             exponent: exponent as u32,
             x_max: r(libm::pow(SATURATED_MAX, 1.0 / exponent)),
-            s: r(exponent),
         }
     }
 
@@ -261,19 +250,24 @@ impl<R: Real> Model<R> {
             left >>= 1;
         }
         let g = R::ONE - c + c * power;
-        Curve { m_g: m * g, slope: g + self.s * (c * power), bend: power - R::ONE }
+        Curve { m_g: m * g, slope: g + self.exponent() * (c * power), bend: power - R::ONE }
+    }
+
+    /// `S` as a factor.
+    fn exponent(&self) -> R {
+        R::from_f64(64.0).periods(self.exponent)
     }
 
     /// Slope of the magnetising curve at rated flux, `1 + S c`.
     pub fn rated_slope(&self, c: R) -> R {
-        R::ONE + self.s * c
+        R::ONE + self.exponent() * c
     }
 
     /// Where on the curve a flux `m` is.
     #[inline(never)]
     pub fn magnetisation(&self, m: R, gamma: R, c: R) -> Magnetisation<R> {
         let curve = self.curve(m, c);
-        Magnetisation { m, m_g: curve.m_g, slope: gamma * curve.slope, bend: curve.bend }
+        Magnetisation { m_g: curve.m_g, slope: gamma * curve.slope, bend: m * curve.bend }
     }
 
     /// The next operating point, and what `m` gains in this block: `r_R Δ (i·n - i_μ(m))`.
@@ -294,7 +288,6 @@ impl<R: Real> Model<R> {
             magnetisation,
             transient: (x.i_d * self.l_m - m_steady) * R::from_f64(TRANSIENT / SCALE_PSI),
             omega_s: x.omega_s,
-            valid: x.valid,
         };
         (point, self.r_r_block * x.i_d - self.decay * m_steady)
     }
@@ -319,7 +312,7 @@ impl<R: Real> Model<R> {
             (B, -by_b * at.n.cos),
             (B + 1, -by_b * at.n.sin),
             (GAMMA, -by_gamma * q.m_g),
-            (C, -by_c * (gamma * q.m * q.bend)),
+            (C, -by_c * (gamma * q.bend)),
         ]
     }
 

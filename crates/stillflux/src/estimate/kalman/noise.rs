@@ -19,13 +19,12 @@
 //! voltage error that grows with frequency, the lag of the current model while it is not steady, the second-order
 //! term of `|ψ_R|`, and what a step is assumed to have changed.
 
-use super::covariance::{Column, N};
+use super::covariance::Column;
 use super::model::{
     B, C, GAMMA, KNEE, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_PSI, SCALE_R, SCALE_V, TRANSIENT, V,
     by_state,
 };
-use crate::base::{Base, rounded};
-use crate::params::{Inverter, Machine};
+use crate::base::{PerUnit, rounded};
 use crate::scalar::Real;
 use crate::words::words;
 
@@ -105,58 +104,48 @@ pub struct Identified {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Noise<R: Real> {
-    /// At the start: offset, resistance, inverter error, knee, saturation.
-    prior: [R; 5],
+    /// Whether offset, resistance with inverter error, and knee are identified.
+    offset: bool,
+    resistance: bool,
+    knee: bool,
+    /// Whether the offsets are read before each start, and whether the saturation is that of the machine's curve.
+    calibrated: bool,
+    c_known: bool,
     /// What each block adds: flux, `m`, offset, resistance, inverter error, knee, `γ`, `c`.
     walk: [R; 8],
-    /// What a block adds per unit of excess of the innovations: offset, resistance.
-    step: [R; 2],
     /// Added to the flux per squared stator frequency.
     induced: R,
     /// Current of a phase, per unit, below which the voltage along its axis is known less.
     zero: R,
-    /// Deviation that a block adds to `m` per [`super::model::OperatingPoint::transient`].
-    lag: R,
 }
-words!(Noise: prior, walk, step, induced, zero, lag);
+words!(Noise: offset, resistance, knee, calibrated, c_known, walk, induced, zero);
 
 impl<R: Real> Noise<R> {
     /// For validated parameters and blocks of `seconds`; `calibrated`: the offsets of the current sensors are read
     /// before each start; `c_known`: the saturation is that of the machine's curve.
-    pub fn new(
-        machine: &Machine,
-        inverter: &Inverter,
-        seconds: f64,
-        calibrated: bool,
-        c_known: bool,
-        identified: Identified,
-    ) -> Self {
+    pub fn new(pu: &PerUnit, seconds: f64, calibrated: bool, c_known: bool, identified: Identified) -> Self {
         let r = rounded::<R>;
-        let b = Base::new(machine);
-        let r_s = (machine.R_s + inverter.r_d) / b.z;
+        let r_s = pu.r_s;
         let scale = by_state([SCALE_PSI, SCALE_PSI, SCALE_B, SCALE_R * r_s, SCALE_V, SCALE_K, SCALE_GAMMA, SCALE_C]);
-        let prior_b = if calibrated { PRIOR_B.0 } else { PRIOR_B.1 };
-        let prior_c = if c_known { PRIOR_C.0 } else { PRIOR_C.1 };
-        let prior = by_state([PRIOR_PSI, PRIOR_PSI, prior_b, PRIOR_R_S * r_s, PRIOR_V, PRIOR_K, PRIOR_GAMMA, prior_c]);
         let walk = by_state([WALK_PSI, WALK_M, WALK_B, WALK_R_S * r_s, WALK_V, WALK_K, WALK_GAMMA, WALK_C]);
-        let step = by_state([STEP_PSI, 0.0, STEP_B, STEP_R_S * r_s, 0.0, 0.0, 0.0, 0.0]);
-        let capacitive = inverter.c_out > 0.0 && inverter.dead_time > 0.0;
+        let Identified { offset, resistance, .. } = identified;
+        let knee = resistance && pu.knee > 0.0;
         let on = |k: usize| match k {
-            B..RS => identified.offset,
-            RS | V => identified.resistance,
-            KNEE => identified.resistance && capacitive,
+            B..RS => offset,
+            RS | V => resistance,
+            KNEE => knee,
             _ => true,
         };
-        let variance =
-            |k: usize, x: &[f64; N], seconds: f64| r(if on(k) { scaled(x[k], scale[k]) * seconds } else { 0.0 });
-        let swing = 2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / b.i;
+        let variance = |k: usize| r(if on(k) { scaled(walk[k], scale[k]) * seconds } else { 0.0 });
         Self {
-            prior: [B, RS, V, KNEE, C].map(|k| variance(k, &prior, 1.0)),
-            walk: [PSI, M, B, RS, V, KNEE, GAMMA, C].map(|k| variance(k, &walk, seconds)),
-            step: [B, RS].map(|k| variance(k, &step, 1.0)),
+            offset,
+            resistance,
+            knee,
+            calibrated,
+            c_known,
+            walk: [PSI, M, B, RS, V, KNEE, GAMMA, C].map(variance),
             induced: r(INDUCED * INDUCED * seconds / (SCALE_PSI * SCALE_PSI)),
-            zero: r(swing.max(ZERO_MIN)),
-            lag: r(LAG * (machine.R_R / b.z) / (machine.L_M / b.l) * (b.omega * seconds) / TRANSIENT),
+            zero: r(pu.dead_time_swing.max(ZERO_MIN)),
         }
     }
 
@@ -164,17 +153,27 @@ impl<R: Real> Noise<R> {
     #[cold]
     #[inline(never)]
     pub fn prior(&self) -> Column<R> {
-        let [b, r_s, v, knee, c] = self.prior;
+        let r = |on: bool, x: f64| if on { R::from_f64(x) } else { R::ZERO };
+        let either = |first: bool, (x, y): (f64, f64), scale: f64| {
+            R::from_f64(if first { scaled(x, scale) } else { scaled(y, scale) })
+        };
         let psi = R::from_f64(const { scaled(PRIOR_PSI, SCALE_PSI) });
-        by_state([psi, psi, b, r_s, v, knee, R::from_f64(const { scaled(PRIOR_GAMMA, SCALE_GAMMA) }), c])
+        let b = if self.offset { either(self.calibrated, PRIOR_B, SCALE_B) } else { R::ZERO };
+        let r_s = r(self.resistance, const { scaled(PRIOR_R_S, SCALE_R) });
+        let v = r(self.resistance, const { scaled(PRIOR_V, SCALE_V) });
+        let knee = r(self.knee, const { scaled(PRIOR_K, SCALE_K) });
+        let gamma = R::from_f64(const { scaled(PRIOR_GAMMA, SCALE_GAMMA) });
+        by_state([psi, psi, b, r_s, v, knee, gamma, either(self.c_known, PRIOR_C, SCALE_C)])
     }
 
     /// Variances that each block adds; `excess`: of the innovations over their measure.
     #[inline(always)]
     pub fn walk(&self, excess: R) -> Column<R> {
         let [psi, m, b, r_s, v, knee, gamma, c] = self.walk;
-        let [of_b, of_r_s] = self.step.map(|x| x * excess);
-        let of_psi = R::from_f64(const { scaled(STEP_PSI, SCALE_PSI) }) * excess;
+        let step = |on: bool, variance: f64| if on { R::from_f64(variance) * excess } else { R::ZERO };
+        let of_psi = step(true, const { scaled(STEP_PSI, SCALE_PSI) });
+        let of_b = step(self.offset, const { scaled(STEP_B, SCALE_B) });
+        let of_r_s = step(self.resistance, const { scaled(STEP_R_S, SCALE_R) });
         by_state([psi + of_psi, m, b + of_b, r_s + of_r_s, v, knee, gamma, c])
     }
 
@@ -184,10 +183,11 @@ impl<R: Real> Noise<R> {
         self.induced * omega * omega
     }
 
-    /// Variance added to `m` away from its steady state.
+    /// Variance added to `m` away from its steady state, for its `decay` in a block and the distance `transient` of
+    /// [`super::model::OperatingPoint`].
     #[inline(always)]
-    pub fn lag(&self, transient: R) -> R {
-        let lag = self.lag * transient;
+    pub fn lag(decay: R, transient: R) -> R {
+        let lag = decay * R::from_f64(LAG / TRANSIENT) * transient;
         lag * lag
     }
 

@@ -22,7 +22,7 @@ type Matrix = SMatrix<f64, N, N>;
 /// Above this stator frequency `r_s` and `v` are consider states.
 const OMEGA_HELD: f64 = 0.2;
 
-fn config(machine: &Machine, inverter: &Inverter) -> (FilterConfig<f64>, PerUnit<f64>) {
+fn config(machine: &Machine, inverter: &Inverter) -> (FilterConfig<f64>, PerUnit) {
     let pu = PerUnit::new(machine, inverter).unwrap();
     let identified = Identified { offset: true, resistance: true, flux: true };
     (FilterConfig::new(machine, inverter, &pu, 1.0, true, identified), pu)
@@ -89,7 +89,6 @@ fn point(model: &Model<f64>, x: &State, i_m: Vector2<f64>, loss: Distortion<f64>
         i_s: AlphaBeta::new(i.x, i.y),
         loss,
         omega_s,
-        valid: true,
     };
     model.operating_point(&means, model.magnetisation(m, x[GAMMA], x[C]), x[GAMMA]).0
 }
@@ -218,13 +217,13 @@ impl Reference {
                 value(&filter.c),
             ]),
             p: dense(filter),
-            gain: filter.gain(&[1.0; N]).map_or(State::zeros(), State::from),
+            gain: filter.gain().map_or(State::zeros(), |x| State::from(x).component_div(&scale(&c.model))),
             inv_s: filter.inv_s,
             i_s: vector(&filter.i_s),
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),
-            period: filter.period,
+            period: filter.period.into(),
             nis: filter.nis,
-            trial: filter.trial,
+            trial: filter.trial.into(),
             inv_psi: [1.0 / filter.magnitude(), filter.point.inv_psi_r],
         }
     }
@@ -246,7 +245,7 @@ impl Reference {
         let (d, psi_s) = self.polar(0, psi);
         self.sum += Vector2::new(d.dot(&i_s), d.x * i_s.y - d.y * i_s.x);
         self.period += 1;
-        if self.period < self.c.block {
+        if self.period < u32::from(self.c.block) {
             return;
         }
         self.period = 0;
@@ -268,7 +267,6 @@ impl Reference {
             i_s: Rotator { cos: d.x, sin: d.y }.to_stator(&input.i_ref),
             loss: input.loss,
             omega_s: input.omega_s,
-            valid: true,
         };
         let (at, increment) = model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma);
         self.x[M] += increment;
@@ -317,7 +315,7 @@ impl Reference {
                 p[(k, k)] = own;
             }
         }
-        q[(M, M)] += self.c.noise.lag(at.transient);
+        q[(M, M)] += noise::Noise::lag(model.decay, at.transient);
         for k in 0..2 {
             q[(PSI + k, PSI + k)] += self.c.noise.induced(omega);
         }

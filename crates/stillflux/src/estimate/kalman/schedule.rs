@@ -38,8 +38,10 @@ enum Slot {
     Gain,
     /// Update of some rows.
     Update(usize, usize),
-    /// The same, and before it the magnetisation at the end of the block: what it depends on changes only there.
+    /// The same, after the magnetisation at the end of the block: what it depends on changes only there.
     Magnetisation(usize, usize),
+    /// The same, then the gain of the correction.
+    LastUpdate(usize, usize),
     /// A block may have more periods than there is work.
     Idle,
 }
@@ -47,7 +49,7 @@ enum Slot {
 impl Slot {
     /// That of a period of the block.
     #[inline(always)]
-    fn of(period: u32) -> Self {
+    fn of(period: u8) -> Self {
         match period {
             1 => Self::RotorRow,
             2 => Self::RotorAdvance,
@@ -55,9 +57,9 @@ impl Slot {
             4 => Self::Flux(true),
             5 => Self::Noise,
             6 => Self::Gain,
-            7 => Self::Magnetisation(0, 5),
-            8 => Self::Update(5, 8),
-            9 => Self::Update(8, N),
+            7 => Self::Magnetisation(0, 4),
+            8 => Self::Update(4, 7),
+            9 => Self::LastUpdate(7, N),
             _ => Self::Idle,
         }
     }
@@ -73,7 +75,11 @@ pub(super) enum Holds {
     Nothing,
     /// `F_m P` without the element of `m` itself.
     Row,
-    /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
+    /// Current, loss and its derivative by the knee, as [`OperatingPoint::regressors`] has them.
+    Regressors,
+    /// `P Hᵀ`: with `1/S` the gain of this block's update.
+    Innovation,
+    /// The gain of the next correction, in units of the states.
     Gain,
 }
 
@@ -81,6 +87,19 @@ impl<R: Real> OperatingPoint<R> {
     /// Too fast for resistance and inverter error to be seen.
     fn held(&self) -> bool {
         self.omega_s.abs() > R::from_f64(OMEGA_HELD)
+    }
+
+    /// What resistance, inverter error and knee act by: `i`, `u_l` and `u_k`, two components each. None of them
+    /// where those states are held.
+    #[inline(always)]
+    fn regressors(&self) -> Column<R> {
+        let mut column = Column::default();
+        if !self.held() {
+            // The loss falls as the knee grows.
+            let (i, u_l, u_k) = (self.i_s, self.loss.vector(), -AlphaBeta::from_phases(self.loss.by_knee()));
+            column = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im(), R::ZERO, R::ZERO, R::ZERO, R::ZERO];
+        }
+        column
     }
 }
 
@@ -99,6 +118,10 @@ impl<R: Real> Filter<R> {
                 self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
                 self.update(from, to);
             }
+            Slot::LastUpdate(from, to) => {
+                self.update(from, to);
+                self.scale_gain(c);
+            }
             Slot::Idle => {}
         }
     }
@@ -112,21 +135,18 @@ impl<R: Real> Filter<R> {
             self.holds = Holds::Row;
         } else if self.holds == Holds::Row {
             self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &self.column);
-            self.holds = Holds::Nothing;
+            self.column = self.point.regressors();
+            self.holds = Holds::Regressors;
         }
     }
 
     #[inline(never)]
     fn flux_advance(&mut self, c: &FilterConfig<R>, second: bool) {
-        let q = &self.point;
-        let (i, u_l, u_k) = (q.i_s, q.loss.vector(), AlphaBeta::<R>::from_phases(q.loss.by_knee()));
-        let of = |x: AlphaBeta<R>| match (q.held(), second) {
-            (true, _) => R::ZERO,
-            (_, true) => x.im(),
-            (_, false) => x.re(),
-        };
-        // The loss falls as the knee grows.
-        let [by_b, by_r_s, by_v, by_k] = c.model.flux_row(of(i), of(u_l), -of(u_k), self.r_s());
+        if self.holds != Holds::Regressors {
+            return;
+        }
+        let of = |k: usize| self.column[k + usize::from(second)];
+        let [by_b, by_r_s, by_v, by_k] = c.model.flux_row(of(0), of(2), of(4), self.r_s());
         self.p.advance_pair::<B>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k)]);
     }
 
@@ -145,7 +165,7 @@ impl<R: Real> Filter<R> {
             self.p.isolate::<V>();
             self.p.isolate::<KNEE>();
         }
-        walk[M] += c.noise.lag(q.transient);
+        walk[M] += Noise::lag(c.model.decay, q.transient);
         let induced = c.noise.induced(omega);
         walk[PSI] += induced;
         walk[PSI + 1] += induced;
@@ -183,7 +203,7 @@ impl<R: Real> Filter<R> {
         let scale = R::from_f64(SCALE_PSI);
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 
-        if !(q.valid && c.correct) {
+        if !(self.valid && c.correct) {
             self.holds = Holds::Nothing;
             return;
         }
@@ -198,21 +218,31 @@ impl<R: Real> Filter<R> {
         let s = s + residual + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
         self.inv_s = s.max(residual).recip();
         self.column = ph;
-        self.holds = Holds::Gain;
+        self.holds = Holds::Innovation;
     }
 
     /// Rows `from..to` of the covariance lose what the innovation has told.
     #[inline(never)]
     fn update(&mut self, from: usize, to: usize) {
-        if self.holds == Holds::Gain {
+        if self.holds == Holds::Innovation {
             self.p.reduce(from, to, &self.column, self.inv_s, R::from_f64(FLOOR));
         }
     }
 
-    /// Gain of the correction in units of the states, if this block has one.
+    /// The column becomes the gain of the correction, in units of the states.
+    #[inline(never)]
+    fn scale_gain(&mut self, c: &FilterConfig<R>) {
+        if self.holds == Holds::Innovation {
+            let (inv_s, scale) = (self.inv_s, c.model.scale());
+            self.column = core::array::from_fn(|k| self.column[k] * inv_s * scale[k]);
+            self.holds = Holds::Gain;
+        }
+    }
+
+    /// Gain of the correction, if this block has one.
     #[inline(always)]
-    pub(super) fn gain(&self, scale: &Column<R>) -> Option<Column<R>> {
-        (self.holds == Holds::Gain).then(|| core::array::from_fn(|k| self.column[k] * self.inv_s * scale[k]))
+    pub(super) fn gain(&self) -> Option<Column<R>> {
+        (self.holds == Holds::Gain).then_some(self.column)
     }
 }
 

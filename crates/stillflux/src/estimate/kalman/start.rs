@@ -9,7 +9,7 @@ use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
 
 /// Blocks after a start in which no innovation counts as a step: the priors are still being tried.
-const TRIAL: u32 = 200;
+const TRIAL: u8 = 200;
 
 /// Part of its prior variance that is left of a state after a stop, at least: resistance, bridge and inductance move
 /// with temperature, an offset hardly does.
