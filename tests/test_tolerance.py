@@ -128,6 +128,13 @@ def test_lost_by_fault_angle_or_speed_at_the_end(kept: tuple[tolerance.Outcome, 
     assert (round(when, 2), why) == (2.0, "over-current")
 
 
+def test_a_node_that_meets_its_rail_again_and_again_does_not_stop_the_run() -> None:
+    # At reversed rated speed a leg's node came to its rail and left it at one instant, for ever.
+    outcome, result = tolerance.run("2.2kW", "reversal", 5)
+    assert outcome.why == ""
+    assert result.t[-1] > 10.0
+
+
 def test_rates_count_losses_and_name_them(kept: tuple[tolerance.Outcome, sf.Result]) -> None:
     good = kept[0]
     bad = replace(good, draw=3, lost=1.5, why="angle", angle=31.0, excursions=1, misses=1)

@@ -18,6 +18,10 @@ use crate::thermal::Thermal;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 use stillflux::si::MeasurementSi;
 
+/// Segments of a period with capacitive edges after which it goes on without looking for events. A period has some
+/// twenty of them, and one with ringing nodes some hundreds.
+const MOST_SEGMENTS: u32 = 5000;
+
 /// How the bridge is modelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
@@ -523,15 +527,18 @@ impl Plant {
         if stale {
             nodes.place(&self.bridge);
         }
-        let (mut t, mut stall) = (0.0, 0);
+        let (mut t, mut stall, mut segments) = (0.0, 0, 0);
         while t < self.period {
+            segments += 1;
             self.look(t);
             self.bridge.apply(t);
             nodes.settle(&mut self.bridge, self.f.i, &mut self.energy);
             let feed = nodes.feed(&self.bridge);
             let end = self.bridge.next_change().min(self.period).min(self.next_instant(t)).min(t + self.h_max);
             self.nodes = Some(nodes);
-            let blind = stall > 8;
+            // As in `switched`; and a node that comes to its rail and leaves it again and again, a little later each
+            // time, must not keep the period from ending.
+            let blind = stall > 8 || segments > MOST_SEGMENTS;
             let (h, hit) = match feed {
                 Feed::Nodes(u, K) => self.ramp::<KIND>(u, &K, &nodes, end - t, blind),
                 _ => (end - t, self.segment::<KIND, true>(&feed, end - t, blind)),
@@ -613,7 +620,7 @@ impl Plant {
         }
         let series = c.series::<KIND, true>(&self.shaft, &self.x, &self.f, u, K);
         let mut h = h.min(longest).min(self.h_taylor);
-        let ramp = nodes.ramp(&self.bridge, &self.f, &series, h);
+        let ramp = if blind { None } else { nodes.ramp(&self.bridge, &self.f, &series, h) };
         if let Some((_, t)) = ramp {
             h = t;
         }
@@ -622,7 +629,7 @@ impl Plant {
         let f = c.field::<KIND>(&step.x);
         // The usual course: one node has come to its diode, no current is near zero or has turned.
         let (i0, i1, mut plain) =
-            (phases(self.f.i), phases(f.i), !self.shaft.stuck && self.shaft.dir * step.x.omega >= 0.0);
+            (phases(self.f.i), phases(f.i), !blind && !self.shaft.stuck && self.shaft.dir * step.x.omega >= 0.0);
         for k in 0..3 {
             let b = &self.bridge;
             plain &= if b.sign[k] == 0.0 {
