@@ -41,8 +41,9 @@ def _paths(tree: str, prefix: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
 def imports(root: Path) -> dict[str, set[str]]:
     """What each file imports: `use` declarations and paths from `crate::` or `super::` in the code.
 
-    A parent that hands on what a child defines (`pub use child::Name`) does not depend on it, and a child that
-    extends a type of its own parent (`impl super::Name`) is a part of the parent: that way back is no import.
+    A parent that hands on what a child defines (`pub use child::Name`) does not depend on it, and a child
+    that extends a type of its own parent (`impl super::Name`) is a part of the parent: that way back is no
+    import.
     """
     files = {_module(path, root): path for path in sorted(root.rglob("*.rs"))}
     graph: dict[str, set[str]] = {}

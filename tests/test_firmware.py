@@ -156,8 +156,9 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
 
 
 #: Bytes of an image with one scheme, f32 and q: library (interrupt and start from the page), `Drive`, stack
-#: of one interrupt whatever it calls. The enhanced scheme misses the 16 KiB of flash and the 1024 bytes of RAM that
-#: the design asks for: the tenth state of its filter, the curve of the bridge, took 1.5 kB and 112 bytes.
+#: of one interrupt whatever it calls. The enhanced scheme misses the 16 KiB of flash and the 1024 bytes of
+#: RAM that the design asks for: the tenth state of its filter, the curve of the bridge, took 1.5 kB and
+#: 112 bytes.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (16 * 1024, 16 * 1024), "ram_drive": (1024, 1024), "stack_step": (512, 512)},
     "enhanced": {"flash_library": (18_176, 23_552), "ram_drive": (1152, 1152), "stack_step": (512, 512)},

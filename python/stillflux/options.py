@@ -113,11 +113,11 @@ class PlantOptions(TypedDict, total=False):
     adc_skew: Sequence[float]
     """Time before the carrier peak at which each current channel is sampled, s, at most half a period."""
     iron_loss: tuple[float, float] | None
-    """Eddy currents: resistance parallel to the magnetising branch of the Γ circuit in Ω, and time constant of the
-    field in the sheets in s, at least 20 µs."""
+    """Eddy currents: resistance parallel to the magnetising branch of the Γ circuit in Ω, and time constant
+    of the field in the sheets in s, at least 20 µs."""
     deep_bar: tuple[float, float] | None
-    """Second branch of the rotor: its share of the cage's conductance at small slip and its share of the inverse
-    leakage inductance at high frequency, each from 0.01 to 0.9."""
+    """Second branch of the rotor: its share of the cage's conductance at small slip and its share of the
+    inverse leakage inductance at high frequency, each from 0.01 to 0.9."""
     missed_calls: float
     """Probability that the control is not called in a period: duties stay. Only in a scenario."""
     doubled_calls: float

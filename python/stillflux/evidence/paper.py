@@ -65,8 +65,8 @@ def paper_drive(
 ) -> Scenario:
     """The drive of the paper on a switching-level plant with current offset, 12 bit and noise.
 
-    The bridge is the one that the paper describes: dead time, thresholds and legs that are clamped at current zero,
-    without capacitance of their nodes.
+    The bridge is the one that the paper describes: dead time, thresholds and legs that are clamped at current
+    zero, without capacitance of their nodes.
 
     `omega` in per unit, `load` in units of rated torque, `offset` of the current space vector in per unit.
     """
