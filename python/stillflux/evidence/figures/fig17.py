@@ -90,7 +90,8 @@ _WANDERING = Limit(
     (_AT_REST,),
     "In one of five realisations of the noise the mean over the last four seconds is 0.0006 pu, in the "
     "others at most 0.0003 pu. Without load and friction a remaining offset voltage d makes the standing "
-    "field swing like a pendulum of the period 2π √(τ_r/d), some ten seconds: four of them do not average to zero.",
+    "field swing like a pendulum of the period 2π √(τ_r/d), some ten seconds: four of them do not average "
+    "to zero.",
 )
 
 EXPERIMENTS = (_experiment("17-130", 1.3, {"2.2kW": _WANDERING}), _experiment("17-120", 1.2))
