@@ -246,7 +246,9 @@ def test_the_whole_plane_is_held_as_the_readme_says(machine: str, scheme: str) -
     """The headline of the README: every point held, but for as many as the committed table admits."""
     rows = beyond.run_all(("plane-ramps",), (machine,), (scheme,))
     assert len(rows) == len(points.SPEEDS) * len(points.TORQUES) == 273
-    table = {x.quantity: float(x.value) for x in Table.read(METRICS).find("target", "plane-ramps", machine, scheme)}
+    table = {
+        x.quantity: float(x.value) for x in Table.read(METRICS).find("target", "plane-ramps", machine, scheme)
+    }
     lost = [(row.label, row.measured.why) for row in rows if row.measured.why]
     assert len(lost) <= table["runs lost"], lost
     met = [row.ok for row in rows]
