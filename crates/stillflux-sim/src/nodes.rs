@@ -1,4 +1,4 @@
-//! Node capacitance of the legs: what a leg's potential does while none of its devices conducts.
+//! Node capacitance of the legs: potential of a leg while none of its devices conducts. SI.
 //!
 //! ```text
 //! C v_k' = -i_k                     no device conducts, v_lo < v_k < v_hi
@@ -10,13 +10,13 @@
 //! legs. `i_k > 0` flows to the machine. The machine sees `v_k`, conducting or not, less `r_d i_k`: the
 //! capacitance lies across the devices' forward characteristic, `r_d` between it and the machine.
 //!
-//! * A rail that moves away (a switch turns off) releases the node; it ramps with its current, which goes on
-//!   through zero if it has to, until it meets a rail: within the dead time the diode's, or with the current
-//!   reversed that of its own switch.
-//! * A rail that moves across the node (a switch turns on) charges it in no time. Of the energy
-//!   `Q u_dc` or 0 that the link gives, the switch keeps what the capacitance does not.
-//! * A conducting leg's current that reaches zero releases the node at its rail. While a switch is on, it then
-//!   has `2 u_th` to pass.
+//! * A rail that moves away (a switch turns off) releases the node; it ramps with its current, which may
+//!   pass through zero, until it reaches a rail: that of the diode within the dead time, or with reversed current
+//!   that of its own switch.
+//! * A rail that moves across the node (a switch turns on) charges it instantly. The switch dissipates
+//!   the difference between the energy from the link, `Q u_dc` or 0, and that stored in the capacitance.
+//! * A conducting leg's current that reaches zero releases the node at its rail. While a switch is on, the two
+//!   rails are `2 u_th` apart.
 //! * The common part of three floating potentials is held by their charge: `i_a + i_b + i_c = 0`.
 //!
 //! With `q = ∫ i_s dt` since the start of a segment, floating legs `F` and `e_k` their axes,
@@ -34,7 +34,7 @@ use crate::machine::{Circuit, Energy, Field, Series, State, V2, axpy, dot, phase
 
 /// Longest step in units of `1/omega_0`.
 const STEP: f64 = 0.3;
-/// Ringing below this part of the link voltage is over.
+/// Amplitude of ringing, relative to the link voltage, below which it is neglected.
 const STILL: f64 = 1e-4;
 
 /// Potentials of the legs' nodes.
@@ -47,7 +47,7 @@ pub(crate) struct Nodes {
     pub v: [f64; 3],
     /// A node this close to a rail has reached it, V.
     pub tol: f64,
-    /// A smaller current is none, A.
+    /// Currents below it count as zero, A.
     pub zero: f64,
 }
 
@@ -62,7 +62,7 @@ impl Nodes {
         0.5 * self.C * self.v.iter().map(|v| v * v).sum::<f64>()
     }
 
-    /// Puts the nodes where the present gates and current signs want them, whatever was before.
+    /// Sets the nodes to the potentials of the present gates and current signs, whatever was before.
     pub fn place(&mut self, b: &Bridge) {
         for k in 0..3 {
             let (lo, hi) = (b.lo(k), b.hi(k));
@@ -144,7 +144,7 @@ impl Nodes {
     }
 
     /// The floating leg that reaches a rail first within `h`, and when, by the series of the oscillator; `None` if
-    /// none does or a current turns on the way. A guess of the segment's length.
+    /// none does or a current reverses before. An estimate of the segment's length.
     #[inline(always)]
     pub fn ramp(&self, b: &Bridge, f: &Field, series: &Series, h: f64) -> Option<(usize, f64)> {
         let i = phases(f.i);
@@ -166,7 +166,7 @@ impl Nodes {
         leg
     }
 
-    /// Whether all nodes float, have done with ringing and will not meet a rail while the induced voltage turns.
+    /// Whether all nodes float, have ceased to ring, and will not reach a rail while the induced voltage turns.
     pub fn still<const KIND: u8>(&self, b: &Bridge, c: &Circuit, x: &State, f: &Field) -> bool {
         if b.sign != [0.0; 3] {
             return false;
@@ -175,7 +175,7 @@ impl Nodes {
         let e = axpy(c.open::<KIND>(x, f), c.R, f.i);
         let k = self.C * c.n_p * x.omega;
         let du = axpy(space_vector(self.v), -1.0, e);
-        // None at all: a stretch without ringing came before.
+        // Exactly zero after an interval without ringing.
         let di = if f.i == [0.0; 2] { [0.0; 2] } else { [f.i[0] - k * e[1], f.i[1] + k * e[0]] };
         let mean = (self.v[0] + self.v[1] + self.v[2]) / 3.0;
         let room = [0, 1, 2].map(|k| (mean - b.lo(k)).min(b.hi(k) - mean)).into_iter().fold(f64::INFINITY, f64::min);
@@ -183,7 +183,7 @@ impl Nodes {
             && 1.01 * dot(e, e).sqrt() + 0.01 * b.u_dc < room
     }
 
-    /// Puts floating nodes at the induced voltage `e`, without changing their common part.
+    /// Sets floating nodes to the induced voltage `e`, without changing their common part.
     pub fn follow(&mut self, e: V2, energy: &mut Option<Energy>) {
         let (before, e) = (self.energy(), phases(e));
         let mean = (self.v[0] + self.v[1] + self.v[2]) / 3.0;

@@ -1,5 +1,10 @@
 //! Per-unit system: the base quantities and the machine and inverter in them.
 //!
+//! ```text
+//! u_b = √(2/3) U_N    i_b = √2 I_N    ω_b = ω_sR    ψ_b = u_b/ω_b    z_b = u_b/i_b    l_b = z_b/ω_b
+//! T_b = 3/2 n_p ψ_b i_b    ω_m,b = ω_sR/n_p    τ = ω_b t
+//! ```
+//!
 //! Amplitude-invariant space vectors; base voltage and current are the rated phase peaks, base frequency
 //! is `omega_sR`, time is normalised by it (`tau = omega_sR t`). Torque base is `3/2 n_p psi_b i_b`, so
 //! that `T = psi_s × i_s`; mechanical speed base is `omega_sR / n_p`, so that electrical and mechanical
@@ -44,14 +49,14 @@ impl Base {
     }
 }
 
-/// [`Real::from_f64`] as a call: a configuration has a hundred of them, and flash is short.
+/// [`Real::from_f64`] as a call, to save flash: a configuration has some hundred of them.
 #[inline(never)]
 pub(crate) fn rounded<R: Real>(x: f64) -> R {
     R::from_f64(x)
 }
 
-/// Machine and inverter in per unit: the one derivation, in double precision, of what the configurations of all blocks
-/// compute with. Each of them rounds its own values to the arithmetic at the end, once.
+/// Machine and inverter in per unit: the one derivation, in double precision, for the configurations of all blocks.
+/// Each rounds its values to the arithmetic once, at the end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -78,7 +83,7 @@ pub struct PerUnit {
     pub u_th: f64,
     /// Dead-time voltage loss per volt of dc link, `T_d / T_s`.
     pub dead_time: f64,
-    /// What a phase current can change by within the dead time, `2/3 u_dc T_d / (sigma L_s)`.
+    /// Largest change of a phase current within the dead time, `2/3 u_dc T_d / (sigma L_s)`.
     pub dead_time_swing: f64,
     /// Current that moves the charge of a leg's node within the dead time, `c_out u_dc / T_d`; 0 without dead time.
     pub knee: f64,

@@ -1,5 +1,13 @@
-//! Configuration of a drive: the settings that a user chooses ([`DriveParams`], SI), and what the control step reads
-//! ([`DriveConfig`], per unit, with every division done beforehand).
+//! Configuration of a drive: settings in SI ([`DriveParams`]) and the constants of the control step in per unit
+//! ([`DriveConfig`], with every division done beforehand).
+//!
+//! ```text
+//! current: k_p = ω_c σl_s, k_i = k_p ω_c/5       flux: k_p = ω_ψ τ_r/l_s, k_i = ω_ψ/l_s
+//! speed:   k_p = j ω_Ω,    k_i = k_p ω_Ω/4       speed estimator: k_p = 2 ω_n, k_i = ω_n²
+//! ```
+//!
+//! The integral gains are stored times the period of their block. Derivations and defaults: docs/gains.md. Parameters
+//! outside their ranges are refused ([`ParamError`]), never limited.
 
 #[cfg(feature = "enhanced")]
 mod enhanced;
@@ -40,7 +48,7 @@ pub(crate) use paper::PaperConfig;
 /// Largest offset of a current channel at rest, per unit.
 pub(crate) const I_OFF_MAX: f64 = 0.15;
 
-/// What the control step reads: constants, per unit.
+/// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -58,7 +66,7 @@ pub struct DriveConfig<R: Real> {
     pub(crate) flux_control: FluxControlConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
     pub(crate) low_confidence: LowConfidence,
-    /// From a sample to the middle of the duties' effect.
+    /// From a sample to the middle of the period in which its duties act.
     pub(crate) t_ahead: R,
     pub(crate) i_range: R,
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.

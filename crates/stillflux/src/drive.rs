@@ -12,8 +12,8 @@
 //! its own and after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
 //!
 //! **Schemes.** The published scheme estimates by Figs. 4, 7 and 12, the enhanced one by one filter
-//! ([`crate::estimate::kalman`]). Each brings its own start-up, with which the sequence `Stopped` → offset reading
-//! with gates off → `Magnetising` → `Running` builds up the flux. The scheme is matched once in a period.
+//! ([`crate::estimate::kalman`]). Each has its own start-up for the stage `Magnetising` of the sequence `Stopped` →
+//! `ReadingOffset` (gates off) → `Magnetising` → `Running`. The scheme is matched once in a period.
 //!
 //! **Faults.** Any fault blocks the gates and latches with its cause until [`Drive::reset`].
 //!
@@ -214,8 +214,7 @@ impl<R: Real> Common<R> {
         field
     }
 
-    /// What is slow against the control period, each part in a period of its own; `false`: supervision has found a
-    /// fault.
+    /// Tasks slower than the control period, each in a period of its own; `false`: supervision has found a fault.
     #[inline(always)]
     fn slow_tasks<E: Estimators<R>>(
         &mut self,

@@ -1,4 +1,4 @@
-//! Nonlinear inverter model, equations (4)-(7) of the paper, the dead time and what capacitance makes of it.
+//! Nonlinear inverter model: equations (4)-(7) of the paper, dead time, and node capacitance of the legs. Per unit.
 //!
 //! ```text
 //! u_th(i_s) = 4/3 u_th sec(i_s),   sec(i_s) = 1/2 (sign i_a + a sign i_b + a² sign i_c)     (5), (6)
@@ -11,7 +11,7 @@
 //!
 //! **Near current zero** the node of a leg has a capacitance `C` (switches, cable, motor), and in the dead time the
 //! phase current has to move its charge. When the switch that carries `i` turns off, the node ramps with `i/C` and
-//! arrives after `C u_dc/|i|`; until then the leg still applies the old voltage. Per period, with
+//! reaches the other rail after `C u_dc/|i|`; until then the leg applies part of the old voltage. Per period, with
 //! `I_k = C u_dc/T_d`,
 //!
 //! ```text
@@ -19,28 +19,32 @@
 //!        = |i|/(2 I_k)        |i| < I_k     the other switch ends it
 //! ```
 //!
-//! in the direction of the current. `I_k` is the *knee*; the tail is long (5 % are missing at ten times the knee). The
-//! threshold has no part in it: outside the dead time a device conducts, however small the current is.
+//! in the direction of the current. `I_k` is the *knee*; at ten times the knee 5 % of the loss are still missing. The
+//! threshold does not follow this curve: outside the dead time a device conducts, however small the current is.
 //!
-//! The current that counts is that at the edges. While the other two legs, with currents of opposite signs, wait for their
-//! dead times one after the other, the current of a leg that floats falls by `u_dc T_d/(3 L_σ)` between the lower and the
-//! upper zero vector, and rises again at the way back. Sampled in the middle of the lower one, as here, it is on average
-//! `u_dc T_d/(6 L_σ)` larger than at its edges: a few milliamperes, but at the knee's slope some tenths of a volt. (Sampled
-//! in the upper zero vector the sign changes.)
+//! `e` depends on the current at the edges. While the other two legs, with currents of opposite signs, wait for their
+//! dead times one after the other, the current of a leg that floats falls by `u_dc T_d/(3 L_σ)` between the lower and
+//! the upper zero vector, and rises by as much in the other half of the period. Sampled in the middle of the lower one,
+//! as here, it is on average `u_dc T_d/(6 L_σ)` larger than at its edges: a few milliamperes, but at the knee's slope
+//! some tenths of a volt. (Sampled in the upper zero vector the sign changes.)
 //!
 //! Without capacitance a small current reaches zero within the dead time and stays there (both switches are open),
 //! so the error passes from one sign to the other over a band of at most `(2/3) u_dc T_d/L_σ`, and narrower where the
-//! legs commutate together (half of it was seen at 2.2 kW, a tenth at 11 kW, both at standstill). A band wider than
-//! the real one draws a field at rest to the place where a phase current is zero and keeps it there, where the
-//! voltage is known least; a narrower one pushes it away. The model takes a tenth of that band, for the threshold and,
-//! unless the knee is larger, for the dead time.
+//! legs commutate together (on the plant half of it at 2.2 kW, a tenth at 11 kW, both at standstill). With a modelled
+//! band wider than the real one the angles at which a phase current is zero are stable equilibria of a field at rest,
+//! and the voltage is most uncertain there; with a narrower one they are unstable. The model takes a tenth of that
+//! band, for the threshold and, unless the knee is larger, for the dead time.
+//!
+//! **Validity.** One constant capacitance, equal in all legs, and a current that is constant within the dead time.
+//! Where the change of the current within it is of the size of the knee, the curve is wrong near zero. Legs are taken
+//! as equal; switching delays are not modelled. The knee is limited to 1 pu, the band to 2e-4 … 0.05 pu.
 
 use crate::base::PerUnit;
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 use crate::words::words;
 
-/// Least width of the model's linear part, of the band of current-zero clamping.
+/// Least half width of the linear part, relative to the band of current-zero clamping.
 const BAND: f64 = 0.1;
 /// Keeps reciprocals of small currents within the fixed-point range.
 const SCALE: f64 = 64.0;
@@ -61,14 +65,14 @@ pub struct InverterModel<R: Real> {
     inv_band: R,
     /// The knee `I_k` of the parameters.
     knee: R,
-    /// By how much the current at the edges is below the sampled one, seen near current zero.
+    /// Sampled current less that at the edges, near current zero.
     shift: R,
-    /// The curve for it.
+    /// The curve for this knee.
     nominal: Knee<R>,
 }
 words!(InverterModel: u_th, dead_time, band, inv_band, knee, shift, nominal);
 
-/// The curve of a leg's error over its current, for one knee. Depends on nothing that changes within milliseconds.
+/// Curve of a leg's loss over its current, for one knee. Constant between two updates of the estimated knee.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -87,14 +91,14 @@ impl<R: Real> Knee<R> {
     fn new(knee: R, band: R) -> Self {
         let scale = R::from_f64(SCALE);
         let width = knee.max(band);
-        // 1/(SCALE width); where the tail begins, 1 - I_k/(2 width) of the loss is there.
+        // 1/(SCALE width); where the tail begins the loss is 1 - I_k/(2 width) of the whole.
         let inv_width = (width * scale).recip();
         let tail = knee.half() * scale;
         Self { width, slope: inv_width * (R::ONE - tail * inv_width), tail }
     }
 }
 
-/// Voltage lost in each phase, and what all of it would be.
+/// Voltage lost in each phase, and its limits, per unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -120,7 +124,7 @@ impl<R: Real> Distortion<R> {
         if e < R::ZERO { -magnitude } else { magnitude }
     }
 
-    /// By how much the loss of each phase falls when the knee grows, per relative change of it:
+    /// Decrease of the loss of each phase per relative increase of the knee,
     /// `-∂e/∂ln I_k = min(e, U - e)` for a positive current.
     #[inline(always)]
     pub fn by_knee(&self) -> [R; 3] {
@@ -171,7 +175,7 @@ impl<R: Real> InverterModel<R> {
     }
 
     /// Voltage lost in each phase at the phase currents of `i_s`: add it to the reference to compensate. `gain`
-    /// is what has been found of threshold and dead time, relative to their values here.
+    /// is the estimated factor of threshold and dead time, `1 + v̂`; one is the parameters'.
     #[inline]
     pub fn distortion(&self, knee: &Knee<R>, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> Distortion<R> {
         let (least, dead) = (self.u_th * gain, self.dead_time * u_dc * gain);

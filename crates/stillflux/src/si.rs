@@ -1,8 +1,13 @@
 //! The SI boundary: measurements, references, estimates and memory between SI and per unit ([`SiUnits`]), and a drive
-//! of any arithmetic behind one type ([`SiDrive`]). Volts and amperes outside, per unit inside.
+//! of any arithmetic behind one type ([`SiDrive`]).
 //!
-//! Every per-unit quantity is its SI value over its base ([`crate::base`]). The conversions compute in double precision
-//! and round once: they are for hosts and for what a firmware does outside its control interrupt.
+//! ```text
+//! x_pu = x_SI/x_b        x_b: bases of the rated machine, [`crate::base`]
+//! ```
+//!
+//! A NaN measurement becomes full scale in fixed point, which is a measurement fault; values beyond the range of fixed
+//! point saturate. The conversions compute in double precision and round once: they are for hosts and for firmware
+//! outside the control interrupt.
 
 use crate::base::Base;
 use crate::config::{DriveConfig, DriveParams};
@@ -90,7 +95,7 @@ pub struct EstimateSi {
     /// Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s; zero in the
     /// published scheme.
     pub innovation: f64,
-    /// Normalised innovation squared, low-passed; zero in the published scheme.
+    /// Normalised innovation squared, low-passed ([`crate::drive::Estimate::nis`]); zero in the published scheme.
     pub nis: f64,
     /// Expected standard deviation of the field angle, rad; π while the drive does not run.
     pub angle_deviation: f64,
@@ -113,7 +118,7 @@ pub struct MemorySi {
     pub loss_error: f64,
     /// Knee of the inverter model, relative to that of the parameters; 1 in the published scheme.
     pub knee: f64,
-    /// Main inductance, H; the parameter in the published scheme.
+    /// Magnetising inductance, H; the parameter in the published scheme.
     pub L_M: f64,
 }
 
@@ -121,7 +126,7 @@ pub struct MemorySi {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SiUnits {
     base: Base,
-    /// The parameter `L_M`, H: a drive knows it relative to this value.
+    /// The parameter `L_M`, H: the estimated inductance is relative to it.
     l_m: f64,
 }
 
@@ -138,8 +143,8 @@ impl SiUnits {
         &self.base
     }
 
-    /// A measurement in per unit. NaN has no fixed-point counterpart: full scale makes it the measurement fault that
-    /// it is.
+    /// A measurement in per unit. NaN has no fixed-point counterpart: full scale is a measurement
+    /// fault in every arithmetic.
     #[must_use]
     pub fn measurement<R: Real>(&self, m: &MeasurementSi) -> Measurement<R> {
         let b = &self.base;
@@ -311,7 +316,7 @@ impl SiDrive {
         })
     }
 
-    /// Data worth keeping over a stop.
+    /// Data to be kept over a stop.
     #[must_use]
     pub fn memory(&self) -> MemorySi {
         with!(&self.inner, d => self.units.memory(&d.memory()))

@@ -1,4 +1,4 @@
-//! Configuration of the enhanced scheme: what its estimators and its flux shift read, per unit.
+//! Configuration of the enhanced scheme: constants of its estimators and of its flux shift, per unit.
 
 use super::settings::{BOOST, DriveParams, EnhancedParams, SLOW_PERIODS};
 use crate::base::{PerUnit, rounded};
@@ -11,16 +11,15 @@ use crate::words::words;
 
 /// Duration of the speed search at the beginning of a start, s.
 const PROBE_TIME: f64 = 0.01;
-/// Part of the rotor flux squared that builds up at rest meanwhile, below which the search sees noise and the error of
-/// the inverter model, not a rotation: in large machines that error is of the order of the voltage that builds up
-/// the flux.
+/// Least `Σ |ψ_R|² dτ` of the search, relative to that at standstill: below it noise and the error of the inverter
+/// model, in large machines of the order of the voltage that builds up the flux, would be taken for a rotation.
 const PROBE_FLOOR: f64 = 0.25;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
 const BALANCE_RATE: f64 = 17.0;
 const BALANCE_OFFSET_RATE: f64 = 0.34;
-/// Part of the pull-out torque that the flux shift leaves a load.
+/// Largest load in the shifted flux, relative to the pull-out torque there.
 const PULL_OUT_USE: f64 = 0.6;
-/// Rate of the flux shift in units of rated flux, 1/s: flux control follows without a lag that torque would show.
+/// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
 const SHIFT_RATE: f64 = 0.5;
 
 /// Settings of the estimators.

@@ -1,4 +1,4 @@
-//! Configuration of the published scheme: what its estimators read, per unit.
+//! Configuration of the published scheme: constants of its estimators, per unit.
 
 use super::settings::{DriveParams, SLOW_PERIODS, SPEED_PERIODS};
 use crate::base::{PerUnit, rounded};

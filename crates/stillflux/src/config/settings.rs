@@ -1,5 +1,5 @@
-//! Settings of a drive in SI units where there are any: what a user chooses, with defaults that follow from machine and
-//! inverter, and the admissible range of each.
+//! Settings of a drive, SI unless marked per unit, with defaults derived from machine and inverter (docs/gains.md) and
+//! the admissible range of each. A value outside it is an error that names field, value and range.
 
 use crate::base::Base;
 use crate::params::{Inverter, Machine, ParamError, check};
@@ -20,8 +20,8 @@ pub const SLOW_PERIODS: u32 = 4;
 pub enum Scheme {
     /// The published scheme: offset estimator, noise compensator, resistance adaptation.
     Paper,
-    /// One filter for flux, offset, resistance and inverter error, with a covariance that says how far it can
-    /// be trusted.
+    /// One extended Kalman filter for flux, offset, resistance, inverter model and magnetising curve; the confidence
+    /// follows from its covariance.
     Enhanced,
 }
 
@@ -63,12 +63,12 @@ impl Words for Scheme {
 }
 
 /// What a drive does while its confidence in the field angle is below one half: an error of 15° and more must be
-/// expected then, and torque is no longer what it is asked to be.
+/// expected then, and the torque deviates from its reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum LowConfidence {
-    /// Nothing: the signal is for the user.
+    /// No reaction: the confidence is a signal only.
     #[default]
     Keep,
     /// Limits the torque in proportion to the confidence: to the whole at one half, to nothing at zero.
@@ -156,7 +156,7 @@ impl PaperParams {
 pub struct EnhancedParams {
     /// Estimate the offset of the current sensors.
     pub identify_offset: bool,
-    /// Estimate stator resistance and inverter error.
+    /// Estimate stator resistance, inverter error and knee.
     pub identify_resistance: bool,
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,

@@ -7,14 +7,25 @@
 //! |i_q| < ψ* (1 - σ) / (2 σl_s)                                             pull-out
 //! ```
 //!
-//! The PI part corrects the inductances, as far as the voltage tells the true flux: its weight fades out
-//! towards zero stator frequency, where the amplitude of the estimate is held by the noise compensator and
-//! says nothing. There the feedforward alone keeps the true flux.
+//! The PI part corrects errors of the inductances; with `e = ψ* - |ψ̂_s|`,
+//!
+//! ```text
+//! Δi_d = w k_p e + x,    dx/dτ = k_i (w e - (1 - w) x),    |x|, |Δi_d| ≤ limit
+//! ```
+//!
+//! Its weight `w`, 0 to 1, is the scheme's: in the published one it falls to zero between `|ω_s|` = 0.06 and 0.02 pu
+//! ([`weight_by_frequency`]), where the noise compensator holds the amplitude of the estimate, so that it contains no
+//! information on the true flux; the feedforward alone sets the flux there. In the enhanced one it follows from the
+//! variance of `|ψ̂_s|` at every frequency, and is reduced to 0.12 of that in regeneration near zero stator frequency
+//! only.
+//!
+//! Beyond pull-out the radicand is taken as zero: `i_d*` is that at pull-out. Field weakening: `ψ* = u_max/|ω_s|`, at
+//! least `psi_min`.
 
 use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::words::words;
 
-/// Stator frequency below which the PI part is off, and reciprocal of the width over which it fades in.
+/// Stator frequency, per unit, below which [`weight_by_frequency`] is zero, and reciprocal of the width to one.
 const OMEGA_BEGIN: f64 = 0.02;
 const INV_FADE: f64 = 25.0;
 
@@ -23,7 +34,7 @@ const INV_FADE: f64 = 25.0;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxControlConfig<R: Real> {
-    /// Rated flux reference.
+    /// Rated flux reference, per unit as all of these.
     pub psi_rated: R,
     /// Its reciprocal.
     pub inv_psi_rated: R,
@@ -31,9 +42,9 @@ pub struct FluxControlConfig<R: Real> {
     pub psi_min: R,
     /// `l_s + σl_s`.
     pub l_sum: R,
-    /// `(l_s + σl_s)² - 4 l_s σl_s`, what the root of (12) takes of `ψ*²`.
+    /// `(l_s + σl_s)² - 4 l_s σl_s`, coefficient of `ψ*²` in the radicand of (12).
     pub root_psi: R,
-    /// `(2 l_s σl_s)²`, what it takes of `i_q²`.
+    /// `(2 l_s σl_s)²`, coefficient of `-i_q²`.
     pub root_i_q: R,
     /// `1 / (2 l_s σl_s)`.
     pub inv_two_l_product: R,
@@ -83,7 +94,7 @@ impl<R: Real> FluxControlConfig<R> {
         self.solve(psi_ref, self.radicand(psi_ref, i_q).sqrt())
     }
 
-    /// What stands under the root of (12).
+    /// Radicand of (12).
     #[inline(always)]
     fn radicand(&self, psi_ref: R, i_q: R) -> R {
         psi_ref * psi_ref * self.root_psi - i_q * i_q * self.root_i_q
@@ -102,7 +113,7 @@ pub fn weight_by_frequency<R: Real>(omega_s: R) -> R {
 }
 
 impl<R: Real> FluxController<R> {
-    /// Forgets the past.
+    /// Resets the integrator.
     pub fn start(&mut self) {
         *self = Self::default();
     }
@@ -112,7 +123,7 @@ impl<R: Real> FluxController<R> {
     #[inline(always)]
     pub fn step(&mut self, c: &FluxControlConfig<R>, psi: R, error: R, i_q: R, weight: R) -> R {
         let x = self.x.value();
-        // With the weight gone the integrator forgets at the rate at which it learned.
+        // At weight zero the integrator decays with the rate k_i.
         let leak = x * (R::ONE - weight);
         let x = self.x.add_limited(c.k_i, error * weight - leak, c.limit);
         let radicand = c.radicand(psi, i_q).max(R::ZERO);

@@ -1,17 +1,22 @@
-//! Flux shift: a way off the line `ω_s = 0` under load.
+//! Flux shift: leaves the line `ω_s = 0` under load by a reduced flux. Per unit.
 //!
-//! At `ω_s = 0` one direction of the flux error stays unseen, whatever the estimator (see
-//! [`crate::estimate::kalman`]). Speed and load are the user's, the slip is not: at a torque `T` it is
-//! `ω_r = r_R T/|ψ_R|²`, and less flux makes it larger. With `s` the sign of the torque, `κ = ψ_s*/ψ_s,rated` and
+//! At `ω_s = 0` one direction of the flux error is unobservable, whatever the estimator (see
+//! [`crate::estimate::kalman`]). Speed and load are given by the application; the slip `ω_r = r_R T/|ψ_R|²` grows as
+//! the flux is reduced. With `s` the sign of the torque, `κ = ψ_s*/ψ_s,rated` and
 //! the slip `ω_r0` at rated flux,
 //!
 //! ```text
 //! s ω_s = s ω + ω_r0/κ² = a    ⇒    κ² = ω_r0/(a - s ω),      -a < s ω + ω_r0 < a
 //! ```
 //!
-//! so a drive that would stand on the line, or pass it slowly, turns its field with `a` in the direction of the
-//! torque instead, and jumps from there to `-a`, when the load or the speed has taken it so far.
-//! The price is current: `1/κ` of the torque current, and what the torque does while the flux changes.
+//! so a drive that would stand on the line, or cross it slowly, has `s ω_s = a` instead. Where `s ω + ω_r0` falls below
+//! `-a` the flux returns to rated, and `s ω_s` jumps over the line; in the other direction at `-a/2` (hysteresis). The
+//! torque current rises by `1/κ`, and the torque deviates while the flux changes.
+//!
+//! **Validity.** Needs slip: no effect below 0.1 of rated torque, full effect from 0.3. `κ` is at least 0.7 (twice the
+//! slip), at least what the torque takes of the current limit, and at least what keeps the distance to pull-out; where
+//! one of these is larger than the `κ` of the equation, `|ω_s|` is smaller than `a`. The equation neglects the change
+//! of `|ψ_R|/|ψ_s|` with load.
 
 use crate::scalar::{Real, clamp_seldom, likely};
 use crate::words::words;
@@ -24,15 +29,15 @@ pub const FACTOR_MIN: f64 = 0.7;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct ShiftConfig<R: Real> {
-    /// Stator frequency `a` to keep; 0: the flux stays.
+    /// Stator frequency `a` to keep; 0: no shift.
     pub omega_s_min: R,
     /// Slip per torque at rated flux.
     pub slip: R,
-    /// Reciprocal of twice the torque below which there is no slip to work with, over which the shift then fades in.
+    /// Reciprocal of twice the torque `T_0` below which the shift has no effect; full effect from `3 T_0`.
     pub inv_torque_fade: R,
-    /// Reciprocal of the torque that takes all of the rated flux.
+    /// Reciprocal of the torque that needs rated flux at the current limit.
     pub inv_torque: R,
-    /// Reciprocal of the torque that may be asked of the rated flux for its distance to pull-out, which falls as `κ²`.
+    /// Reciprocal of the largest torque at rated flux for the distance to pull-out, which falls as `κ²`.
     pub inv_pull_out: R,
     /// Largest change of the factor from call to call.
     pub step: R,
@@ -46,7 +51,7 @@ words!(ShiftConfig: omega_s_min, slip, inv_torque_fade, inv_torque, inv_pull_out
 pub struct FluxShift<R: Real> {
     /// `κ`.
     factor: R,
-    /// On the side of the torque's sign; the way back leads over `-a`.
+    /// `s ω_s` is kept positive; until `s ω + ω_r0` falls below `-a`.
     ahead: bool,
 }
 

@@ -1,4 +1,12 @@
-//! Speed, flux and current control of Fig. 3 on the quantities that a scheme estimates.
+//! Speed, flux and current control of Fig. 3 on the quantities that a scheme estimates, per unit.
+//!
+//! ```text
+//! ψ* = min(ψ_N κ, 0.88 u_max/|ω_s|),    i_q* = T*/ψ,    i_d* by (12) at ψ and i_q*, with the flux controller's correction
+//! |T*| ≤ ψ min(0.8 i_q,pull-out, √(i_max² - i_0²))
+//! ```
+//!
+//! `ψ` is the flux of [`Estimators::present_flux`], `κ` that of the flux shift, `u_max = 0.98 u_dc/√3`. The limit keeps
+//! 20 % of distance to pull-out at the flux `ψ`; a true flux below `ψ` reduces it.
 
 use super::estimators::{Estimators, FieldQuantities};
 use super::interface::Reference;
@@ -12,9 +20,9 @@ use crate::inverter::Knee;
 use crate::scalar::Real;
 use crate::space::Dq;
 
-/// Part of the dc link that the voltage vector may use: the circle within the hexagon, less a margin.
+/// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
 const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
-/// Part of the largest voltage that the flux may take; the rest drives the torque current.
+/// Part of the largest voltage that `ω_s ψ*` may take; the rest is for leakage and resistance under load.
 const U_FLUX: f64 = 0.88;
 
 /// Largest magnitude of the voltage vector.
@@ -63,8 +71,7 @@ impl<R: Real> Control<R> {
         self.speed.start(R::ZERO);
     }
 
-    /// Current control: duties for the next period. `inverter` is what has been estimated of the inverter
-    /// model: factor and curve.
+    /// Current control: duties for the next period. `inverter`: estimated factor and curve of the inverter model.
     #[inline(always)]
     pub fn duties(
         &mut self,
@@ -98,7 +105,7 @@ impl<R: Real> Control<R> {
         let psi_ref = c.flux_control.reference(omega_s, largest_voltage(u_dc) * R::from_f64(U_FLUX));
         let psi_ref = psi_ref.min(c.flux_control.psi_rated * factor);
         self.psi_ref = psi_ref;
-        // Torque, pull-out and feedforward by the flux that is there, as far as it is known.
+        // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
         let (psi, weight) = estimators.present_flux(psi_ref);
         let i_q_max = (c.pull_out_use * psi).min(c.i_q_max);
         let mut torque_max = i_q_max * psi;

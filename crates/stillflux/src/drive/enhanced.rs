@@ -1,13 +1,25 @@
-//! The enhanced scheme: one filter, the correction of the current sensors' gains and the flux shift, and its start-up.
+//! The enhanced scheme: filter ([`crate::estimate::kalman`]), correction of the current sensors' gains
+//! ([`crate::estimate::balance`]), flux shift ([`crate::control::shift`]), and start-up.
 //!
-//! **Start-up**, at standstill or in a rotating machine (flying start). It begins at a flux of zero, so the filter runs
-//! while the flux builds up.
-//! 1. Speed search, 10 ms. A current along the a-axis drives `ψ_R` away from zero, and the rotor turns it:
-//!    `ω = Σ ψ_R × (dψ_R - r_R i dτ) / Σ |ψ_R|² dτ`; at 1 pu the rotor makes half a turn in this time.
-//! 2. In a rotating machine the current follows `ψ̂_R`, and the flux builds up as it does at standstill.
-//! 3. In a machine at standstill the current keeps its direction (following a flux estimate that is a degree off would
-//!    set a free shaft in motion) until the flux has settled, and then long enough for the filter to find the sum of
-//!    resistance and inverter error. A reduced current for part of this time separates the two.
+//! **Start-up**, at standstill or in a rotating machine without flux (flying start):
+//!
+//! ```text
+//! ω = Σ ψ_R × (dψ_R - r_R i dτ) / Σ |ψ_R|² dτ          rotor equation × ψ_R; |ω| > 0.03: rotating
+//! ```
+//!
+//! 1. Speed search, 10 ms. A current along the a-axis builds up `ψ_R`, which the rotor turns by `ω τ`: half a turn at
+//!    1 pu and 50 Hz. The filter integrates without corrections. The denominator is at least a quarter of its
+//!    value at standstill, which lowers `ω` where `ψ_R` is too small for its direction.
+//! 2. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
+//!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
+//!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
+//! 3. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
+//!    makes torque on a free shaft. After half of the magnetisation time the filter is initialised at the settled flux.
+//!    In the second half it identifies the sum of the voltages of resistance and inverter; two reduced currents, 0.7 of
+//!    the magnetising current from 9/16 to 11/16 and 0.4 from 11/16 to 12/16 of the time, separate resistance, `v` and
+//!    knee.
+//!
+//! A machine that rotates with a residual flux is not covered: `ψ̂_R` begins at zero.
 
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
@@ -21,16 +33,16 @@ use crate::inverter::Knee;
 use crate::scalar::{Real, clamp_seldom};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Speed above which a machine counts as rotating at the start.
+/// Speed, per unit, above which a machine counts as rotating at the start.
 const ROTATING: f64 = 0.03;
-/// Part of the flux control that is left in regeneration near zero stator frequency.
+/// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
-/// Part of the magnetising current that separates resistance from inverter error.
+/// Reduced currents that separate resistance, inverter error and knee, relative to the magnetising current.
 const REDUCED: f64 = 0.7;
 const SMALL: f64 = 0.4;
 
-/// Unit of the residual that the filter returns, per unit of flux.
-const RESIDUAL_UNIT: f64 = 0.05;
+/// Unit of the innovation that the filter returns, per unit of flux.
+const INNOVATION_UNIT: f64 = 0.05;
 
 /// The two sums of the speed search; after it, the speed over one.
 #[derive(Clone, Copy, Debug)]
@@ -48,8 +60,8 @@ impl<R: Real> SpeedSearch<R> {
         Self { numerator: R::ZERO, denominator: R::ZERO }
     }
 
-    /// Ends the search; the speed. A rotor flux that is too small for its direction to mean something counts as one at
-    /// standstill.
+    /// Ends the search; returns the speed. `floor` keeps it near zero where the rotor flux is too small for its
+    /// direction.
     fn finish(&mut self, floor: R) -> R {
         let omega = self.numerator * self.denominator.max(floor).recip();
         let omega = clamp_seldom(omega, R::from_f64(-1.5), R::from_f64(1.5));
@@ -57,12 +69,12 @@ impl<R: Real> SpeedSearch<R> {
         omega
     }
 
-    /// The machine was not rotating, whatever the search found.
+    /// Rejects the rotation that the search found.
     fn reject(&mut self) {
         self.numerator = R::ZERO;
     }
 
-    /// After the search: the machine was rotating.
+    /// After the search: whether the machine is rotating.
     fn found_rotation(&self) -> bool {
         !self.numerator.within(R::from_f64(ROTATING))
     }
@@ -79,7 +91,7 @@ pub(super) struct EnhancedEstimators<R: Real> {
     speed_estimator: SpeedEstimator<R>,
     speed: SpeedEstimate<R>,
     search: SpeedSearch<R>,
-    /// Curve of the inverter model with the knee that the filter has found.
+    /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
 }
 
@@ -97,12 +109,12 @@ impl<R: Real> EnhancedEstimators<R> {
         }
     }
 
-    /// Before the estimation of a start-up period: its current reference, and the beginnings of the filter.
+    /// Before the estimation of a start-up period: its current reference, and initialisation of the filter.
     #[cold]
     #[inline(never)]
     fn prepare(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, stage: u32) -> Dq<R> {
         let mut i_ref = c.magnetising_current(stage);
-        // A lower current changes the voltage of the resistance, not that of the inverter error.
+        // The voltage of the resistance is proportional to the current, that of the inverter is not.
         if !self.search.found_rotation() {
             i_ref = i_ref
                 * R::from_f64(match stage * 16 / c.magnetise_periods.max(1) {
@@ -114,7 +126,7 @@ impl<R: Real> EnhancedEstimators<R> {
         if stage <= 1 {
             self.filter.start(&c.enhanced.filter, i_s);
         } else if stage == c.magnetise_periods / 2 && !self.search.found_rotation() {
-            // At standstill the settled flux is known by the current.
+            // At standstill the settled flux follows from the current.
             self.filter.settle(&c.enhanced.filter, c.flux_control.psi_rated);
             self.speed_estimator.start(&self.filter.value(), R::ZERO);
         }
@@ -139,7 +151,7 @@ impl<R: Real> EnhancedEstimators<R> {
         } else if self.search.found_rotation() {
             field = Rotator::of(&psi_r).0;
             periods = c.boost_periods;
-            // A flux that has not built up by then was lost in the error of the inverter model: the rotation was noise.
+            // Without flux by then the current did not follow it: the rotation was an error of the voltage.
             if at.stage >= periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
                 self.search.reject();
                 periods = c.magnetise_periods;
@@ -230,9 +242,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         self.filter.magnitude()
     }
 
-    /// By the variance of `|ψ̂_s|`, and within the limits of a flux that a drive under control has. In regeneration near
-    /// zero stator frequency an error of `r̂_s` appears in `|ψ̂_s|` with the sign that a control of the flux would let
-    /// grow: there the current alone keeps the flux.
+    /// `ψ* + w (|ψ̂_s| - ψ*)` with `|ψ̂_s|` limited to 0.5 … 1.5 of `ψ*` and the weight `w` by the variance of
+    /// `|ψ̂_s|`; flux control has the weight `w` at every stator frequency, except in regeneration (`ω_s ω_r < 0`):
+    /// there it falls below `|ω_s|` = 0.06 to 0.12 of it, since an error of `r̂_s` appears in `|ψ̂_s|` with the sign
+    /// for which flux control is unstable.
     #[inline(always)]
     fn present_flux(&self, psi_ref: R) -> (R, R) {
         let SpeedEstimate { omega_s, omega_r, .. } = self.speed;
@@ -264,7 +277,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             i_s: f.i_s(),
             r_s: f.r_s(),
             epsilon: R::ZERO,
-            innovation: f.residual() * R::from_f64(RESIDUAL_UNIT),
+            innovation: f.residual() * R::from_f64(INNOVATION_UNIT),
             nis: f.nis(),
             angle_deviation: f.sigma(),
             confidence: f.confidence(),

@@ -1,4 +1,5 @@
-//! The interface of a scheme: what the sequence and the controllers of a drive ask of its estimators.
+//! Interface between the estimators of a scheme and the sequence and controllers of a drive. All quantities per unit,
+//! angles in rad.
 
 use super::interface::Memory;
 use crate::config::DriveConfig;
@@ -18,14 +19,14 @@ pub(super) struct PeriodInput<R: Real> {
     /// Phase currents less the offsets read at standstill, and their space vector.
     pub i_abc: [R; 3],
     pub i_s: AlphaBeta<R>,
-    /// Voltage applied between the last two samples, and the part of it that the inverter model took off.
+    /// Voltage applied between the last two samples, and the loss of the inverter model that it contains.
     pub u_s: AlphaBeta<R>,
     pub u_loss: Distortion<R>,
     /// Flux reference in this interval.
     pub psi_ref: R,
 }
 
-/// What current control needs of the estimators in every period.
+/// Inputs of current control from the estimators, every period.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FieldQuantities<R: Real> {
     /// Field angle as `e^{jδ̂}`.
@@ -36,11 +37,11 @@ pub(super) struct FieldQuantities<R: Real> {
     pub omega_s: R,
     /// Stator resistance.
     pub r_s: R,
-    /// Stator current less the offset that the estimators have found, field coordinates.
+    /// Stator current less the estimated offset, field coordinates.
     pub i_dq: Dq<R>,
 }
 
-/// Where a start-up is: its period, counted from one, and the period since power-up.
+/// Progress of a start-up: its period, counted from one, and the period since power-up.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(
     not(all(feature = "paper", feature = "enhanced")),
@@ -109,7 +110,7 @@ pub(super) trait Estimators<R: Real> {
     fn psi_s(&self) -> R;
 
     /// Flux by which torque current and magnetising current are computed, at a flux reference: `|ψ̂_s|` where the
-    /// scheme knows it better than the reference does. And how far `|ψ̂_s|` may be controlled to its reference, 0 to 1.
+    /// scheme takes it as more accurate than the reference. And the weight of flux control, 0 to 1.
     fn present_flux(&self, psi_ref: R) -> (R, R);
 
     /// Factor of the inverter model's voltage, and its curve over the current.
@@ -121,7 +122,7 @@ pub(super) trait Estimators<R: Real> {
     /// Everything that is estimated.
     fn estimated(&self) -> Estimated<R>;
 
-    /// What is worth keeping over a stop, with the offsets `i_off` read at standstill.
+    /// Data to be kept over a stop, with the offsets `i_off` read at standstill.
     fn memory(&self, i_off: [R; 3]) -> Memory<R>;
 
     /// Restores what an earlier run stored; `u_off` is that of `memory`, limited.

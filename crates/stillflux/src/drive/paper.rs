@@ -1,7 +1,7 @@
 //! The published scheme: the estimators of Figs. 4, 7 and 12 with the confidence model, and its start-up.
 //!
-//! **Start-up.** The machine is at standstill. A direct current along the a-axis builds up the flux; its last quarter
-//! gives `r̂_s = u_d/i_d*`. Control begins at a known flux, `ψ̂_s = ψ̂_1 = ψ_s*∠0`.
+//! **Start-up**, valid at standstill only. A direct current along the a-axis builds up the flux; the mean of
+//! `r̂_s = u_d/i_d*` over the last quarter is the initial resistance. Control begins at `ψ̂_s = ψ̂_1 = ψ_s*∠0`.
 
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
@@ -73,7 +73,8 @@ impl<R: Real> PaperEstimators<R> {
         self.i_s = x.i_s;
         let left = c.magnetise_periods.saturating_sub(stage);
         if left < c.paper.r_s_periods {
-            // The reference in the denominator: neither current offset nor threshold nor dψ/dt is left in the mean.
+            // Over the reference, so that a current offset does not enter; u_s is free of the threshold by the inverter
+            // model, and dψ/dt has decayed.
             self.r_s_mean.add(c.paper.inv_r_s_periods * i_dq_ref.re().recip(), x.u_s.re());
         }
         if left == 0 {
@@ -90,8 +91,8 @@ impl<R: Real> PaperEstimators<R> {
         let r_s = self.resistance.r_s();
         self.flux.step(&c.flux, &x.u_s, &x.i_s, r_s, x.psi_ref);
         let field = self.flux.field();
-        // û_off stands first of all for an offset of the current sensors, û_off = -r_s i_offset. The flux estimator
-        // subtracts it from the voltage; control and inverter model get the current without it.
+        // û_off is taken as the effect of an offset of the current sensors, û_off = -r_s i_offset. The flux estimator
+        // subtracts it from the voltage; control uses the current without it.
         let i_s = x.i_s + self.flux.offset.u_off() * c.inv_r_s;
         self.i_s = i_s;
         let (psi_s, omega_s, i_dq) = (self.flux.magnitude(), self.speed.omega_s, field.to_field(&i_s));
@@ -144,7 +145,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         self.confidence.step(&c.confidence, omega_s, self.flux.effort(), corrected);
     }
 
-    /// The published scheme keeps its flux.
+    /// The published scheme has no flux shift.
     #[inline(always)]
     fn flux_factor(&mut self, _: &DriveConfig<R>, _: R) -> R {
         R::ONE
@@ -160,7 +161,8 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         self.flux.magnitude()
     }
 
-    /// The noise compensator holds `|ψ̂_s|` at the reference: it says nothing of its own near zero frequency.
+    /// The noise compensator holds `|ψ̂_s|` at the reference: near zero frequency it contains no
+    /// information on the true flux.
     #[inline(always)]
     fn present_flux(&self, psi_ref: R) -> (R, R) {
         (psi_ref, weight_by_frequency(self.speed.omega_s))

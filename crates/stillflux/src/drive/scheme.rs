@@ -1,4 +1,4 @@
-//! The estimators of the scheme that a drive runs, of those that the build has.
+//! Static selection of the estimators of a scheme, among those that the build contains.
 
 #[cfg(feature = "enhanced")]
 use super::enhanced::EnhancedEstimators;

@@ -6,10 +6,10 @@ use crate::config::{DriveConfig, I_OFF_MAX};
 use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::space::AlphaBeta;
 
-/// dc-link voltage that no sensor reads, per unit.
+/// dc-link voltage, per unit, beyond every sensor's range.
 const U_DC_RANGE: f64 = 100.0;
 
-/// What the sequence asks of a period that is not under control.
+/// Action in a period that is not under control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Action {
     /// The bridge is blocked.
@@ -36,7 +36,7 @@ pub(super) struct Sequence<R: Real> {
 }
 
 impl<R: Real> Sequence<R> {
-    /// Stopped, no offset known.
+    /// Stopped, offsets zero.
     pub fn new() -> Self {
         Self {
             status: Status::Stopped,
@@ -172,7 +172,8 @@ impl<R: Real> Sequence<R> {
         Action::Ready
     }
 
-    /// Plausibility of the estimate and confidence in it: a fault, and `false`, if one of them is missing for too long.
+    /// Supervision: a fault, and `false`, if the estimate is implausible or its confidence too low for longer than
+    /// `implausible_max` slow periods.
     #[inline(always)]
     pub fn supervise(&mut self, c: &DriveConfig<R>, plausible: bool, trusted: bool) -> bool {
         if likely(plausible && trusted) {

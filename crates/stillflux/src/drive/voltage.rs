@@ -1,9 +1,13 @@
-//! From a voltage reference to duties, and back to the voltage that they apply.
+//! Duties for a voltage reference, and the voltage that they apply, per unit.
+//!
+//! ```text
+//! duties = modulate(u* + u_l(i*)),    u_s(k) = u_dc d(k - 2) - u_l(k - 2)
+//! ```
 //!
 //! Currents sampled at the start of period *k* give the duties applied during period *k + 1*. At the call of period
 //! *k* the voltage between the last two samples is therefore the one computed two calls earlier; a pipeline of two
 //! entries keeps the estimators on the voltage that was applied: limited, quantised, at the measured dc link, less
-//! what the inverter model takes off.
+//! the loss `u_l` of the inverter model. A dc link that changes within two periods is not resolved.
 
 use crate::config::DriveConfig;
 use crate::control::modulator::{Duty, applied, modulate};
@@ -18,7 +22,7 @@ use crate::space::AlphaBeta;
 struct Commanded<R: Real> {
     /// Applied by ideal legs, per unit of dc link.
     ideal: AlphaBeta<R>,
-    /// Taken off by the inverter model.
+    /// Loss of the inverter model.
     loss: Distortion<R>,
 }
 
@@ -46,18 +50,18 @@ impl<R: Real> Voltage<R> {
         self.commanded = [Commanded::default(); 2];
     }
 
-    /// Voltage applied between the last two samples, and the part of it that the inverter model took off.
+    /// Voltage applied between the last two samples, and the loss of the inverter model that it contains.
     #[inline(always)]
     pub fn applied(&mut self, period: u32, u_dc: R) -> (AlphaBeta<R>, Distortion<R>) {
         self.inv_u_dc = u_dc.recip_next(self.inv_u_dc).unwrap_or_else(|| u_dc.recip());
-        // Commanded two calls ago; this call's command takes its place.
+        // Commanded two calls ago; this call's command overwrites it.
         let last = self.commanded[(period & 1) as usize];
         self.u_s = last.ideal * u_dc - last.loss.vector();
         (self.u_s, last.loss)
     }
 
-    /// Duties for a voltage reference. The inverter model sees the current that will flow then: the reference, free
-    /// from noise. `gain` and `knee` are what has been estimated of its voltage.
+    /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
+    /// will flow then: it is free from noise. `gain` and `knee`: estimated factor and curve of the model.
     #[inline(always)]
     pub fn command(
         &mut self,

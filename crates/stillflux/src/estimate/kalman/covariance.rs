@@ -1,9 +1,13 @@
-//! Packed symmetric matrix: the covariance's algebra, without the names of the states.
+//! Packed symmetric matrix: algebra of the covariance, independent of the meaning of the states.
 //!
-//! Of `P = Pᵀ` the lower triangle is all there is, row after row. The operations are those of a Kalman filter whose
-//! transition is sparse: one row of `F` at a time (`P ← F P Fᵀ` where `F` differs from the identity in one row),
-//! independent noise (`P ← P + Q`), and the update by a scalar measurement
-//! (`P ← P - (P hᵀ)(P hᵀ)ᵀ/S`), row by row.
+//! ```text
+//! P ← F P Fᵀ                    prediction, F differs from the identity in one row
+//! P ← P + Q                     process noise, Q diagonal
+//! P ← P - (P h)(P h)ᵀ/S         update by a scalar measurement
+//! ```
+//!
+//! Of `P = Pᵀ` only the lower triangle is stored, row after row. The matrix is not kept positive definite by its form:
+//! rounding is countered by a floor of the variances in the update.
 
 use crate::scalar::Real;
 
@@ -24,7 +28,7 @@ pub(super) struct Covariance<R: Real> {
     p: [[R; N + 1]; N / 2],
 }
 
-/// Place of an element, whichever of its two names is used.
+/// Position of element `(i, j)` or `(j, i)`.
 #[inline(always)]
 const fn at(i: usize, j: usize) -> usize {
     let (i, j) = if i >= j { (i, j) } else { (j, i) };
@@ -61,7 +65,7 @@ impl<R: Real> Covariance<R> {
         &mut self.p.as_flattened_mut()[at(i, j)]
     }
 
-    /// Adds noise that the states collect independently of each other.
+    /// Adds a diagonal matrix.
     pub fn add(&mut self, variance: &Column<R>) {
         for (k, &v) in variance.iter().enumerate() {
             *self.get_mut(k, k) += v;
@@ -74,7 +78,7 @@ impl<R: Real> Covariance<R> {
         *self.get_mut(i, j) += x;
     }
 
-    /// One state moves on, `x_I ← a x_I + Σ c_j x_j` with `j ≠ I`: row and column of a sparse transition. `row`
+    /// Prediction of one state, `x_I ← a x_I + Σ c_j x_j` with `j ≠ I`: row and column of a sparse transition. `row`
     /// is [`Covariance::project`] of the same terms.
     #[inline(always)]
     pub fn advance<const I: usize, const T: usize>(&mut self, a: R, terms: &[(usize, R); T], row: &Column<R>) {
@@ -88,11 +92,11 @@ impl<R: Real> Covariance<R> {
     }
 
     /// The same for one of the first two states, a vector whose components have rows of the same shape:
-    /// `x_0 ← x_0 + own x_O + Σ c_j x_j`, or with `x_1` and `x_(O+1)` (`second`). Both take this one code.
+    /// `x_0 ← x_0 + own x_O + Σ c_j x_j`, or with `x_1` and `x_(O+1)` (`second`). One code for both.
     #[inline(always)]
     pub fn advance_pair<const O: usize>(&mut self, second: bool, own: R, terms: &[(usize, R); 3]) {
         let from = usize::from(second);
-        // One after the other: in a loop, fixed point would compute the place of every element at run time.
+        // Written out: in a loop, fixed point would compute the position of every element at run time.
         let row: Column<R> = [
             self.pair_row::<O>(from, own, terms, 0),
             self.pair_row::<O>(from, own, terms, 1),
@@ -134,7 +138,7 @@ impl<R: Real> Covariance<R> {
         core::array::from_fn(|k| R::sum_of_products(h.map(|(_, c)| c), h.map(|(j, _)| self.get(j, k))))
     }
 
-    /// A state forgets what it has to do with the others; its variance stays.
+    /// Sets the correlations of a state with all others to zero; its variance stays.
     #[inline(always)]
     pub fn isolate<const I: usize>(&mut self) {
         for k in 0..N {
@@ -144,7 +148,7 @@ impl<R: Real> Covariance<R> {
         }
     }
 
-    /// What a measurement takes from the rows `from..to`: `P ← P - (P h)(P h)ᵀ/S`, the variances not below a floor.
+    /// Update of the rows `from..to`: `P ← P - (P h)(P h)ᵀ/S`, the variances not below a floor.
     /// A loop over the elements: unrolled it would take a kilobyte of flash.
     #[inline(never)]
     pub fn reduce(&mut self, from: usize, to: usize, ph: &Column<R>, inv_s: R, floor: R) {

@@ -1,61 +1,71 @@
-//! One estimator for flux, offset, resistance and inverter error, over the whole torque-speed plane.
+//! Extended Kalman filter for stator flux, sensor offset, resistance, inverter model and magnetising curve.
 //!
-//! # What is known without a speed
+//! # Equations
 //!
-//! The voltage model is a pure integrator. With the offset `b` of the current sensors (`i_m = i + b`), the
-//! resistance `r_s` and the relative error `v` of the inverter model's voltage `u_l` as unknowns,
+//! Per unit, normalised time `τ = ω_b t`, stator coordinates, inverse-Γ circuit. With the measured current
+//! `i_m = i + b`, the inverter model's voltage `u_l` ([`crate::inverter`]) and its relative error `v`, the voltage
+//! model is
 //!
 //! ```text
-//! dψ_s/dτ = u - v u_l - r_s (i_m - b),        ψ_R = ψ_s - σl_s (i_m - b)
+//! dψ_s/dτ = u*_inv - (1 + v) u_l(k) - r_s (i_m - b),        ψ_R = ψ_s - σl_s (i_m - b)
 //! ```
 //!
-//! The rotor equation `dψ_R/dτ = -(1/τ_r) ψ_R + r_R i + jω ψ_R` contains the unknown speed, but only in its
-//! tangential component. Along `n = ψ_R/|ψ_R|` the speed drops out, and what is left says how the *magnitude*
-//! of the rotor flux follows the current:
+//! The rotor equation `dψ_R/dτ = -(1/τ_r) ψ_R + r_R i + jω ψ_R` contains the unknown speed `ω` in its tangential
+//! component only. Its projection onto `n = ψ_R/|ψ_R|` does not contain it and gives the *magnitude* `m` of the rotor
+//! flux from the current; the measurement is that both models agree:
 //!
 //! ```text
 //! dm/dτ = r_R (i·n - i_μ(m)),     i_μ(m) = γ m/l_M (1 - c + c (m/m_N)^S)
-//! |ψ_R| - m = 0
+//! 0 = h = |ψ_R| - m
 //! ```
 //!
-//! with `γ` for an inductance that is not `l_M` and `c` for its saturation: at the small-signal level
-//! saturation makes the magnitude follow the current `1 + S c` times faster, and a model without it loses
-//! stability near `ω_s = 0`. Differentiated once, the second line is the speed-independent residual of
-//! reduced-order observers, `ψ_R·dψ_R/dτ + (|ψ_R|² - l_M i·ψ_R)/τ_r`; in this form nothing has to be
-//! differentiated, and the noise of the ADC enters as `σl_s` times it.
+//! `γ` corrects `1/l_M`, `c` is the saturated part of the magnetising current at the rated rotor flux `m_N`: for small
+//! deviations a saturated machine's `m` follows the current `1 + S c` times faster than a linear one's, and a model
+//! without that loses stability near `ω_s = 0`. Differentiated once, `h` is the speed-independent residual of
+//! reduced-order observers, `ψ_R·dψ_R/dτ + (|ψ_R|² - l_M i·ψ_R)/τ_r`; here nothing is differentiated, and the noise of
+//! the converters enters multiplied by `σl_s`.
 //!
-//! # What one number can tell
+//! Ten states: `ψ_s` (2), `m`, `b` (2), `r_s`, `v`, knee `k` of the inverter model, `γ`, `c`, each in units of a
+//! typical deviation, so that the covariance fits fixed point. `model` has the discrete model and its derivatives,
+//! `noise` every standard deviation, `schedule` the order of the work, `start` the initial values.
 //!
-//! Let `δ` be the flux error in rotor field coordinates. The residual is `δ_d` less the current model's own
-//! answer to it, and that model sees `i·n` change by `i_q δ_q/|ψ_R|`. So
-//! * at no load only the radial error shows, under load a combination with the angle (weight `i_q/i_d`);
-//! * an error of `r_s` or `v` moves the flux along the current, one of `b` along a direction fixed in the
-//!   stator: rotation tells them apart;
-//! * at exactly `ω_s = 0` one direction remains unseen. Its variance grows, and with it the confidence signal
-//!   drops: persistence there is memory. Under load a drive need not stay there ([`crate::control::shift`]).
+//! # Observability
 //!
-//! An extended Kalman filter in error-state form weighs all this in every quadrant alike; there is nothing to
-//! gate and no sign to choose. States: `ψ_s` (2), `m`, `b` (2), `r_s`, `v`, `γ`, `c`, each in units of a
-//! typical deviation, so that the covariance fits fixed point.
+//! Let `δ` be the flux error in coordinates of the rotor flux. The innovation contains `δ_d` and, by way of `i·n`,
+//! which changes by `i_q δ_q/|ψ_R|`, the response of the current model to `δ_q`. So
+//! * without load only the radial error is observable, under load a combination with the angle (weight `i_q/i_d`);
+//! * an error of `r_s` or `v` moves the flux along the current, one of `b` along a direction fixed in the stator: they
+//!   are separated by the rotation of the field;
+//! * at exactly `ω_s = 0` one direction of the flux error is unobservable. Its variance grows, and the confidence falls
+//!   with it. Under load a drive need not stay there ([`crate::control::shift`]).
 //!
-//! # In blocks
+//! The gain follows from the covariance in all four quadrants; no sign is chosen by quadrant.
 //!
-//! Prediction runs every control period, the rest once per block of about 1 ms: averages, one scalar
-//! innovation, one correction. The covariance of a block is worked out during the next one, a part in each
-//! period; the gain is a block old, against time constants of many blocks.
+//! # Blocks
 //!
-//! # Where linearisation ends
+//! The flux is integrated in every control period, the rest runs once per block of 1 ms, or of `SLOTS` periods if
+//! that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
+//! the next one, a part in each period. The gain is therefore one block old; the time constants that it depends on are
+//! many blocks.
 //!
-//! * `|ψ_R|` of a vector turned by `δ` is larger than its projection by `δ²/2`: the variance of that is added
-//!   to the residual's, or a large angle variance would turn a small residual into a false correction.
-//! * Near the zero of a phase current the bridge's voltage is known least (see [`crate::inverter`]): noise
-//!   along that phase's axis while the field is slow.
-//! * Above `ω_s = 0.2` neither `r_s` nor `v` can be seen beside the error of the voltage itself: they are
-//!   held, with the variance they have, and that error takes their place in the flux.
-//! * `m` is driven by `r_R`, which is known to some 20 %: where the current is away from the steady state, `m`
-//!   collects noise. Otherwise a change of current would tell the stator resistance from the rotor's.
-//! * A residual beyond its measure for some ten blocks means that something has stepped: flux, offset and
-//!   resistance may then have moved by more than they do by themselves.
+//! # Validity, and what is added to the noise outside it
+//!
+//! * `|ψ_R|` of a vector turned by `δ` exceeds its projection by `|ψ_R| δ²/2`. The variance of this term is added to
+//!   the innovation's; without it a large angle variance would turn a small innovation into a wrong correction.
+//! * Near the current zero of a phase the voltage of its leg is uncertain ([`crate::inverter`]): noise along that
+//!   phase's axis while the field is slow.
+//! * Above `|ω_s| = 0.2` the voltages of `r_s`, `v` and `k` are smaller than the error of the voltage itself: the three
+//!   are held at their values and variances (consider states, without correlation), and the flux has noise that grows
+//!   with frequency.
+//! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
+//!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.
+//! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 blocks, means that something has
+//!   stepped that the random walks do not contain: noise is added to flux, offset and resistance. Not above
+//!   `|ω_s| = 0.2`, and not in the first 200 blocks of a start.
+//! * Below a rotor flux of 0.1 pu its direction is not defined well enough: `m` is set to `|ψ_R|`, nothing is
+//!   corrected.
+//! * Every identified state is limited to a range; a standard deviation of the angle above `SIGMA_LOST` initialises
+//!   the covariance anew.
 
 mod covariance;
 mod model;
@@ -87,22 +97,24 @@ use crate::words::words;
 /// Length of a block, s: long against the control period, short against the rotor time constant.
 const BLOCK_TIME: f64 = 1e-3;
 
-/// Limits of what is identified.
+/// Limits of the identified states: offset per unit, `v`, knee and `γ` relative to the parameters.
 const B_MAX: f64 = 0.2;
 const V_MAX: f64 = 0.8;
 const KNEE_RANGE: (f64, f64) = (0.1, 8.0);
 const GAMMA_RANGE: (f64, f64) = (0.6, 1.6);
-/// Of the prior: a winding is not colder than at commissioning by more, nor hotter.
+/// Limits of `r_s`, relative to the parameter. They contain every winding temperature and the error of the parameter.
 const R_S_RANGE: (f64, f64) = (0.4, 2.0);
-/// Deviation of a flux that is controlled by its current alone, per unit.
+/// Standard deviation of the magnitude of a flux that is controlled by its current alone, per unit. Allowance: `L_M`
+/// within some percent.
 const MAGNITUDE: f64 = 0.03;
-/// Rotor flux below which its direction says nothing.
+/// Rotor flux, per unit, below which its direction is not used.
 const M_MIN: f64 = 0.1;
-/// Low-pass of the normalised innovation squared (NIS), per block, and its value from which on something must have
-/// stepped.
+/// Corner of the low-pass of the normalised innovation squared (NIS), per block, and the NIS above which a step is
+/// assumed. The innovation variance contains allowances (`noise`), so the NIS of an undisturbed drive is far below one
+/// (0.001 to 0.04, docs/tolerance.md) and the threshold below one.
 const NIS_CORNER: f64 = 0.05;
-const NIS_SURPRISE: f64 = 0.3;
-/// Deviation of the angle, rad, from which on the covariance begins anew: nothing is known of it any more.
+const NIS_THRESHOLD: f64 = 0.3;
+/// Standard deviation of the angle, rad, above which the covariance is initialised anew: any angle is possible then.
 const SIGMA_LOST: f64 = 3.0;
 
 /// Settings of the filter.
@@ -110,13 +122,14 @@ const SIGMA_LOST: f64 = 3.0;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FilterConfig<R: Real> {
+    /// Control period, normalised time.
     t_s: R,
-    /// Control periods in a block.
+    /// Control periods in a block, and the reciprocal.
     block: u8,
     inv_block: R,
     model: Model<R>,
     noise: Noise<R>,
-    /// Saturation of the main inductance: prior of `c`.
+    /// Prior of `c`, the saturated part of the magnetising current.
     saturation: R,
     /// Whether the innovation corrects anything.
     correct: bool,
@@ -150,12 +163,12 @@ impl<R: Real> FilterConfig<R> {
     }
 }
 
-/// What the filter sees of one period.
+/// Inputs of the filter in one period, per unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input<R: Real> {
     /// Voltage applied since the last call.
     pub u_s: AlphaBeta<R>,
-    /// What the inverter model took of it.
+    /// Loss of the inverter model at the present estimates, already subtracted from `u_s`.
     pub loss: Distortion<R>,
     /// Current sample at the end.
     pub i_m: AlphaBeta<R>,
@@ -178,6 +191,7 @@ pub struct Filter<R: Real> {
     knee: Integrator<R>,
     gamma: Integrator<R>,
     c: Integrator<R>,
+    /// Latest current less its offset, and the voltage `u_s - r_s i_s` integrated last.
     i_s: AlphaBeta<R>,
     u_i: AlphaBeta<R>,
     /// Sum of the current over the block, field coordinates.
@@ -186,22 +200,23 @@ pub struct Filter<R: Real> {
     period: u8,
     point: OperatingPoint<R>,
     p: Covariance<R>,
-    /// What slots leave for each other.
+    /// Intermediate result between two slots; `holds` says which.
     column: Column<R>,
     holds: Holds,
-    /// `1/S` of the last block.
+    /// `1/S` of the last block, `S` the innovation variance (scaled).
     inv_s: R,
-    /// Innovation, and low-pass of its normalised square.
+    /// Innovation (scaled), and low-pass of its normalised square (NIS).
     residual: R,
     nis: R,
-    /// Blocks for which no innovation counts as a step yet.
+    /// Blocks left in which the NIS is not evaluated (NIS hold-off).
     trial: u8,
-    /// The rotor flux at the operating point is large enough for its direction to mean something.
+    /// The rotor flux at the operating point is above `M_MIN`.
     valid: bool,
     /// Standard deviation of the field angle, rad.
     sigma: R,
     /// Variance of the flux's magnitude, scaled.
     variance: R,
+    /// Values and variances with which the present start began.
     initial: Initial<R>,
 }
 
@@ -220,7 +235,7 @@ impl<R: Real> Filter<R> {
         i_dq
     }
 
-    /// Closes the block or does this period's part of its work.
+    /// Closes the block, or executes the slot of this period.
     #[inline(never)]
     fn advance(&mut self, c: &FilterConfig<R>, x: &Input<R>, blind: bool) {
         self.period += 1;
@@ -276,7 +291,7 @@ impl<R: Real> Filter<R> {
         self.correct(c, z.limit(R::from_f64(20.0)));
     }
 
-    /// Every state takes its part of the innovation.
+    /// State correction by gain times innovation `z`, each state within its limits.
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
         let Some(by) = self.gain() else { return };
@@ -285,19 +300,19 @@ impl<R: Real> Filter<R> {
         let sigma_l_s = c.model.sigma_l_s;
         self.psi_s.correct([by[PSI] - sigma_l_s * by[B], by[PSI + 1] - sigma_l_s * by[B + 1]], z);
         let r_s = c.model.r_s;
-        nudge(&mut self.m, by[M], z, R::ZERO, r(3.0));
-        nudge(&mut self.b[0], by[B], z, r(-B_MAX), r(B_MAX));
-        nudge(&mut self.b[1], by[B + 1], z, r(-B_MAX), r(B_MAX));
-        nudge(&mut self.r_s, by[RS], z, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
-        // Both are corrected by factors: their errors are relative to the present estimates.
+        correct_state(&mut self.m, by[M], z, R::ZERO, r(3.0));
+        correct_state(&mut self.b[0], by[B], z, r(-B_MAX), r(B_MAX));
+        correct_state(&mut self.b[1], by[B + 1], z, r(-B_MAX), r(B_MAX));
+        correct_state(&mut self.r_s, by[RS], z, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
+        // Their errors are logarithmic: the correction acts on the factors 1 + v and k.
         let (gain, knee) = (R::ONE + self.v(), self.knee());
-        nudge(&mut self.v, by[V] * gain, z, r(-V_MAX), r(V_MAX));
-        nudge(&mut self.knee, by[KNEE] * knee, z, r(KNEE_RANGE.0), r(KNEE_RANGE.1));
-        nudge(&mut self.gamma, by[GAMMA], z, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
-        nudge(&mut self.c, by[C], z, R::ZERO, r(C_MAX));
+        correct_state(&mut self.v, by[V] * gain, z, r(-V_MAX), r(V_MAX));
+        correct_state(&mut self.knee, by[KNEE] * knee, z, r(KNEE_RANGE.0), r(KNEE_RANGE.1));
+        correct_state(&mut self.gamma, by[GAMMA], z, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
+        correct_state(&mut self.c, by[C], z, R::ZERO, r(C_MAX));
     }
 
-    /// A current sample while nothing is estimated.
+    /// A current sample while the bridge is blocked: start value of the trapezoidal rule.
     pub fn rest(&mut self, i_s: &AlphaBeta<R>) {
         self.i_s = *i_s;
     }
@@ -350,12 +365,13 @@ impl<R: Real> Filter<R> {
         self.i_s
     }
 
-    /// Latest residual `m - |ψ̂_R|`, in units of the scale of fluxes (0.05).
+    /// Latest innovation `m - |ψ̂_R|`, in units of 0.05 pu.
     pub fn residual(&self) -> R {
         self.residual
     }
 
-    /// Normalised innovation squared, low-passed: one where model and noise are those of the machine.
+    /// Normalised innovation squared, low-passed over 20 blocks. Its expectation is one where the innovation has the
+    /// variance that the filter assumes; allowances included there keep it far below one in an undisturbed drive.
     pub fn nis(&self) -> R {
         self.nis
     }
@@ -365,19 +381,19 @@ impl<R: Real> Filter<R> {
         self.sigma
     }
 
-    /// Weight of the flux's magnitude against what the current tells of it by the nominal inductance, 0 to 1: one half
-    /// where both have a deviation of [`MAGNITUDE`].
+    /// Weight of the estimated flux magnitude against that which current and nominal inductance give, 0 to 1:
+    /// `1/(1 + σ²/σ_0²)` with the expected deviation `σ` of `|ψ̂_s|` and `σ_0` = 0.03 pu.
     pub fn magnitude_weight(&self) -> R {
         let scale = R::from_f64(SCALE_PSI * SCALE_PSI / (MAGNITUDE * MAGNITUDE));
         (R::ONE + self.variance * scale).recip()
     }
 
     /// Confidence in the field angle, 0 to 1, as of [`super::confidence`]: one half where 15° must be expected.
-    /// Residuals beyond their measure count as an angle, too.
+    /// A NIS at `NIS_THRESHOLD` lowers it as a standard deviation of 15° does.
     #[inline(never)]
     pub fn confidence(&self) -> R {
         let x = self.sigma * R::from_f64(1.0 / SIGMA_HALF);
-        let y = self.nis * R::from_f64(1.0 / NIS_SURPRISE);
+        let y = self.nis * R::from_f64(1.0 / NIS_THRESHOLD);
         (R::ONE + x * x + y * y).recip()
     }
 
@@ -392,8 +408,8 @@ impl<R: Real> Filter<R> {
         }
     }
 
-    /// Brings back what has left its range: the flux, and a covariance that rounding or a lost estimate has driven
-    /// out of it.
+    /// Limits the flux, and initialises the covariance anew where rounding or a lost estimate has driven the deviation
+    /// of the angle beyond `SIGMA_LOST`.
     #[inline]
     pub fn confine(&mut self, c: &FilterConfig<R>) {
         self.psi_s.confine();
@@ -403,13 +419,13 @@ impl<R: Real> Filter<R> {
     }
 }
 
-/// A state takes its part of an innovation, once in the code for all of them.
+/// `x + gain z` within limits. A call, so that the code exists once for all states.
 #[inline(never)]
-fn nudge<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
+fn correct_state<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
     x.add_clamped(gain, z, lo, hi);
 }
 
-/// What a filter has learned of machine, bridge and sensors.
+/// Identified parameters of machine, bridge and sensors that a filter keeps over a stop, per unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -418,11 +434,11 @@ pub struct Learned<R: Real> {
     pub b: AlphaBeta<R>,
     /// Stator resistance.
     pub r_s: R,
-    /// Relative error of the inverter model.
+    /// Relative error of the inverter model's voltage.
     pub v: R,
     /// Knee of the inverter model, relative to that of the parameters.
     pub knee: R,
-    /// Reciprocal of the main inductance, relative to its prior.
+    /// Reciprocal of the magnetising inductance, relative to that of the parameters.
     pub gamma: R,
 }
 
@@ -432,7 +448,7 @@ mod tests {
     use crate::base::{Base, PerUnit};
     use crate::params::{Inverter, Machine};
 
-    /// A linear machine under impressed current, exact in every period, as the filter sees it.
+    /// A linear machine under impressed current, exact in every period, with the filter on it.
     struct Rig {
         c: FilterConfig<f64>,
         filter: Filter<f64>,
@@ -455,7 +471,7 @@ mod tests {
         let m = 0.95;
         let (i_d, omega_s): (f64, f64) = (m / l_m, OMEGA + r_r * i_q / m);
         let offset = AlphaBeta::new(B_TRUE.0, B_TRUE.1);
-        // The current turns with the flux that it keeps: both are known at every instant.
+        // Current and flux turn together at constant magnitude: both are known in closed form.
         let at = |k: usize| {
             let (sin, cos) = (omega_s * t_s * k as f64).sin_cos();
             let e = Rotator { cos, sin };

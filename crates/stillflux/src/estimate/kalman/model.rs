@@ -1,35 +1,37 @@
 //! Model of the filter: states, transition, innovation, and their derivatives.
 //!
-//! Over one block of length `Δ` (normalised time), with the measured current `i_m`, the voltage `u_s` that the
-//! inverter model believes was applied, its correction `u_l` and `u_k = ∂u_l/∂ln k` for the knee `k` of its curve
-//! ([`crate::inverter`]), and `i = i_m - b`:
+//! Per unit. Over one block of length `Δ` (normalised time), with the measured current `i_m`, `i = i_m - b`, the
+//! applied voltage `u_s` by the inverter model at the present estimates `v̂`, `k̂`, its loss `u_l` (contained in `u_s`)
+//! and `u_k = ∂u_l/∂ln k` for the knee `k` of its curve ([`crate::inverter`]):
 //!
 //! ```text
 //! f:   ψ_s⁺ = ψ_s + Δ (u_s - ε_v u_l - ε_k u_k - r_s i)             stator voltage equation
 //!      m⁺   = m + r_R Δ (i·n - i_μ(m)),    i_μ(m) = γ m g(m)/l_M    rotor equation along n
-//!      b, r_s, ε_v = ln (1 + v), ε_k = ln k, γ, c                   random walks
+//!      b, r_s, ε_v = ln ((1 + v)/(1 + v̂)), ε_k = ln (k/k̂), γ, c     random walks
 //! h:   |ψ_R| - m = 0,    ψ_R = ψ_s - σl_s i,    n = ψ_R/|ψ_R|
 //! ```
 //!
 //! `g(m) = 1 - c + c (m/m_N)^S` is the magnetising curve: `c` is the saturated part of the magnetising current at
-//! the rated rotor flux `m_N`, `S` the exponent of the machine's curve. With `t = jn` and the current components
-//! `i_d = i·n`, `i_q = i·t` the derivatives are
+//! the rated rotor flux `m_N`, `S` the exponent of the machine's curve. It is followed up to `(m/m_N)^S = 8`; `g` is
+//! constant beyond. With `t = jn` and the current components `i_d = i·n`, `i_q = i·t` the derivatives are
 //!
 //! ```text
 //! F:   ∂χ⁺/∂b = Δ r_s I,   ∂χ⁺/∂r_s = -Δ i,   ∂χ⁺/∂ε_v = -Δ u_l,   ∂χ⁺/∂ε_k = -Δ u_k
-//!      ∂m⁺/∂χ = r_R Δ (i_q/|ψ_R|) tᵀ                                the flux turns, i·n changes
+//!      ∂m⁺/∂χ = r_R Δ (i_q/|ψ_R|) tᵀ                                rotation of n in i·n
 //!      ∂m⁺/∂b = -r_R Δ nᵀ
 //!      ∂m⁺/∂m = 1 - (r_R Δ/l_M) γ d(m g)/dm,   d(m g)/dm = g + S c (m/m_N)^S
 //!      ∂m⁺/∂γ = -(r_R Δ/l_M) m g,   ∂m⁺/∂c = -(r_R Δ/l_M) γ m ((m/m_N)^S - 1)
 //! H:   ∂h/∂χ  = nᵀ,   ∂h/∂m = -1
 //! ```
 //!
-//! Factor `1 + v` and knee `k` of the inverter model act within the model itself: `u_l` and `u_k` are those of the
-//! present estimates, and a correction multiplies both.
+//! `|i_q|/|ψ_R|` is limited to 2 there. `i` in `∂χ⁺/∂r_s` is the current *reference*: noise of a measured regressor
+//! would act as excitation. `1 + v̂` and `k̂` act within the inverter model, so `ε_v` and `ε_k` are errors about the
+//! present estimates: a correction `δε` multiplies `1 + v̂` or `k̂` by `1 + δε`, after which `ε` is zero again. Above
+//! `|ω_s| = 0.2` the derivatives by `r_s`, `ε_v` and `ε_k` are zero (consider states, [`super::schedule`]).
 //!
-//! The covariance is not that of `ψ_s` but of `χ = ψ_s + σl_s b = ψ_R + σl_s i_m`, the stator flux that the measured
-//! current would give. An offset moves `ψ_R = ψ_s - σl_s (i_m - b)`, but not `ψ_R = χ - σl_s i_m`: with `χ` as state `b`
-//! is in neither `H` nor the turn of `m`, and since `b` is constant `χ` moves as `ψ_s` does. A correction is turned back
+//! The covariance is not that of `ψ_s` but of `χ = ψ_s + σl_s b = ψ_R + σl_s i_m`, the stator flux computed from `ψ_R`
+//! with the measured current. `ψ_R = ψ_s - σl_s (i_m - b)` depends on the offset, `ψ_R = χ - σl_s i_m` does not: with
+//! `χ` as state `b` is neither in `H` nor in `∂m⁺/∂χ`, and since `b` is constant `dχ = dψ_s`. A correction is converted
 //! by `δψ_s = δχ - σl_s δb` ([`super::Filter`]).
 //!
 //! The covariance is that of *scaled* states, each in units of a typical deviation ([`Model::scale`]), so that it
@@ -44,7 +46,7 @@ use crate::scalar::Real;
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
 
-/// `χ = ψ_s + σl_s b`, two components: the stator flux, given the offset.
+/// `χ = ψ_s + σl_s b`, two components.
 pub(super) const PSI: usize = 0;
 /// Magnitude `m` of the rotor flux by the current model.
 pub(super) const M: usize = 2;
@@ -52,11 +54,11 @@ pub(super) const M: usize = 2;
 pub(super) const B: usize = 3;
 /// Stator resistance `r_s`.
 pub(super) const RS: usize = 5;
-/// Relative error `v` of the inverter model's voltage.
+/// Relative error of the inverter model's voltage: `ε_v`.
 pub(super) const V: usize = 6;
-/// Knee `k` of the inverter model, relative to the parameter's: its logarithm.
+/// Knee of the inverter model: `ε_k`.
 pub(super) const KNEE: usize = 7;
-/// Reciprocal of the magnetising inductance, relative to its prior: `γ`.
+/// Reciprocal of the magnetising inductance, relative to the parameter: `γ`.
 pub(super) const GAMMA: usize = 8;
 /// Saturated part `c` of the magnetising current.
 pub(super) const C: usize = 9;
@@ -64,11 +66,11 @@ pub(super) const C: usize = 9;
 /// Largest saturated part of the magnetising current.
 pub(super) const C_MAX: f64 = 0.5;
 
-/// Part of the distance between current model and steady state that the magnetising curve may have wrong.
-/// Allowance.
+/// Standard deviation of the innovation due to the magnetising curve, relative to the distance of `m` from its steady
+/// state. Allowance.
 pub(super) const TRANSIENT: f64 = 0.1;
 
-/// Scales of the states, per unit; that of `r_s` is relative to `r_s`.
+/// Scales of the states: fluxes and offset per unit; `r_s` relative to its parameter; `v`, knee, `γ`, `c` as they are.
 pub(super) const SCALE_PSI: f64 = 0.05;
 pub(super) const SCALE_B: f64 = 0.01;
 pub(super) const SCALE_R: f64 = 0.05;
@@ -77,7 +79,7 @@ pub(super) const SCALE_K: f64 = 0.2;
 pub(super) const SCALE_GAMMA: f64 = 0.05;
 pub(super) const SCALE_C: f64 = 0.1;
 
-/// A value for each state, both components of a vector alike.
+/// A value for each state; both components of a vector have the same.
 #[inline(always)]
 pub(super) fn by_state<T: Copy>([psi, m, b, r_s, v, knee, gamma, c]: [T; 8]) -> [T; N] {
     let mut x = [psi; N];
@@ -92,17 +94,17 @@ pub(super) fn by_state<T: Copy>([psi, m, b, r_s, v, knee, gamma, c]: [T; 8]) -> 
 pub(super) struct Model<R: Real> {
     /// Leakage inductance.
     pub sigma_l_s: R,
-    /// Stator resistance of the data sheet, with `r_d`: scale of its state.
+    /// Stator resistance of the parameters, with `r_d`: scale of its state.
     pub r_s: R,
     /// Magnetising inductance at rated flux.
     pub l_m: R,
-    /// Length `Δ` of a block, `r_R Δ` and `r_R Δ/l_M = Δ/τ_r`.
+    /// Length `Δ` of a block (normalised time), `r_R Δ` and `r_R Δ/l_M = Δ/τ_r`.
     pub delta: R,
     pub r_r_block: R,
     pub decay: R,
     /// Reciprocal of the rated rotor flux.
     pub inv_m_rated: R,
-    /// Exponent `S` of the magnetising curve, and the flux over rated up to which the curve is followed.
+    /// Exponent `S` of the magnetising curve, and the largest `m/m_N` for which it is followed.
     exponent: u32,
     x_max: R,
 }
@@ -115,12 +117,12 @@ pub(super) struct Saturated {
     pub c: f64,
     /// Exponent, a whole number.
     pub exponent: f64,
-    /// Whether both are of the machine's own curve.
+    /// Whether both follow from the machine's saturation curve.
     pub known: bool,
 }
 
 impl Saturated {
-    /// Of machines without a curve among their parameters.
+    /// For machines without a saturation curve among their parameters. Allowance.
     const TYPICAL: Self = Self { c: 0.15, exponent: 8.0, known: false };
 
     /// From the curve of the Γ form, `i = ψ_s (1 + k (ψ_s/ψ_N)^S)/L_u`, with `1 + k = L_u/L_s` at rated flux.
@@ -135,7 +137,7 @@ impl Saturated {
         let di = (1.0 + (s.S + 1.0) * k) / s.L_u;
         let dm = 1.0 - machine.L_sigma * di;
         let c = 1.0 - machine.L_M / unsaturated;
-        // A curve beyond what the fit can follow, or none at all: a weak one that the filter corrects.
+        // No saturation, or a curve outside the validity of the fit: the typical exponent, and `c` within its limits.
         if !(k > 0.0 && c > 0.01 && dm > 0.1) {
             return Self { c: c.clamp(0.0, C_MAX), ..Self::TYPICAL };
         }
@@ -147,7 +149,7 @@ impl Saturated {
 /// Largest `(m/m_N)^S` that the curve follows: keeps it within fixed point.
 const SATURATED_MAX: f64 = 8.0;
 
-/// Where on the magnetising curve the model is.
+/// Magnetising curve at the operating point, with `γ`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -170,7 +172,7 @@ pub(super) struct Curve<R: Real> {
     pub bend: R,
 }
 
-/// What a block has seen: means and values at its end.
+/// Mean currents of a block, and its values at the end, per unit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BlockMeans<R: Real> {
     /// Direction of the rotor flux and `1/|ψ_R|`.
@@ -187,7 +189,7 @@ pub(super) struct BlockMeans<R: Real> {
     pub omega_s: R,
 }
 
-/// Where the next block is linearised.
+/// Operating point about which the next block is linearised, per unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -196,12 +198,11 @@ pub(super) struct OperatingPoint<R: Real> {
     pub n: Rotator<R>,
     /// `1/|ψ_R|`.
     pub inv_psi_r: R,
-    /// Current reference, stator coordinates. The reference, not the measurement: a noisy regressor would pass
-    /// for excitation.
+    /// Current reference, stator coordinates: noise of a measured current as regressor would act as excitation.
     pub i_s: AlphaBeta<R>,
     /// Voltage of the inverter model.
     pub loss: Distortion<R>,
-    /// `r_R Δ i_q/|ψ_R|`: change of `m` in a block per turn of the flux.
+    /// `r_R Δ i_q/|ψ_R|`: `∂m⁺/∂χ` along `t`.
     pub turn: R,
     pub magnetisation: Magnetisation<R>,
     /// Distance from the steady state, `l_M (i·n - i_μ)`, times [`TRANSIENT`], scaled as a flux.
@@ -210,7 +211,7 @@ pub(super) struct OperatingPoint<R: Real> {
 }
 
 impl<R: Real> Model<R> {
-    /// Of validated parameters, for blocks of `seconds` at a flux reference `psi_ref`.
+    /// From validated parameters, for blocks of `seconds` at a flux reference `psi_ref`.
     pub fn new(machine: &Machine, pu: &PerUnit, psi_ref: f64, seconds: f64) -> Self {
         let r = rounded::<R>;
         let delta = pu.base.omega * seconds;
@@ -263,14 +264,14 @@ impl<R: Real> Model<R> {
         R::ONE + self.exponent() * c
     }
 
-    /// Where on the curve a flux `m` is.
+    /// The same with `γ`, as the derivatives need it.
     #[inline(never)]
     pub fn magnetisation(&self, m: R, gamma: R, c: R) -> Magnetisation<R> {
         let curve = self.curve(m, c);
         Magnetisation { m_g: curve.m_g, slope: gamma * curve.slope, bend: m * curve.bend }
     }
 
-    /// The next operating point, and what `m` gains in this block: `r_R Δ (i·n - i_μ(m))`.
+    /// The next operating point, and the increment of `m` in this block, `r_R Δ (i·n - i_μ(m))`.
     #[inline(always)]
     pub fn operating_point(
         &self,

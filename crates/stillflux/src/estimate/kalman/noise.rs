@@ -1,23 +1,39 @@
-//! Noise of the filter: every standard deviation, with its unit, its source, and what it is.
+//! Noise of the filter: `P_0`, `Q` and `R`, every standard deviation with its unit and source.
+//!
+//! ```text
+//! P_0 = diag(σ_0²),    Q = diag(σ_w²) T + further terms,    S = H P Hᵀ + R + further terms
+//! ```
+//!
+//! with `σ_0` and `σ_w` of this table and the duration `T` of a block in s. Per unit unless relative; the code stores
+//! them in units of the scales of [`super::model`].
 //!
 //! *Physical* values follow from the machine, the bridge or the sensor. *Allowances* cover what the model of
-//! [`super::model`] does not contain; they are chosen larger than the effect they stand for and cost accuracy, not
-//! stability.
+//! [`super::model`] does not contain, or keep a variance from becoming too small; they are chosen larger than the
+//! effect they stand for and cost accuracy, not stability. The states are modelled as independent random walks. A
+//! change faster than its walk is covered only by the terms for steps below; one faster than these is not covered.
 //!
-//! | state | at the start (1 σ) | per √s while running | |
+//! | state | `σ_0` | `σ_w`, per √s | source |
 //! |---|---|---|---|
-//! | `ψ_s` | 0.005 pu (remanence) | 2e-3 pu | physical: duty resolution, remaining inverter error |
-//! | `m` | as `ψ_s` | 1e-3 pu | allowance: magnetising curve |
-//! | `b` | 5e-4 pu once read with gates off, else 0.05 pu | 5e-4 pu | physical: drift of a sensor (0.1 % a minute), four times |
-//! | `r_s` | 20 % | 0.3 % | physical: winding temperature, an overload |
-//! | `v` | 0.15 | 3e-3 | physical: dead time and threshold by tolerance, switch temperature |
-//! | `ln k` | 0.7 with a capacitance among the parameters, else 0 | 3e-3 | physical: capacitance of devices, cable, motor |
-//! | `γ` | 0.07 | 1e-4 | physical: tolerance of `L_M` |
-//! | `c` | 0.05 with a curve, 0.15 without | 1e-4 | allowance |
+//! | `ψ_s` | 0.005 pu | 2e-3 pu | `σ_0` physical: remanence. `σ_w` allowance: duty resolution, remaining inverter error |
+//! | `m` | 0.005 pu | 1e-3 pu | `σ_0` as `ψ_s`. `σ_w` allowance: magnetising curve |
+//! | `b` | 5e-4 pu if read with gates off before the start, else 0.05 pu | 5e-4 pu | physical; `σ_w` is four times a drift of 0.1 % of rated peak current a minute |
+//! | `r_s` | 0.2 relative | 3e-3 relative | physical: winding temperature (50 K; overload) |
+//! | `ε_v` | 0.15 | 3e-3 | `σ_0` physical: tolerance of dead time and threshold. `σ_w` allowance: temperature of the switches |
+//! | `ε_k` | 0.7 with a capacitance among the parameters, else 0 | 3e-3 | `σ_0` physical: capacitance of devices, cable, motor. `σ_w` allowance |
+//! | `γ` | 0.07 | 1e-4 | `σ_0` physical: tolerance of `L_M`. `σ_w` allowance |
+//! | `c` | 0.05 with a saturation curve, 0.15 without | 1e-4 | allowance |
 //!
-//! Further terms, each beside its constant below: the residual's variance, the voltage near a current zero, the
-//! voltage error that grows with frequency, the lag of the current model while it is not steady, the second-order
-//! term of `|ψ_R|`, and what a step is assumed to have changed.
+//! | further term | constants | added to |
+//! |---|---|---|
+//! | measurement noise `R` | `MEASUREMENT_PU` 0.01 pu | `S` |
+//! | second-order term of `\|ψ_R\|` | `SECOND_ORDER` 2 | `S` |
+//! | distance from the steady state | `TRANSIENT` 0.1 (of [`super::model`]) | `S` |
+//! | the same, by `r_R` | `LAG` 3 | `m` |
+//! | voltage error that grows with frequency | `INDUCED` 0.05 pu per √s and pu of `ω_s` | `ψ_s` |
+//! | voltage near a current zero | `ZERO_PU` 5e-3 pu a block, up to `ω_s` = 1/`INV_OMEGA_ZERO` = 0.1, at least `ZERO_MIN` 2e-3 pu of current | `ψ_s` along the phase's axis |
+//! | step assumed from the NIS, a block, times √excess | `STEP_PSI` 0.01 pu, `STEP_B` 2e-3 pu, `STEP_R_S` 0.02 relative | `ψ_s`, `b`, `r_s` |
+//! | least scaled variance | `FLOOR` 1e-7 | every state |
+//! | angle after a loss | `SIGMA_AGAIN` 0.5 rad | `ψ_s`, instead of `σ_0` |
 
 use super::covariance::Column;
 use super::model::{
@@ -28,24 +44,23 @@ use crate::base::{PerUnit, rounded};
 use crate::scalar::Real;
 use crate::words::words;
 
-/// Flux at the start, per unit. Physical: remanence.
+/// Standard deviations at the start. Flux, per unit. Physical: remanence.
 const PRIOR_PSI: f64 = 5e-3;
-/// Relative deviation of the magnetising inductance. Physical: tolerance of the parameter.
+/// `γ`, relative. Physical: tolerance of the magnetising inductance.
 const PRIOR_GAMMA: f64 = 0.07;
-/// Relative deviation of the resistance. Physical: temperature of the winding, 50 K.
+/// `r_s`, relative. Physical: temperature of the winding, 50 K at 0.39 %/K.
 const PRIOR_R_S: f64 = 0.2;
-/// Relative deviation of the inverter model's voltage. Physical: dead time and threshold.
+/// `ε_v`. Physical: tolerance of dead time and threshold.
 const PRIOR_V: f64 = 0.15;
-/// Knee of the inverter model, logarithm: within a factor of two of the parameter. Physical: cable and motor add to
-/// what the bridge's data sheet says.
+/// `ε_k`: within a factor of two of the parameter. Physical: cable and motor add to the capacitance of the devices.
 const PRIOR_K: f64 = 0.7;
 /// Saturated part of the magnetising current, with and without a saturation curve among the parameters.
-/// Allowance: what machines of this kind have.
+/// Allowance.
 const PRIOR_C: (f64, f64) = (0.05, 0.15);
 /// Offset of the current sensors, per unit, after a reading with gates off and without one. Physical.
 const PRIOR_B: (f64, f64) = (5e-4, 0.05);
 
-/// Random walks, per √s: flux, `m`, offset (per unit), `r_s` (relative), `v`, `γ`, `c`. See the table above.
+/// Random walks, per √s: flux, `m`, offset (per unit), `r_s` (relative), `ε_v`, `ε_k`, `γ`, `c`. See the table above.
 const WALK_PSI: f64 = 2e-3;
 const WALK_M: f64 = 1e-3;
 const WALK_B: f64 = 5e-4;
@@ -54,48 +69,52 @@ const WALK_V: f64 = 3e-3;
 const WALK_K: f64 = 3e-3;
 const WALK_GAMMA: f64 = 1e-4;
 const WALK_C: f64 = 1e-4;
-/// Part of the induced voltage that may be wrong, uncorrelated from block to block. Allowance.
+/// Random walk of the flux per unit of stator frequency, per √s: at rated frequency and blocks of 1 ms as 0.5 % of the
+/// induced voltage at 50 Hz, uncorrelated from block to block. Allowance.
 const INDUCED: f64 = 0.05;
 
-/// Deviation of the innovation in one block, per unit. Allowance: the converters' noise alone is a tenth of it and
-/// the innovation of an undisturbed drive a sixtieth; the rest covers what the model has wrong for longer than a
-/// block (leakage inductance, gains of the current sensors).
-const RESIDUAL_PU: f64 = 0.01;
-/// The same as scaled variance.
-pub(super) const RESIDUAL: f64 = scaled(RESIDUAL_PU, SCALE_PSI);
+/// Measurement noise of a block, per unit. Allowance, larger than the noise of the converters (the NIS of an
+/// undisturbed drive is 0.001 to 0.04, docs/tolerance.md): it covers model errors that last longer than a block
+/// (leakage inductance, gains of the current sensors) and are therefore not white.
+const MEASUREMENT_PU: f64 = 0.01;
+/// The same as scaled variance: `R`.
+pub(super) const MEASUREMENT: f64 = scaled(MEASUREMENT_PU, SCALE_PSI);
 /// Weight of the variance of the second-order term: `|ψ_R|` of a vector turned by `δ` exceeds its projection by
 /// `δ²/2 |ψ_R|`, whose variance for Gaussian `δ` is `σ⁴/2`; four times that. Allowance.
 pub(super) const SECOND_ORDER: f64 = 2.0;
-/// Part of the rate of the current model that may be wrong (tolerance of `r_R`), times the root of the number of
-/// blocks for which it stays so. Physical.
+/// Relative error of the rate of the current model (tolerance of `r_R`), times the root of the number of blocks for
+/// which it persists: a constant error expressed as white noise. Allowance.
 const LAG: f64 = 3.0;
-/// Flux error that a block adds along the axis of a phase whose current is near zero, per unit. Physical: a few
-/// tenths of the dead-time voltage for the fifth of a second that a slow field stays there.
+/// Flux error that a block adds along the axis of a phase whose current is near zero, per unit. Allowance for some
+/// tenths of the dead-time voltage over the fifth of a second that a slow field stays there.
 const ZERO_PU: f64 = 5e-3;
-/// Stator frequency up to which that counts, reciprocal: a faster field passes the zero within a block or two.
+/// Reciprocal of the stator frequency, per unit, up to which it is added: a faster field passes the zero within a block
+/// or two.
 const INV_OMEGA_ZERO: f64 = 10.0;
-/// Least half-width of that zone, per unit.
+/// Least half width of the current range in which it is added, per unit; otherwise the current change within a dead
+/// time.
 const ZERO_MIN: f64 = 2e-3;
 
-/// Step of a block while innovations exceed their measure, per unit of excess: flux, offset (per unit),
-/// resistance (relative). Allowance: something has stepped that the random walks do not contain.
+/// Standard deviations that a block adds while the NIS is above its threshold, times the root of the excess: flux,
+/// offset (per unit), resistance (relative). Allowance for a step that the random walks do not contain.
 const STEP_PSI: f64 = 0.01;
 const STEP_B: f64 = 2e-3;
 const STEP_R_S: f64 = 0.02;
 
-/// Least variance of a scaled state: rounding must not make one negative.
+/// Least variance of a scaled state: keeps rounding from making one negative.
 pub(super) const FLOOR: f64 = 1e-7;
-/// Angle deviation with which the flux begins anew after a loss, rad: fixed point resolves it.
+/// Standard deviation of the flux over its magnitude, rad, after a loss of the angle: its scaled variance, 100 at
+/// rated flux, is within the range of fixed point.
 pub(super) const SIGMA_AGAIN: f64 = 0.5;
 
-/// Which effects the filter is to identify; those left out stay what they are at the start.
+/// Effects that the filter identifies; the states of the others keep their initial values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identified {
     /// Current-sensor offset.
     pub offset: bool,
-    /// Stator resistance and inverter error.
+    /// Stator resistance, inverter error and knee.
     pub resistance: bool,
-    /// Flux by the innovation at all; without it the filter is a pure integrator.
+    /// Whether the innovation corrects any state; without it the filter is a pure integrator.
     pub flux: bool,
 }
 
@@ -111,11 +130,11 @@ pub(super) struct Noise<R: Real> {
     /// Whether the offsets are read before each start, and whether the saturation is that of the machine's curve.
     calibrated: bool,
     c_known: bool,
-    /// What each block adds: flux, `m`, offset, resistance, inverter error, knee, `γ`, `c`.
+    /// Variance that each block adds: flux, `m`, offset, resistance, inverter error, knee, `γ`, `c`.
     walk: [R; 8],
     /// Added to the flux per squared stator frequency.
     induced: R,
-    /// Current of a phase, per unit, below which the voltage along its axis is known less.
+    /// Current of a phase, per unit, below which its voltage is uncertain.
     zero: R,
 }
 words!(Noise: offset, resistance, knee, calibrated, c_known, walk, induced, zero);
@@ -166,7 +185,7 @@ impl<R: Real> Noise<R> {
         by_state([psi, psi, b, r_s, v, knee, gamma, either(self.c_known, PRIOR_C, SCALE_C)])
     }
 
-    /// Variances that each block adds; `excess`: of the innovations over their measure.
+    /// Variances that each block adds; `excess`: of the NIS over its threshold.
     #[inline(always)]
     pub fn walk(&self, excess: R) -> Column<R> {
         let [psi, m, b, r_s, v, knee, gamma, c] = self.walk;

@@ -1,13 +1,13 @@
-//! The same filter without a schedule: dense `f64` matrices of nalgebra, built from the equations of
-//! [`super::model`] and [`super::noise`], all of a block's work at its end. What the scheduled filter computes must
-//! be this, and the derivatives in the model must be those of its equations.
+//! Reference for the tests: the same filter without a schedule, `P⁻ = F P Fᵀ + Q`, `K = P⁻ Hᵀ/S`, `P = (I - K H) P⁻`
+//! with dense `f64` matrices of nalgebra, built from [`super::model`] and [`super::noise`], at the end of each block.
+//! The scheduled filter must agree with it, and the derivatives in the model with central differences of its equations.
 
 use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K,
     SCALE_PSI, SCALE_R, SCALE_V, V,
 };
 use super::{
-    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, N, NIS_CORNER, NIS_SURPRISE, R_S_RANGE,
+    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, N, NIS_CORNER, NIS_THRESHOLD, R_S_RANGE,
     SIGMA_LOST, V_MAX, noise,
 };
 use crate::base::{Base, PerUnit};
@@ -19,7 +19,7 @@ use nalgebra::{SMatrix, SVector, Vector2};
 type State = SVector<f64, N>;
 type Matrix = SMatrix<f64, N, N>;
 
-/// Above this stator frequency `r_s` and `v` are consider states.
+/// Stator frequency, per unit, above which `r_s`, `v` and knee are consider states.
 const OMEGA_HELD: f64 = 0.2;
 
 fn config(machine: &Machine, inverter: &Inverter) -> (FilterConfig<f64>, PerUnit) {
@@ -304,7 +304,7 @@ impl Reference {
 
         let omega = at.omega_s.abs();
         let held = omega > OMEGA_HELD;
-        let excess = if held { 0.0 } else { (self.nis - NIS_SURPRISE).max(0.0) };
+        let excess = if held { 0.0 } else { (self.nis - NIS_THRESHOLD).max(0.0) };
         let mut q = Matrix::from_diagonal(&State::from(self.c.noise.walk(excess)));
         if held {
             for k in [RS, V, KNEE] {
@@ -335,7 +335,8 @@ impl Reference {
         let turned = (across.transpose() * p.fixed_view::<2, 2>(PSI, PSI) * across)[0];
         // The second-order term of |ψ_R|: twice the square of σ² |ψ_R|, both in units of the scale.
         let second = turned * SCALE_PSI * at.inv_psi_r;
-        let s = (row * p * row.transpose())[0] + noise::RESIDUAL + at.transient * at.transient + 2.0 * second * second;
+        let s =
+            (row * p * row.transpose())[0] + noise::MEASUREMENT + at.transient * at.transient + 2.0 * second * second;
         self.inv_s = 1.0 / s;
         self.gain = p * row.transpose() / s;
         p -= self.gain * (row * p);
@@ -351,8 +352,8 @@ fn dense(filter: &Filter<f64>) -> Matrix {
     Matrix::from_fn(|i, j| filter.p.get(i, j))
 }
 
-/// A machine whose current is impressed in the *estimated* field, so that what the filter gets wrong acts back on
-/// what it sees. Exact in every period but for the rotor flux, integrated in ten steps.
+/// A machine whose current is impressed in the *estimated* field, so that errors of the filter act back on its inputs.
+/// Exact in every period but for the rotor flux, integrated in ten steps.
 struct ClosedLoop {
     c: FilterConfig<f64>,
     filter: Filter<f64>,
@@ -366,7 +367,7 @@ struct ClosedLoop {
     offset: Vector2<f64>,
 }
 
-/// Voltage that the inverter model takes, per unit, and the part by which it is wrong.
+/// Loss of the inverter model, per unit, and its relative error.
 const LOSS: f64 = 0.03;
 const LOSS_ERROR: f64 = 0.1;
 
@@ -393,7 +394,7 @@ impl ClosedLoop {
         }
     }
 
-    /// One period at a speed and a torque current; returns what the filter saw.
+    /// One period at a speed and a torque current; returns the inputs of the filter.
     fn step(&mut self, omega: f64, i_q: f64) -> Input<f64> {
         let (c, t_s) = (&self.c, self.c.t_s);
         let i_ref = Dq::new(self.i_d, i_q);
@@ -459,7 +460,7 @@ fn the_scheduled_filter_is_the_dense_one_over_a_closed_loop() {
             reference.step(&input);
             let f = &rig.filter;
             held |= f.point.omega_s > OMEGA_HELD;
-            stepped |= f.nis > NIS_SURPRISE;
+            stepped |= f.nis > NIS_THRESHOLD;
             near_zero |=
                 f.point.omega_s.abs() < 0.05 && f.point.i_s.to_phases().iter().any(|i| rig.c.noise.near_zero(*i));
             if f.period == 9 {

@@ -1,34 +1,51 @@
-//! The work of a block, spread over its control periods.
+//! Schedule of a block: covariance prediction, noise, gain and covariance update, spread over its control periods.
 //!
-//! Integration of the flux runs in every period. The rest runs once per block of about 1 ms (at least
-//! [`SLOTS`] periods), and no period can carry all of it: the closing period takes averages, the innovation, the
-//! correction and the next operating point, and each of the following ones a part of the covariance prediction and
-//! update. The gain is therefore a block old, against time constants of many blocks.
+//! ```text
+//! P⁻ = F P Fᵀ + Q,    S = H P⁻ Hᵀ + R,    K = P⁻ Hᵀ/S,    P = P⁻ - (P⁻ Hᵀ)(P⁻ Hᵀ)ᵀ/S
+//! ```
 //!
-//! A slot works only on what an earlier slot of the *same* covariance has left for it ([`Holds`]): after a
-//! re-initialisation within a block the covariance stays what it was set to, and the block ends without a
-//! correction.
+//! in the scaled states of [`super::model`], with one row of `F` at a time: `m` first, then the two components of the
+//! flux. The other rows are those of the identity.
+//!
+//! | period of the block | work |
+//! |---|---|
+//! | 0 | closes the block: mean current, innovation, correction, next operating point ([`Filter`]) |
+//! | 1 | `F_m P` |
+//! | 2 | row and column of `m` |
+//! | 3, 4 | row and column of a flux component each |
+//! | 5 | `Q`; decorrelation of consider states |
+//! | 6 | angle deviation, `S`, `P Hᵀ` |
+//! | 7 | update of rows 0 to 3, magnetising curve at the end of the block |
+//! | 8 | update of rows 4 to 6 |
+//! | 9 | update of rows 7 to 9, `K` in units of the states |
+//! | 10 … | none |
+//!
+//! The flux is integrated in every period. A block has at least [`SLOTS`] periods; its gain is one block old,
+//! against time constants of many blocks.
+//!
+//! A slot uses only what an earlier slot of the *same* covariance has stored ([`Holds`]): after a re-initialisation
+//! within a block the covariance stays what it was set to, and the block ends without a correction.
 
 use super::covariance::{Column, N};
 use super::model::{B, C, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
-use super::noise::{FLOOR, Noise, RESIDUAL, SECOND_ORDER};
-use super::{Filter, FilterConfig, NIS_SURPRISE};
+use super::noise::{FLOOR, MEASUREMENT, Noise, SECOND_ORDER};
+use super::{Filter, FilterConfig, NIS_THRESHOLD};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Rotator};
 
 /// Control periods that the work of a block needs, the closing one included.
 pub(super) const SLOTS: u32 = 10;
 
-/// Stator frequency above which resistance and inverter error are held (consider states): their voltage is
+/// Stator frequency, per unit, above which resistance, inverter error and knee are consider states: their voltage is
 /// smaller than the error of the voltage itself.
 const OMEGA_HELD: f64 = 0.2;
 
-/// What a control period does for the covariance. The closing period of a block has number zero.
+/// Work of a control period on the covariance. The closing period of a block has number zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
     /// Prediction, row of `m`: its product with the covariance.
     RotorRow,
-    /// Prediction, row of `m`: takes its place.
+    /// Prediction, row and column of `m`.
     RotorAdvance,
     /// Prediction, a component of the flux; `true`: the second.
     Flux(bool),
@@ -38,16 +55,16 @@ enum Slot {
     Gain,
     /// Update of some rows.
     Update(usize, usize),
-    /// The same, after the magnetisation at the end of the block: what it depends on changes only there.
+    /// Magnetising curve at the estimates after the correction, then update of some rows.
     Magnetisation(usize, usize),
-    /// The same, then the gain of the correction.
+    /// Update of some rows, then the gain of the correction.
     LastUpdate(usize, usize),
-    /// A block may have more periods than there is work.
+    /// No work: a block may have more periods than slots.
     Idle,
 }
 
 impl Slot {
-    /// That of a period of the block.
+    /// Slot of a period of the block.
     #[inline(always)]
     fn of(period: u8) -> Self {
         match period {
@@ -65,12 +82,12 @@ impl Slot {
     }
 }
 
-/// What the filter's column has in it. One slot leaves it for the next ones; each use has its time in the block.
+/// Content of the filter's column, which passes intermediate results from slot to slot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) enum Holds {
-    /// Nothing for another slot.
+    /// Nothing that another slot may use.
     #[default]
     Nothing,
     /// `F_m P` without the element of `m` itself.
@@ -84,18 +101,18 @@ pub(super) enum Holds {
 }
 
 impl<R: Real> OperatingPoint<R> {
-    /// Too fast for resistance and inverter error to be seen.
+    /// Whether resistance, inverter error and knee are consider states.
     fn held(&self) -> bool {
         self.omega_s.abs() > R::from_f64(OMEGA_HELD)
     }
 
-    /// What resistance, inverter error and knee act by: `i`, `u_l` and `u_k`, two components each. None of them
-    /// where those states are held.
+    /// Regressors of resistance, inverter error and knee: `i`, `u_l` and `u_k`, two components each; zero where those
+    /// states are held.
     #[inline(always)]
     fn regressors(&self) -> Column<R> {
         let mut column = Column::default();
         if !self.held() {
-            // The loss falls as the knee grows.
+            // by_knee is -∂u_l/∂ln k.
             let (i, u_l, u_k) = (self.i_s, self.loss.vector(), -AlphaBeta::from_phases(self.loss.by_knee()));
             column = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im(), R::ZERO, R::ZERO, R::ZERO, R::ZERO];
         }
@@ -104,7 +121,7 @@ impl<R: Real> OperatingPoint<R> {
 }
 
 impl<R: Real> Filter<R> {
-    /// The part of a block's work that a period does.
+    /// Executes the slot of this period.
     #[inline(always)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
         match Slot::of(self.period) {
@@ -150,16 +167,16 @@ impl<R: Real> Filter<R> {
         self.p.advance_pair::<B>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k)]);
     }
 
-    /// What the states may have done by themselves.
+    /// Process noise `Q`, and decorrelation of consider states.
     #[inline(never)]
     fn add_noise(&mut self, c: &FilterConfig<R>) {
         let q = &self.point;
         let omega = q.omega_s.abs();
-        let surprised = !q.held() && self.nis > R::from_f64(NIS_SURPRISE);
-        let mut walk = c.noise.walk(if surprised { self.nis - R::from_f64(NIS_SURPRISE) } else { R::ZERO });
+        let excessive = !q.held() && self.nis > R::from_f64(NIS_THRESHOLD);
+        let mut walk = c.noise.walk(if excessive { self.nis - R::from_f64(NIS_THRESHOLD) } else { R::ZERO });
         if q.held() {
-            // Held at their values and variances, and decorrelated: no innovation moves them, and what they were
-            // correlated with is told by the voltage error that grows with frequency.
+            // Held at their values and variances, and decorrelated: the innovation does not change them, and their
+            // effect on the flux is part of the noise that grows with frequency.
             (walk[RS], walk[V], walk[KNEE]) = (R::ZERO, R::ZERO, R::ZERO);
             self.p.isolate::<RS>();
             self.p.isolate::<V>();
@@ -188,7 +205,7 @@ impl<R: Real> Filter<R> {
         self.p.add(&walk);
     }
 
-    /// Variance of the angle, innovation variance, gain.
+    /// Deviation of the angle, innovation variance, `P Hᵀ`.
     #[inline(never)]
     fn weigh(&mut self, c: &FilterConfig<R>) {
         let q = &self.point;
@@ -198,7 +215,7 @@ impl<R: Real> Filter<R> {
         let mixed = sin * cos * p.get(PSI, PSI + 1);
         let across = sin * sin * a + cos * cos * b - (mixed + mixed);
         let across = across.max(R::ZERO);
-        // The trace is that of both directions.
+        // Along n: the trace less the part across.
         self.variance = (a + b - across).max(R::ZERO);
         let scale = R::from_f64(SCALE_PSI);
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
@@ -209,19 +226,19 @@ impl<R: Real> Filter<R> {
         }
         let row = Model::measurement_row(q);
         let ph = p.project(&row);
-        let residual = R::from_f64(RESIDUAL);
+        let measurement = R::from_f64(MEASUREMENT);
         let second = across * scale * q.inv_psi_r;
         let mut s = R::ZERO;
         for (k, h) in row {
             s += h * ph[k];
         }
-        let s = s + residual + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
-        self.inv_s = s.max(residual).recip();
+        let s = s + measurement + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
+        self.inv_s = s.max(measurement).recip();
         self.column = ph;
         self.holds = Holds::Innovation;
     }
 
-    /// Rows `from..to` of the covariance lose what the innovation has told.
+    /// Covariance update of the rows `from..to`.
     #[inline(never)]
     fn update(&mut self, from: usize, to: usize) {
         if self.holds == Holds::Innovation {
@@ -246,5 +263,5 @@ impl<R: Real> Filter<R> {
     }
 }
 
-/// The scheduler relies on the order of the states: the flux is first, and pairs are neighbours.
+/// The slots rely on the order of the states: the flux first, the components of a vector side by side.
 const _: () = assert!(PSI == 0 && C == N - 1 && GAMMA < N);

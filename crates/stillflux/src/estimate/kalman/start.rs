@@ -1,5 +1,14 @@
-//! Every beginning of the filter: priors, restored values, a machine without flux, one with the flux of a direct
-//! current, and a covariance that no longer means anything. All go through one reset of the covariance.
+//! Initialisation of the filter: states and covariance at power-up, after a restore, at a start, at the settled flux of
+//! a direct current, and after a loss of the angle.
+//!
+//! ```text
+//! start:    ψ_s = 0, m = 0;    P = diag(σ_0²), but b, r_s, v, k, γ with min(max(P_kk, ρ_k σ_0²), σ_0²)
+//! settle:   ψ_s = ψ_0 ∠0, m = ψ_0 - σl_s i_α;    δψ_sα = δm = -m/(1 + S c) δγ
+//! ```
+//!
+//! `σ_0` is that of [`super::noise`], `P_kk` the variance at the end of the last run, `ρ` 1/256 for the offset and 1/16
+//! for the others. `settle` holds for a machine at standstill whose flux has reached the steady state of its current.
+//! Every initialisation goes through one reset of the covariance.
 
 use super::model::{B, C, GAMMA, KNEE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
 use super::noise::SIGMA_AGAIN;
@@ -8,16 +17,16 @@ use super::{B_MAX, Column, Covariance, Filter, FilterConfig, GAMMA_RANGE, KNEE_R
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
 
-/// Blocks after a start in which no innovation counts as a step: the priors are still being tried.
+/// Blocks after a start in which the NIS is not evaluated (hold-off): initial errors are not steps.
 const TRIAL: u8 = 200;
 
-/// Part of its prior variance that is left of a state after a stop, at least: resistance, bridge and inductance move
-/// with temperature, an offset hardly does.
-const fn known(k: usize) -> f64 {
+/// Least variance of a state after a stop, relative to its prior variance. Allowance: resistance, bridge and inductance
+/// change with temperature, an offset hardly does.
+const fn least_variance(k: usize) -> f64 {
     if k == B || k == B + 1 { 1.0 / 256.0 } else { 1.0 / 16.0 }
 }
 
-/// What was known before a start, and how well: the start may have to be repeated from it.
+/// Values before a start, and their variances: the settled flux initialises from them a second time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -28,7 +37,7 @@ pub(super) struct Initial<R: Real> {
 }
 
 impl<R: Real> Filter<R> {
-    /// A filter that knows the priors.
+    /// A filter at the values of the parameters.
     #[must_use]
     pub fn new(c: &FilterConfig<R>) -> Self {
         let prior = c.noise.prior();
@@ -41,8 +50,7 @@ impl<R: Real> Filter<R> {
         filter
     }
 
-    /// The one way in which a covariance begins: independent states, and nothing left of the block under way that
-    /// belongs to another covariance.
+    /// Uncorrelated states with these variances; intermediate results of the block under way become invalid.
     #[cold]
     #[inline(never)]
     fn reset_covariance(&mut self, variance: &Column<R>) {
@@ -50,7 +58,7 @@ impl<R: Real> Filter<R> {
         self.holds = Holds::Nothing;
     }
 
-    /// As the filter was before the start under way, but for the saturation.
+    /// States and covariance at the values before the present start, except the saturation, which stays.
     #[cold]
     #[inline(never)]
     fn reset_from_initial(&mut self, c: &FilterConfig<R>) {
@@ -66,8 +74,8 @@ impl<R: Real> Filter<R> {
         self.reset_covariance(&variance);
     }
 
-    /// Takes back what an earlier run has learned, each within its limits. What is restored counts as known to
-    /// a quarter of its prior deviation, an offset to a sixteenth.
+    /// Restores the parameters identified in an earlier run, each within its limits, with a quarter of its prior
+    /// standard deviation, an offset with a sixteenth.
     pub fn restore(&mut self, c: &FilterConfig<R>, learned: &Learned<R>) {
         let r = R::from_f64;
         let r_s = c.model.r_s;
@@ -78,43 +86,43 @@ impl<R: Real> Filter<R> {
             knee: clamp_seldom(learned.knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1)),
             gamma: clamp_seldom(learned.gamma, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1)),
         };
-        // As well known as anything is that comes out of a stop.
+        // A zero covariance is raised to the least variances.
         self.p = Covariance::default();
         self.begin(c);
     }
 
-    /// What is worth keeping.
+    /// Identified parameters, to be kept over a stop.
     pub fn learned(&self) -> Learned<R> {
         Learned { b: self.b(), r_s: self.r_s(), v: self.v(), knee: self.knee(), gamma: self.gamma.value() }
     }
 
-    /// Begins with a machine without flux; what has been learned stays, less certain by what temperature may have
-    /// done to it since.
+    /// Begins at a flux of zero. The identified parameters stay, with variances raised by what temperature may have
+    /// changed since.
     pub fn start(&mut self, c: &FilterConfig<R>, i_s: &AlphaBeta<R>) {
         self.initial.learned = self.learned();
         self.begin(c);
         self.i_s = *i_s - self.b();
     }
 
-    /// Begins with the values of `initial`, each with the variance that it comes out of a stop with.
+    /// Begins with the values of `initial` and the variances after a stop.
     fn begin(&mut self, c: &FilterConfig<R>) {
         self.keep_variances(c);
         self.reset_from_initial(c);
     }
 
-    /// What a stop leaves of the variances.
+    /// Variances after a stop: at least [`least_variance`], at most the prior.
     #[cold]
     #[inline(never)]
     fn keep_variances(&mut self, c: &FilterConfig<R>) {
         let prior = c.noise.prior();
-        let kept = |k: usize| clamp_seldom(self.p.get(k, k), prior[k] * R::from_f64(known(k)), prior[k]);
+        let kept = |k: usize| clamp_seldom(self.p.get(k, k), prior[k] * R::from_f64(least_variance(k)), prior[k]);
         self.initial.variance = [kept(B), kept(RS), kept(V), kept(KNEE), kept(GAMMA)];
     }
 
     /// Begins anew with the flux `psi_s` that a direct current along the a-axis has built up in a machine at
-    /// rest. It is as well known as the inductance: an error `δγ` is one of `-m g/(d(m g)/dm) δγ` of it. Of what
-    /// the build-up has told, only the saturation is kept: it shapes the transient, while all the rest drowns in
-    /// the integral of a wrong resistance.
+    /// standstill. An error `δγ` of the inductance is an error `-m g/(d(m g)/dm) δγ` of this flux. Of the states
+    /// estimated during the build-up only the saturation is kept, which determines the shape of the transient; the
+    /// others are falsified by the integral of the resistance error.
     pub fn settle(&mut self, c: &FilterConfig<R>, psi_s: R) {
         let i_s = self.i_s;
         let prior = c.noise.prior()[C];
@@ -137,7 +145,7 @@ impl<R: Real> Filter<R> {
         self.p.add_at(M, GAMMA, -per_gamma * gamma);
     }
 
-    /// Nothing is known any more but what was known at the start, and of the flux not even that.
+    /// Covariance after a loss of the angle: the prior, with the flux at [`SIGMA_AGAIN`]. The states stay.
     #[cold]
     #[inline(never)]
     pub(super) fn forget(&mut self, c: &FilterConfig<R>) {
