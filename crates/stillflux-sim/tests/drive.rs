@@ -286,7 +286,7 @@ fn defaults_serve_other_machines_frequencies_and_dead_times() {
 fn other_machines_hold_torque_at_low_speed_in_every_quadrant() {
     for (machine, inverter) in others().into_iter().flat_map(|(m, i)| [(m, i), (m, Inverter { c_out: 0.0, ..i })]) {
         // On nodes with capacitance a slow field turns by some degrees at each zero of a phase current, and that is speed.
-        let speed_max = if inverter.c_out > 0.0 { 0.006 } else { 0.003 };
+        let speed_max = if inverter.c_out > 0.0 { 0.008 } else { 0.003 };
         let base = Base::new(&machine);
         let torque = machine.T_N / base.torque;
         let slip = torque * (machine.R_R / base.z) * (machine.L_s() / machine.L_M).powi(2);

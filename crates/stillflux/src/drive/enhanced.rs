@@ -37,6 +37,8 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 const ROTATING: f64 = 0.03;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
+/// Stator frequency against the torque up to which the flux shift must be able to lower the flux: it leads over zero.
+const CROSSING: f64 = 0.0025;
 /// Reduced currents that separate resistance, inverter error and knee, relative to the magnetising current.
 const REDUCED: f64 = 0.7;
 const SMALL: f64 = 0.4;
@@ -249,7 +251,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(always)]
     fn present_flux(&self, psi_ref: R) -> (R, R) {
         let SpeedEstimate { omega_s, omega_r, .. } = self.speed;
-        let regenerating = (omega_s < R::ZERO) != (omega_r < R::ZERO);
+        let against = if omega_r < R::ZERO { omega_s } else { -omega_s };
+        let regenerating = against > R::from_f64(CROSSING);
         let weight = self.filter.magnitude_weight();
         let gain = if regenerating { weight_by_frequency(omega_s).max(R::from_f64(REGENERATING)) } else { R::ONE };
         let psi = self.filter.magnitude().clamp(psi_ref.half(), psi_ref * R::from_f64(1.5));
