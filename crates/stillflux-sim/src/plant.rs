@@ -19,8 +19,8 @@ use stillflux::params::{Inverter, Machine, ParamError, check};
 use stillflux::si::MeasurementSi;
 
 /// Segments of a period with capacitive edges after which it goes on without looking for events. A period has some
-/// twenty of them, and one with ringing nodes some hundreds.
-const MOST_SEGMENTS: u32 = 5000;
+/// twenty of them, with ringing nodes some hundreds, with nodes of a tenth of a picofarad some ten thousand.
+const MOST_SEGMENTS: u32 = 1_000_000;
 
 /// How the bridge is modelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
