@@ -245,7 +245,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     /// `ψ* + w (|ψ̂_s| - ψ*)` with `|ψ̂_s|` limited to 0.5 … 1.5 of `ψ*` and the weight `w` by the variance of
-    /// `|ψ̂_s|`; flux control has the weight `w` at every stator frequency, except in regeneration (`ω_s ω_r < 0`):
+    /// `|ψ̂_s|`; flux control has the weight `w` at every stator frequency, except in regeneration beyond [`CROSSING`]:
     /// there it falls below `|ω_s|` = 0.06 to 0.12 of it, since an error of `r̂_s` appears in `|ψ̂_s|` with the sign
     /// for which flux control is unstable.
     #[inline(always)]
