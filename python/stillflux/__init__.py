@@ -6,6 +6,7 @@ a `Scenario` of both.
 """
 
 from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
+from stillflux.machine_file import Machine, load_machine
 from stillflux.parameters import Inverter, Motor
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -18,6 +19,7 @@ __all__ = [
     "FluxEstimator",
     "Interrupted",
     "Inverter",
+    "Machine",
     "Motor",
     "Plant",
     "PlantState",
@@ -26,5 +28,6 @@ __all__ = [
     "Status",
     "StatusCode",
     "Trace",
+    "load_machine",
     "simulate",
 ]

@@ -7,7 +7,7 @@ import csv
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,10 @@ from typing import Any
 import numpy as np
 
 from stillflux._core import FluxEstimator
-from stillflux.parameters import PRESETS, Inverter, Motor
+from stillflux.machine_file import load_machine, read_toml
+from stillflux.parameters import PRESETS
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 __all__ = ["main"]
 
@@ -81,8 +77,11 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
 
     run = commands.add_parser("simulate", help="run a scenario from a TOML file")
     run.add_argument(
-        "file", type=Path, help="fields of stillflux.Scenario; motor and inverter by preset or table"
+        "file",
+        type=Path,
+        help="fields of stillflux.Scenario; motor and inverter by preset, motor file or table",
     )
+    _motor_option(run, None)
     run.add_argument("--plot", type=Path, help="write the overview plot there (png, svg, pdf)")
     run.add_argument("--save", type=Path, help="write the record there (npz)")
     run.set_defaults(run=_simulate)
@@ -93,16 +92,29 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
         type=Path,
         help="CSV sampled at f_s with header and columns u_alpha, u_beta in V, i_alpha, i_beta in A",
     )
-    replay.add_argument("--machine", choices=PRESETS, default="2.2kW")
+    _motor_option(replay, "2.2kW")
     replay.add_argument("--f-s", type=float, metavar="HZ", help="sampling frequency of the log")
     replay.add_argument("--out", type=Path, required=True, help="write the estimates there (CSV)")
     replay.set_defaults(run=_replay)
     return parser
 
 
+def _motor_option(parser: argparse.ArgumentParser, default: str | None) -> None:
+    parser.add_argument(
+        "--motor",
+        metavar="FILE",
+        default=default,
+        help=f"motor file (TOML) or preset ({', '.join(PRESETS)})"
+        + (f"; default: {default}" if default else ""),
+    )
+
+
 def _simulate(options: argparse.Namespace) -> int:
-    with options.file.open("rb") as file:
-        scenario = Scenario.from_dict(tomllib.load(file))
+    data = read_toml(options.file)
+    if options.motor is not None:
+        machine = load_machine(options.motor)
+        data = {**data, "motor": asdict(machine.motor), "inverter": asdict(machine.inverter)}
+    scenario = Scenario.from_dict(data)
     try:
         result, status = simulate(scenario, progress=True), 0
     except Interrupted as stop:
@@ -118,11 +130,12 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    inverter = Inverter.preset(options.machine)
+    machine = load_machine(options.motor)
+    inverter = machine.inverter
     if options.f_s is not None:
         inverter = inverter.replace(f_s=options.f_s)
     log = _columns(options.log, ("u_alpha", "u_beta", "i_alpha", "i_beta"))
-    estimator = FluxEstimator(Motor.preset(options.machine), inverter)
+    estimator = FluxEstimator(machine.motor, inverter)
     trace = estimator.run(log[0] + 1j * log[1], log[2] + 1j * log[3])
     columns: dict[str, Any] = {
         "t": trace.t,

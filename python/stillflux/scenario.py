@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from stillflux import _core
+from stillflux.machine_file import part
 from stillflux.options import DriveSettings, PlantOptions
-from stillflux.parameters import Inverter, Motor, from_table
+from stillflux.parameters import Inverter, Motor
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -95,16 +96,19 @@ class Scenario:
     def from_dict(cls, data: dict[str, Any]) -> Self:
         """From plain data, as `to_dict` gives it or a TOML file holds it.
 
-        Motors and inverters are a preset's name or a table of fields, in which `preset` may name a preset
-        to change.
+        Motors and inverters are a preset's name, a motor file (see `stillflux.machine_file`), or a table of
+        fields, in which `preset` may name a preset to change. Without an inverter, that of the motor's
+        preset or file is taken.
         """
         known = {f.name for f in fields(cls)}
         for key in data:
             if key not in known:
                 raise ValueError(f"{key} is not a field of a scenario; those are {', '.join(sorted(known))}")
+        if "inverter" not in data and isinstance(data.get("motor"), str):
+            data = {**data, "inverter": data["motor"]}
         kinds = {"motor": Motor, "plant_motor": Motor, "inverter": Inverter, "plant_inverter": Inverter}
         rest = {key: rich(value) for key, value in data.items() if key not in kinds}
-        parts = {key: from_table(kind, data[key]) for key, kind in kinds.items() if key in data}
+        parts = {key: part(kind, data[key]) for key, kind in kinds.items() if key in data}
         return cls(**rest, **parts)
 
 
