@@ -8,6 +8,7 @@ a `Scenario` of both.
 from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
 from stillflux.machine_file import Machine, load_machine
 from stillflux.parameters import Inverter, Motor
+from stillflux.replay import Replay, replay
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
@@ -23,11 +24,13 @@ __all__ = [
     "Motor",
     "Plant",
     "PlantState",
+    "Replay",
     "Result",
     "Scenario",
     "Status",
     "StatusCode",
     "Trace",
     "load_machine",
+    "replay",
     "simulate",
 ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import shlex
 import sys
 from collections.abc import Sequence
@@ -12,11 +11,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from stillflux._core import FluxEstimator
 from stillflux.machine_file import load_machine, read_toml
 from stillflux.parameters import PRESETS
+from stillflux.replay import replay
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
 
@@ -30,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.command_line = shlex.join(["stillflux", *given])
     try:
         status: int = options.run(options)
-    except (ValueError, TypeError, OSError) as error:
+    except (ValueError, TypeError, ImportError, OSError) as error:
         print(f"stillflux: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as error:
@@ -86,16 +83,34 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
     run.add_argument("--save", type=Path, help="write the record there (npz)")
     run.set_defaults(run=_simulate)
 
-    replay = commands.add_parser("replay", help="run the flux estimator over a recorded CSV log")
-    replay.add_argument(
+    log = commands.add_parser("replay", help="run the estimators over a recorded log")
+    log.add_argument(
         "log",
         type=Path,
-        help="CSV sampled at f_s with header and columns u_alpha, u_beta in V, i_alpha, i_beta in A",
+        help="CSV, Parquet, NPZ or MAT: currents (i_a, i_b, i_c; i_alpha, i_beta; i_d, i_q, angle), voltages "
+        "(the same with u_, u_ab, u_bc) or duties (d_a, d_b, d_c) with u_dc; t in s",
     )
-    _motor_option(replay, "2.2kW")
-    replay.add_argument("--f-s", type=float, metavar="HZ", help="sampling frequency of the log")
-    replay.add_argument("--out", type=Path, required=True, help="write the estimates there (CSV)")
-    replay.set_defaults(run=_replay)
+    _motor_option(log, "2.2kW")
+    log.add_argument("--scheme", choices=["enhanced", "paper"], default="enhanced")
+    log.add_argument(
+        "--column",
+        action="append",
+        default=[],
+        metavar="QUANTITY=NAME[:UNIT]",
+        help="a quantity's column in the log, such as i_a=Iu:mA",
+    )
+    log.add_argument("--rate", type=float, metavar="HZ", help="sampling rate of a log without t")
+    log.add_argument(
+        "--voltage",
+        choices=["terminal", "bridge", "compensated"],
+        help="at the machine's terminals (default), commanded at the bridge (default for duties), or a "
+        "reference without the inverter compensation",
+    )
+    log.add_argument("--delay", type=float, metavar="ROWS", help="rows until a voltage's interval ends")
+    log.add_argument("--max-gap", type=float, default=0.0, metavar="S", help="longest gap that is bridged")
+    log.add_argument("--out", type=Path, help="write the estimates there (CSV, NPZ, Parquet)")
+    log.add_argument("--plot", type=Path, help="write the plot there (png, svg, pdf)")
+    log.set_defaults(run=_replay)
     return parser
 
 
@@ -130,47 +145,33 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
+    columns: dict[str, Any] = {}
+    for text in options.column:
+        quantity, equals, name = text.partition("=")
+        if not equals or not name:
+            raise ValueError(f"--column {text}: write QUANTITY=NAME or QUANTITY=NAME:UNIT")
+        name, colon, unit = name.rpartition(":") if ":" in name else (name, "", "")
+        columns[quantity] = (name, unit) if colon else name
     machine = load_machine(options.motor)
-    inverter = machine.inverter
-    if options.f_s is not None:
-        inverter = inverter.replace(f_s=options.f_s)
-    log = _columns(options.log, ("u_alpha", "u_beta", "i_alpha", "i_beta"))
-    estimator = FluxEstimator(machine.motor, inverter)
-    trace = estimator.run(log[0] + 1j * log[1], log[2] + 1j * log[3])
-    columns: dict[str, Any] = {
-        "t": trace.t,
-        "psi_alpha": trace.psi_s.real,
-        "psi_beta": trace.psi_s.imag,
-        "angle": trace.angle,
-        "u_off_alpha": trace.u_off.real,
-        "u_off_beta": trace.u_off.imag,
-        "omega_s": trace.omega_s,
-        "omega_m": trace.omega_m,
-    }
-    np.savetxt(
-        options.out,
-        np.column_stack(list(columns.values())),
-        delimiter=",",
-        header=",".join(columns),
-        comments="",
+    found = replay(
+        options.log,
+        machine.motor,
+        machine.inverter,
+        options.scheme,
+        columns,
+        voltage=options.voltage,
+        rate=options.rate,
+        delay=options.delay,
+        max_gap=options.max_gap,
     )
-    print(f"{len(trace.t)} samples: {options.out}")
+    print(found.summary())
+    if options.out:
+        found.save(options.out)
+        print(f"estimates: {options.out}")
+    if options.plot:
+        found.plot().savefig(options.plot, dpi=110)
+        print(f"plot: {options.plot}")
     return 0
-
-
-def _columns(path: Path, names: Sequence[str]) -> Any:
-    """The named columns of a CSV file with header, shape (len(names), samples)."""
-    with path.open(newline="") as file:
-        rows = csv.reader(file)
-        header = [name.strip() for name in next(rows, [])]
-        missing = [name for name in names if name not in header]
-        if missing:
-            raise ValueError(f"{path}: column {', '.join(missing)} is missing; there are {', '.join(header)}")
-        at = [header.index(name) for name in names]
-        try:
-            return np.array([[float(row[k]) for k in at] for row in rows if row]).reshape(-1, len(names)).T
-        except (ValueError, IndexError) as error:
-            raise ValueError(f"{path}, line {rows.line_num}: {error}") from error
 
 
 if __name__ == "__main__":

@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from stillflux.replay import Replay
     from stillflux.result import Result
 
-__all__ = ["flux_trajectory", "overview", "thin"]
+__all__ = ["flux_trajectory", "overview", "replayed", "thin"]
 
 _MOST = 1200
 
@@ -94,6 +95,44 @@ def flux_trajectory(result: Result) -> Figure:
     panel.set(xlabel=r"$\psi_\alpha$, V·s", ylabel=r"$\psi_\beta$, V·s", aspect="equal", title="stator flux")
     panel.grid(alpha=0.3)
     panel.legend(loc="upper right", fontsize="small")
+    return figure
+
+
+def replayed(found: Replay) -> Figure:
+    """Estimates of a replayed log over time: speed, torque with a band of two standard deviations, flux,
+    resistance, deviation of the angle with the confidence."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 11), layout="constrained")
+    speed, torque, flux, resistance, angle = axes = figure.subplots(5, 1, sharex=True)
+    known = found.angle_deviation < np.pi
+
+    def line(panel: Axes, values: NDArray[Any], label: str, **style: Any) -> None:
+        panel.plot(*thin(found.t, np.where(known, values, np.nan)), linewidth=0.9, label=label, **style)
+
+    line(speed, found.omega_m, "speed")
+    speed.set_ylabel("speed, rad/s")
+    band = np.where(known, 2.0 * found.torque_deviation, np.nan)
+    t, low = thin(found.t, found.torque - band)
+    at = np.searchsorted(found.t, t)
+    torque.fill_between(t, low, (found.torque + band)[at], alpha=0.25, linewidth=0.0, label="± 2 σ")
+    line(torque, found.torque, "torque")
+    torque.set_ylabel("torque, N·m")
+    line(flux, np.abs(found.psi_s), r"$|\hat\psi_s|$")
+    flux.set_ylabel("flux, V·s")
+    line(resistance, found.R_s, r"$\hat R_s$")
+    resistance.set_ylabel(r"resistance, $\Omega$")
+    line(angle, np.degrees(found.angle_deviation), "σ of the field angle")
+    angle.set_ylabel("σ, °")
+    right = angle.twinx()
+    line(right, found.confidence, "confidence", color="C1")
+    right.set_ylim(-0.02, 1.05)
+    right.set_ylabel("confidence", color="C1")
+    axes[-1].set_xlabel("time, s")
+    figure.suptitle(f"{found.source}, scheme {found.scheme}")
+    for panel in axes:
+        panel.grid(alpha=0.3)
+        panel.legend(loc="upper right", fontsize="small")
     return figure
 
 
