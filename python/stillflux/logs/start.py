@@ -136,7 +136,7 @@ def _magnetised(
     rows: Rows, first: int, offset: complex, motor: Motor, inverter: Inverter, scheme: str
 ) -> Start | None:
     """The flux that a current of constant direction builds up in a machine at rest, `dψ_R/dt = R_R i -
-    ψ_R/τ_r`: the enhanced scheme begins in the middle of that time, the published one at its end, with the
+    ψ_R/τ_r`: the enhanced scheme begins before its end, the published one at its end, with the
     resistance read there."""
     every = max(1, round(1e-3 / rows.step))
     i = rows.i[first:] - offset
@@ -160,10 +160,13 @@ def _magnetised(
     settled = np.flatnonzero((np.abs(size - steady) < 0.05 * size) & (size > 0.4 * base["psi"]))
     if not len(settled):
         return None
-    # In the rest of the time the filter finds R_s and the bridge; a change of the current has to have
-    # settled.
-    late = settled[settled >= n // 2]
-    k, R_s = int(late[0] if len(late) else settled[-1]), None
+    # The rest of the time finds R_s and the bridge, which only another current tells apart: the start is
+    # before the first change of the settled current, or in the middle if there is none.
+    level = np.abs(mean[:n])
+    changed = np.flatnonzero(np.abs(level / level[settled[0]] - 1.0) > 0.1)
+    changed = changed[changed > settled[0]]
+    until = int(changed[0]) if len(changed) else n // 2
+    k, R_s = int(settled[settled < max(until, settled[0] + 1)][-1]), None
     if scheme == "paper":
         k = int(settled[-1])
         last = slice(max(0, k - max(1, n // 8)), k + 1)
