@@ -3,6 +3,7 @@ named."""
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 from typing import Any
 
@@ -280,3 +281,12 @@ def test_the_command_writes_estimates_and_plot(
     log.write_text("t,i_a\n")
     assert main(["replay", str(log)]) == 2
     assert "log.csv" in capsys.readouterr().err
+
+
+def test_the_example_of_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    example = Path(__file__).resolve().parents[1] / "examples" / "replay_log.py"
+    found = runpy.run_path(str(example), run_name="example")["main"]()
+    assert found.voltage == "bridge"
+    assert found.omega_m[-1] == pytest.approx(20.0, rel=0.03)
+    assert found.R_s[-1] == pytest.approx(MOTOR.R_s + INVERTER.r_d, rel=0.03)

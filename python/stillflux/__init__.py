@@ -13,6 +13,7 @@ from stillflux.result import Result
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
 from stillflux.status import StatusCode
+from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, normal, sweep, uniform
 
 __all__ = [
     "Drive",
@@ -29,8 +30,16 @@ __all__ = [
     "Scenario",
     "Status",
     "StatusCode",
+    "Sweep",
+    "SweepInterrupted",
     "Trace",
+    "draws",
+    "factors",
+    "grid",
     "load_machine",
+    "normal",
     "replay",
     "simulate",
+    "sweep",
+    "uniform",
 ]

@@ -1,4 +1,4 @@
-"""Command line: `stillflux demo`, `reproduce`, `beyond`, `simulate`, `replay`."""
+"""Command line: `stillflux demo`, `reproduce`, `beyond`, `simulate`, `sweep`, `replay`."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from stillflux import sweep_file
 from stillflux.machine_file import load_machine, read_toml
 from stillflux.parameters import PRESETS
 from stillflux.replay import replay
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
+from stillflux.sweep import SweepInterrupted, sweep
 
 __all__ = ["main"]
 
@@ -111,6 +113,14 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
     log.add_argument("--out", type=Path, help="write the estimates there (CSV, NPZ, Parquet)")
     log.add_argument("--plot", type=Path, help="write the plot there (png, svg, pdf)")
     log.set_defaults(run=_replay)
+
+    many = commands.add_parser("sweep", help="run many scenarios of a TOML file and keep numbers of each")
+    many.add_argument("file", type=Path, help="a sweep file, see stillflux.sweep_file")
+    _motor_option(many, None)
+    many.add_argument("--out", type=Path, help="write the rows there (CSV)")
+    many.add_argument("--plot", type=Path, help="write the map of [plot], or the distributions, there")
+    many.add_argument("--resume", type=Path, metavar="FILE", help="keep rows there; if killed, go on with it")
+    many.set_defaults(run=_sweep)
     return parser
 
 
@@ -125,11 +135,7 @@ def _motor_option(parser: argparse.ArgumentParser, default: str | None) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    data = read_toml(options.file)
-    if options.motor is not None:
-        machine = load_machine(options.motor)
-        data = {**data, "motor": asdict(machine.motor), "inverter": asdict(machine.inverter)}
-    scenario = Scenario.from_dict(data)
+    scenario = Scenario.from_dict(_with_motor(read_toml(options.file), options.motor))
     try:
         result, status = simulate(scenario, progress=True), 0
     except Interrupted as stop:
@@ -172,6 +178,36 @@ def _replay(options: argparse.Namespace) -> int:
         found.plot().savefig(options.plot, dpi=110)
         print(f"plot: {options.plot}")
     return 0
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    asked = sweep_file.parse(_with_motor(read_toml(options.file), options.motor, "scenario"))
+    status = 0
+    try:
+        found = sweep(asked.points, list(asked.metrics), resume=options.resume, progress=True)
+    except SweepInterrupted as stop:
+        found, status = stop.result, 130
+        print(f"stillflux: {stop}", file=sys.stderr)
+    print(found.summary())
+    for row in found.failed[:5]:
+        print(f"failed: {row['error']}")
+    if options.out:
+        found.save(options.out)
+        print(f"rows: {options.out}")
+    if options.plot and len(found):
+        plot = found.map(**asked.plot) if asked.plot else found.spread()
+        plot.savefig(options.plot, dpi=110)
+        print(f"plot: {options.plot}")
+    return status
+
+
+def _with_motor(data: dict[str, Any], motor: str | None, table: str = "") -> dict[str, Any]:
+    """The tables of a file with the motor and inverter of `--motor` instead of those in it."""
+    if motor is None:
+        return data
+    machine = load_machine(motor)
+    own = {"motor": asdict(machine.motor), "inverter": asdict(machine.inverter)}
+    return {**data, table: {**data.get(table, {}), **own}} if table else {**data, **own}
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,9 @@ if TYPE_CHECKING:
 
     from stillflux.replay import Replay
     from stillflux.result import Result
+    from stillflux.sweep import Sweep
 
-__all__ = ["flux_trajectory", "overview", "replayed", "thin"]
+__all__ = ["flux_trajectory", "overview", "replayed", "sweep_map", "sweep_spread", "thin"]
 
 _MOST = 1200
 
@@ -133,6 +135,48 @@ def replayed(found: Replay) -> Figure:
     for panel in axes:
         panel.grid(alpha=0.3)
         panel.legend(loc="upper right", fontsize="small")
+    return figure
+
+
+def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
+    """A metric of a sweep over two parameters: the largest value of each cell; a cross where a row failed or
+    faulted, or the value is not finite."""
+    from matplotlib.figure import Figure
+
+    xs, ys, values = (found[name] for name in (x, y, metric))
+    columns, rows = np.unique(xs), np.unique(ys)
+    cells = np.full((len(rows), len(columns)), np.nan)
+    lost = np.zeros(cells.shape, bool)
+    for at_x, at_y, value, row in zip(xs, ys, values, found.rows, strict=True):
+        k, j = np.searchsorted(rows, at_y), np.searchsorted(columns, at_x)
+        cells[k, j] = np.fmax(cells[k, j], value if np.isfinite(value) else np.nan)
+        lost[k, j] |= bool(row["error"]) or str(row["status"]).startswith("fault") or not np.isfinite(value)
+    figure = Figure(figsize=(6.4, 4.8), layout="constrained")
+    panel = figure.subplots()
+    mesh = panel.pcolormesh(np.arange(len(columns)), np.arange(len(rows)), cells, shading="nearest")
+    figure.colorbar(mesh, ax=panel, label=metric)
+    at = np.argwhere(lost)
+    if len(at):
+        panel.plot(at[:, 1], at[:, 0], "x", color="C3", label="fault or failure")
+        panel.legend(loc="upper right", fontsize="small")
+    for axis, ticks, name in ((panel.xaxis, columns, x), (panel.yaxis, rows, y)):
+        every = max(1, len(ticks) // 10)
+        axis.set_ticks(np.arange(len(ticks))[::every], [f"{tick:.4g}" for tick in ticks[::every]])
+        axis.set_label_text(name)
+    return figure
+
+
+def sweep_spread(found: Sweep, metrics: Sequence[str]) -> Figure:
+    """Distribution of metrics over the rows of a sweep; rows that failed count as not reached."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(1.0 + 3.2 * len(metrics), 3.4), layout="constrained")
+    for panel, name in zip(np.atleast_1d(figure.subplots(1, len(metrics))), metrics, strict=True):
+        values = np.sort(found[name].astype(float))
+        values = values[np.isfinite(values)]
+        panel.step(values, np.arange(1, len(values) + 1) / max(1, len(found)), where="post")
+        panel.set(xlabel=name, ylabel="part of the rows", ylim=(0.0, 1.02))
+        panel.grid(alpha=0.3)
     return figure
 
 
