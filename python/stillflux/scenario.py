@@ -29,9 +29,7 @@ scenario holds numbers or points."""
 
 _RECORD_LIMIT = 4e9
 _EVERY = 1e-3  # s between the points of a profile that is given as a function
-_TORQUE_LIMIT = (
-    20.0  # largest load and reference, of rated torque: beyond, a shaft runs away within milliseconds
-)
+_TORQUE_LIMIT = 10.0  # largest load and reference, of rated torque
 _SPEED_LIMIT = 20.0  # largest speed reference, of rated frequency
 _LEAST_LINK = 0.3  # least rated dc link over that of the motor's rated voltage, √2 U_N
 _COUNTS = ("adc_bits", "seed")
