@@ -12,6 +12,7 @@ import pytest
 
 import stillflux as sf
 from stillflux.cli import main
+from stillflux.options import Scheme
 
 MOTOR, INVERTER = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
 TURN = np.exp(2j * np.pi / 3)
@@ -58,7 +59,7 @@ def angle_error(found: sf.Replay, run: sf.Result) -> Any:
 
 
 @pytest.mark.parametrize("scheme", ["enhanced", "paper"])
-def test_the_log_of_a_simulation_comes_back(run: sf.Result, scheme: str) -> None:
+def test_the_log_of_a_simulation_comes_back(run: sf.Result, scheme: Scheme) -> None:
     found = sf.replay(run, MOTOR, INVERTER, scheme)
     assert len(found.t) == len(run.t)
     known = found.angle_deviation < 1.0

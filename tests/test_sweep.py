@@ -65,10 +65,8 @@ def test_the_same_bytes_from_any_executor() -> None:
         found["threads"] = sf.sweep(points(), metrics, pool)
     found["joblib"] = sf.sweep(points(), metrics, executors.joblib(2))
     with (
-        LocalCluster(  # type: ignore[no-untyped-call]
-            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
-        ) as cluster,
-        Client(cluster) as client,  # type: ignore[no-untyped-call]
+        LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster,
+        Client(cluster) as client,
     ):
         found["dask"] = sf.sweep(points(), metrics, client)
         found["dask pool"] = sf.sweep(points(), metrics, client.get_executor())

@@ -5,6 +5,8 @@ delivers currents and takes duties; a `Plant` is a switching-level motor and inv
 a `Scenario` of both.
 """
 
+from importlib.metadata import version
+
 from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
 from stillflux.machine_file import Machine, load_machine
 from stillflux.parameters import Inverter, Motor
@@ -14,6 +16,8 @@ from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
 from stillflux.status import StatusCode
 from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, normal, sweep, uniform
+
+__version__ = version("stillflux")
 
 __all__ = [
     "Drive",
@@ -33,6 +37,7 @@ __all__ = [
     "Sweep",
     "SweepInterrupted",
     "Trace",
+    "__version__",
     "draws",
     "factors",
     "grid",

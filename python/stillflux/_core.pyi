@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
-from stillflux.options import DriveSettings, PlantOptions
+from stillflux.options import Arithmetic, DriveSettings, PlantOptions, Scheme
 from stillflux.parameters import Inverter, Motor
 from stillflux.scenario import Scenario
 
@@ -111,8 +111,8 @@ class Drive:
         cls,
         motor: Motor,
         inverter: Inverter,
-        arithmetic: str = "f32",
-        scheme: str = "enhanced",
+        arithmetic: Arithmetic = "f32",
+        scheme: Scheme = "enhanced",
         **settings: Unpack[DriveSettings],
     ) -> Drive: ...
     def step(
@@ -174,7 +174,7 @@ class RecordEstimator:
         cls,
         motor: Motor,
         inverter: Inverter,
-        scheme: str = "enhanced",
+        scheme: Scheme = "enhanced",
         **settings: Unpack[DriveSettings],
     ) -> RecordEstimator: ...
     def run(

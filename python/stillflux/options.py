@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, TypedDict
+from typing import Literal, TypeAlias, TypedDict
 
-__all__ = ["DriveSettings", "PlantOptions"]
+__all__ = ["Arithmetic", "DriveSettings", "PlantOptions", "Scheme"]
+
+Arithmetic: TypeAlias = Literal["f32", "f64", "q"]
+"""Arithmetic of a drive: single or double precision, or fixed point."""
+Scheme: TypeAlias = Literal["enhanced", "paper"]
+"""Control scheme: one filter for all that is estimated, or the published scheme."""
 
 
 class DriveSettings(TypedDict, total=False):
@@ -76,7 +81,7 @@ class DriveSettings(TypedDict, total=False):
 class PlantOptions(TypedDict, total=False):
     """Options of a plant."""
 
-    mode: str
+    mode: Literal["switching", "averaged"]
     """"switching": every edge, dead time and diode event; "averaged": mean leg voltages."""
     seed: int
     """Seed of the measurement noise."""

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Unpack
 
-    from stillflux.options import DriveSettings
+    from stillflux.options import DriveSettings, Scheme
 
 __all__ = ["Replay", "Voltage", "replay"]
 
@@ -193,7 +193,7 @@ def replay(
     log: Any,
     motor: Motor,
     inverter: Inverter,
-    scheme: str = "enhanced",
+    scheme: Scheme = "enhanced",
     columns: Columns | None = None,
     *,
     voltage: Voltage | None = None,
