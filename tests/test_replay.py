@@ -151,10 +151,12 @@ def test_formats_and_units_give_the_same(run: sf.Result, tmp_path: Path) -> None
     }
     write_csv(tmp_path / "a.csv", milli, ";")
     np.savez(tmp_path / "a.npz", **log)
+    import pandas
     from scipy.io import savemat
 
     savemat(tmp_path / "a.mat", log)
-    for name, how in (("a.csv", columns), ("a.npz", None), ("a.mat", None)):
+    pandas.DataFrame(milli).to_parquet(tmp_path / "a.parquet")
+    for name, how in (("a.csv", columns), ("a.npz", None), ("a.mat", None), ("a.parquet", columns)):
         found = sf.replay(tmp_path / name, MOTOR, INVERTER, columns=how)
         assert np.abs(found.psi_s - want.psi_s).max() < 1e-6
     text = (tmp_path / "a.csv").read_text().replace(".", ",")
