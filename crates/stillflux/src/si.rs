@@ -124,6 +124,16 @@ pub struct MemorySi {
     pub L_M: f64,
 }
 
+impl MemorySi {
+    /// What a drive that has not run yet remembers: the parameters.
+    #[must_use]
+    pub fn of(machine: &Machine, inverter: &Inverter) -> Self {
+        let Machine { L_sigma, L_M, .. } = *machine;
+        let R_s = machine.R_s + inverter.r_d;
+        Self { u_off: [0.0; 2], R_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
+    }
+}
+
 /// Conversion between SI and per unit for one machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SiUnits {

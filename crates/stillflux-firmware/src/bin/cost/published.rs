@@ -17,6 +17,8 @@ use stillflux_firmware::exchange::Word;
 
 /// Name of the step in the report.
 pub const STEP: &str = "drive_step";
+/// Name of the whole interrupt in the report.
+pub const INTERRUPT: &str = "interrupt";
 
 /// What is measured.
 #[derive(Clone, Copy, Default)]

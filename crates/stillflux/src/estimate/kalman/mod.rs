@@ -96,7 +96,7 @@ use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
 use crate::inverter::Distortion;
-use crate::params::{Inverter, Machine};
+use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 use crate::words::words;
@@ -157,8 +157,7 @@ impl<R: Real> FilterConfig<R> {
         calibrated: bool,
         identified: Identified,
     ) -> Self {
-        let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
-        let seconds = f64::from(block) / inverter.f_s;
+        let (block, seconds) = Self::block(inverter);
         let saturated = Saturated::of(machine);
         Self {
             t_s: rounded(pu.t_s),
@@ -169,6 +168,23 @@ impl<R: Real> FilterConfig<R> {
             saturation: rounded(saturated.c),
             correct: identified.flux,
         }
+    }
+
+    /// Periods and duration, s, of a block.
+    fn block(inverter: &Inverter) -> (u32, f64) {
+        let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
+        (block, f64::from(block) / inverter.f_s)
+    }
+
+    /// Checks that the current model, integrated once a block, is stable: blocks of a tenth of the rotor time constant
+    /// at the most.
+    ///
+    /// # Errors
+    /// A rotor resistance too large for that.
+    pub(crate) fn check(machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
+        let most = 0.1 * machine.L_M / Self::block(inverter).1;
+        check("R_R", machine.R_R, 0.0, most, "ohm")
+            .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
     }
 }
 
