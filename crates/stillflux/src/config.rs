@@ -39,6 +39,14 @@ use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Real, Timer};
 use crate::space::Dq;
+use crate::supervision::SupervisionConfig;
+#[cfg(feature = "supervision")]
+use crate::supervision::channels::ChannelConfig;
+#[cfg(feature = "supervision")]
+use crate::supervision::phases::PhaseConfig;
+use crate::supervision::plausibility::PlausibilityConfig;
+#[cfg(feature = "supervision")]
+use crate::supervision::stall::StallConfig;
 use crate::words::{Words, words};
 #[cfg(feature = "enhanced")]
 pub(crate) use enhanced::EnhancedConfig;
@@ -65,6 +73,7 @@ pub struct DriveConfig<R: Real> {
     pub(crate) current: CurrentConfig<R>,
     pub(crate) flux_control: FluxControlConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
+    pub(crate) supervision: SupervisionConfig<R>,
     pub(crate) low_confidence: LowConfidence,
     /// From a sample to the middle of the period in which its duties act.
     pub(crate) t_ahead: R,
@@ -77,9 +86,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
     pub(crate) omega_max: R,
-    pub(crate) omega_trip: R,
-    pub(crate) psi_deviation: R,
-    pub(crate) implausible_max: u32,
+    /// Periods after a sample that could not be used in which another one is a fault.
+    pub(crate) bridged_periods: u32,
     pub(crate) calibrate_offset: bool,
     pub(crate) offset_periods: u32,
     pub(crate) inv_offset_periods: R,
@@ -91,9 +99,9 @@ words! {
     t_s, inverter, timer, scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, speed_control, low_confidence, t_ahead, i_range, i_plain_sq,
-    i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max, omega_trip, psi_deviation,
-    implausible_max, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
+    speed, current, flux_control, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
+    i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max,
+    bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
 impl<R: Real> DriveConfig<R> {
@@ -184,13 +192,17 @@ impl<R: Real> DriveConfig<R> {
 
         let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));
         let slow_periods = |t: f64| periods(t / f64::from(SLOW_PERIODS));
+        #[cfg(feature = "supervision")]
+        let watched = |t: f64| if p.supervision { slow_periods(t) } else { u32::MAX };
         let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
         let i_q_max = libm::sqrt(i_max * i_max - i_0 * i_0);
         let i_trip = p.i_trip / b.i;
+        // The highest code of a 12-bit converter is a 2048th below full scale.
+        let i_range = (1.0 - 1.0 / 512.0) * p.i_range / b.i;
         // Readings are within their range if the currents are, less the largest offset taken off them.
-        let plain = (p.i_range / b.i - I_OFF_MAX).max(0.0);
+        let plain = (i_range - I_OFF_MAX).max(0.0);
 
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
@@ -259,9 +271,29 @@ impl<R: Real> DriveConfig<R> {
                 k_i: r(speed_k_i),
                 torque_max: r(p.torque_max / b.torque),
             },
+            supervision: SupervisionConfig {
+                plausibility: PlausibilityConfig {
+                    psi_deviation: r(0.4 * p.psi_ref),
+                    omega_max: r(1.3 * p.omega_max / b.omega_m),
+                    calls: slow_periods(0.05),
+                    confidence: p.low_confidence == LowConfidence::Fault,
+                },
+                #[cfg(feature = "supervision")]
+                phases: PhaseConfig {
+                    floor_sq: r(0.05 * 0.05),
+                    small_floor_sq: r(0.02 * 0.02),
+                    calls_open: watched(0.004),
+                    calls_control: watched(0.25),
+                    calls_zero: watched(0.008),
+                },
+                #[cfg(feature = "supervision")]
+                channels: ChannelConfig { limit: r(0.05 * i_range + 0.08), calls: watched(0.004) },
+                #[cfg(feature = "supervision")]
+                stall: StallConfig { calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX } },
+            },
             low_confidence: p.low_confidence,
             t_ahead: r(1.5 * t_s),
-            i_range: r(p.i_range / b.i),
+            i_range: r(i_range),
             i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
             i_trip: r(i_trip),
             i_q_max: r(i_q_max),
@@ -269,9 +301,7 @@ impl<R: Real> DriveConfig<R> {
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
             omega_max: r(p.omega_max / b.omega_m),
-            omega_trip: r(1.3 * p.omega_max / b.omega_m),
-            psi_deviation: r(0.4 * p.psi_ref),
-            implausible_max: slow_periods(0.05),
+            bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
             offset_periods: periods(p.offset_time),
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),

@@ -125,6 +125,8 @@ fn each_bad_measurement_gives_its_fault_blocks_the_gates_and_latches() {
     ];
     for ((bad, cause), scheme) in cases.into_iter().flat_map(|case| SCHEMES.iter().map(move |&scheme| (case, scheme))) {
         let mut d = running::<f32>(scheme);
+        let out = d.step(&bad, &Reference::Speed(0.0));
+        assert!(out.gates_on && d.status() == Status::Running, "a single one is bridged: {bad:?}");
         let period = d.period() + 1;
         let out = d.step(&bad, &Reference::Speed(0.0));
         assert_eq!(d.status(), Status::Faulted { cause, period }, "{bad:?}");
@@ -217,11 +219,13 @@ fn whatever_a_memory_holds_a_drive_takes_no_more_than_its_limits() {
 fn the_period_of_a_fault_has_its_gates_off_whatever_the_cause() {
     let ok = healthy::<f32>();
     for &scheme in SCHEMES {
-        // No current and no torque: the estimate leaves its circle without any measurement being wrong.
+        // Currents as asked for whatever the voltage: the estimate leaves its circle without any measurement being wrong.
         let mut d = running::<f32>(scheme);
         let mut periods = 0;
         let last = loop {
-            let out = d.step(&ok, &Reference::Speed(1.0));
+            let e = d.estimate();
+            let i_abc = e.flux.field.to_stator(&e.i_dq_ref).to_phases();
+            let out = d.step(&Measurement { i_abc, ..ok }, &Reference::Speed(1.0));
             periods += 1;
             assert!(periods < 100_000, "{scheme:?}: no fault");
             if matches!(d.status(), Status::Faulted { .. }) {
@@ -229,7 +233,11 @@ fn the_period_of_a_fault_has_its_gates_off_whatever_the_cause() {
             }
             assert!(out.gates_on);
         };
-        assert!(matches!(d.status(), Status::Faulted { cause: Fault::EstimateLost, .. }), "{:?}", d.status());
+        assert!(
+            matches!(d.status(), Status::Faulted { cause: Fault::EstimateLost | Fault::OverSpeed, .. }),
+            "{:?}",
+            d.status()
+        );
         assert!(!last.gates_on && last.duty == [0.5; 3], "{scheme:?}");
     }
 }

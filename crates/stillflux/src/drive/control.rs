@@ -43,6 +43,8 @@ pub(super) struct Control<R: Real> {
     pub i_dq_ref: Dq<R>,
     pub psi_ref: R,
     pub voltage: Voltage<R>,
+    /// The torque reference is at its limit, under speed control.
+    pub torque_limited: bool,
 }
 
 impl<R: Real> Control<R> {
@@ -56,6 +58,7 @@ impl<R: Real> Control<R> {
             i_dq_ref: Dq::default(),
             psi_ref: R::ZERO,
             voltage: Voltage::new(),
+            torque_limited: false,
         }
     }
 
@@ -113,8 +116,13 @@ impl<R: Real> Control<R> {
             let part = (estimators.confidence() * R::TWO).min(R::ONE);
             torque_max = torque_max.min(c.speed_control.torque_max) * part;
         }
+        self.torque_limited = false;
         let torque_ref = match *reference {
-            Reference::Speed(omega) => self.speed.step(&c.speed_control, omega.limit(c.omega_max), omega_m, torque_max),
+            Reference::Speed(omega) => {
+                let torque = self.speed.step(&c.speed_control, omega.limit(c.omega_max), omega_m, torque_max);
+                self.torque_limited = torque.abs() >= torque_max.min(c.speed_control.torque_max) * R::from_f64(0.98);
+                torque
+            }
             Reference::Torque(torque) => {
                 let torque = torque.limit(torque_max.min(c.speed_control.torque_max));
                 self.speed.start(torque);
