@@ -187,6 +187,8 @@ struct Reference {
     /// `P Hᵀ/S`, of the scaled states; zero where the block corrects nothing.
     gain: State,
     inv_s: f64,
+    /// Direction of the rotor flux when the gain was computed.
+    n: Vector2<f64>,
     i_s: Vector2<f64>,
     sum: Vector2<f64>,
     period: u32,
@@ -219,6 +221,7 @@ impl Reference {
             p: dense(filter),
             gain: filter.gain().map_or(State::zeros(), |x| State::from(x).component_div(&scale(&c.model))),
             inv_s: filter.inv_s,
+            n: Vector2::new(filter.point.n.cos, filter.point.n.sin),
             i_s: vector(&filter.i_s),
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),
             period: filter.period.into(),
@@ -276,6 +279,12 @@ impl Reference {
         } else {
             self.trial -= 1;
         }
+        if at.omega_s.abs() > OMEGA_HELD {
+            let (cos, sin) = (self.n.dot(&n), self.n.x * n.y - self.n.y * n.x);
+            let (x, y) = (self.gain[PSI], self.gain[PSI + 1]);
+            (self.gain[PSI], self.gain[PSI + 1]) = (cos * x - sin * y, sin * x + cos * y);
+        }
+        self.n = n;
         let mut by = (self.gain * z).component_mul(&scale(&model));
         by[V] *= 1.0 + self.x[V];
         by[KNEE] *= self.x[KNEE];
