@@ -24,6 +24,7 @@ use crate::control::flux::FluxControlConfig;
 #[cfg(feature = "enhanced")]
 use crate::control::shift::ShiftConfig;
 use crate::control::speed::SpeedControlConfig;
+use crate::control::weakening::WeakeningConfig;
 #[cfg(feature = "enhanced")]
 use crate::estimate::balance::BalanceConfig;
 #[cfg(feature = "paper")]
@@ -56,6 +57,15 @@ pub(crate) use paper::PaperConfig;
 /// Largest offset of a current channel at rest, per unit.
 pub(crate) const I_OFF_MAX: f64 = 0.15;
 
+/// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
+pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
+/// Flux control in field weakening ([`crate::control::flux`]): gain by the leakage, and crossing frequency of its integral
+/// part in parts of the bandwidth of current control. Largest correction at high frequency in units of the magnetising
+/// current: the flux of the largest machines falls over some tenths of a second only by a current against it.
+const WEAK_GAIN: f64 = 0.15;
+const WEAK_RATE: f64 = 0.05;
+const LIMIT_HIGH: f64 = 2.0;
+
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -72,6 +82,7 @@ pub struct DriveConfig<R: Real> {
     pub(crate) speed: SpeedConfig<R>,
     pub(crate) current: CurrentConfig<R>,
     pub(crate) flux_control: FluxControlConfig<R>,
+    pub(crate) weakening: WeakeningConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
     pub(crate) supervision: SupervisionConfig<R>,
     pub(crate) low_confidence: LowConfidence,
@@ -81,6 +92,9 @@ pub struct DriveConfig<R: Real> {
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.
     pub(crate) i_plain_sq: R,
     pub(crate) i_trip: R,
+    /// Square of the largest current, the largest direct current (97 % of it), and the largest torque current.
+    pub(crate) i_max_sq: R,
+    pub(crate) i_d_max: R,
     pub(crate) i_q_max: R,
     pub(crate) pull_out_use: R,
     pub(crate) u_dc_min: R,
@@ -99,8 +113,8 @@ words! {
     t_s, inverter, timer, scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
-    i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max,
+    speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
+    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max,
     bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
@@ -205,6 +219,7 @@ impl<R: Real> DriveConfig<R> {
         let plain = (i_range - I_OFF_MAX).max(0.0);
 
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
+        let u_max = U_UTILISATION * pu.u_dc;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
         let omega_n = pu.hz(p.pll_bandwidth);
@@ -257,7 +272,6 @@ impl<R: Real> DriveConfig<R> {
             flux_control: FluxControlConfig {
                 psi_rated: r(p.psi_ref),
                 inv_psi_rated: r(1.0 / p.psi_ref),
-                psi_min: r(0.2 * p.psi_ref),
                 l_sum: r(l_s + sigma_l_s),
                 root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
                 root_i_q: r(4.0 * l_product * l_product),
@@ -265,6 +279,17 @@ impl<R: Real> DriveConfig<R> {
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
                 limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
+                limit_high: r(LIMIT_HIGH * i_0),
+                k_p_weak: r(WEAK_GAIN / sigma_l_s),
+                k_i_weak: r(t_slow * WEAK_RATE * pu.hz(p.current_bandwidth) / sigma_l_s),
+            },
+            weakening: WeakeningConfig {
+                psi_rated: r(p.psi_ref),
+                psi_min: r(0.2 * p.psi_ref),
+                // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
+                resistance: r(pu.r_s + pu.r_r * (l_s / pu.l_m) * (l_s / pu.l_m) / 0.8),
+                k: r(t_slow * pu.hz(p.flux_bandwidth) / 2.0),
+                inv_u_max_sq: r(1.0 / (u_max * u_max)),
             },
             speed_control: SpeedControlConfig {
                 k_p: r(speed_gain),
@@ -296,6 +321,9 @@ impl<R: Real> DriveConfig<R> {
             i_range: r(i_range),
             i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
             i_trip: r(i_trip),
+            i_max_sq: r(i_max * i_max),
+            // Leaves a quarter of the current to the torque.
+            i_d_max: r(libm::sqrt(15.0 / 16.0) * i_max),
             i_q_max: r(i_q_max),
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_dc_min: r(p.u_dc_min / b.u),
