@@ -6,6 +6,7 @@ a `Scenario` of both.
 """
 
 from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
+from stillflux.nameplate import Nameplate
 from stillflux.parameters import Inverter, Motor
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -19,6 +20,7 @@ __all__ = [
     "Interrupted",
     "Inverter",
     "Motor",
+    "Nameplate",
     "Plant",
     "PlantState",
     "Result",

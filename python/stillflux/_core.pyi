@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
+from stillflux.nameplate import Nameplate
 from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import Inverter, Motor
 from stillflux.scenario import Scenario
@@ -25,6 +26,7 @@ __all__ = [
     "from_t_model",
     "inverter_preset",
     "motor_preset",
+    "nameplate_motor",
     "signals",
     "to_gamma",
     "to_t_model",
@@ -41,6 +43,7 @@ def from_t_model(R_s: float, R_r: float, L_ls: float, L_lr: float, L_m: float) -
 def to_gamma(motor: Motor) -> dict[str, float]: ...
 def to_t_model(motor: Motor) -> dict[str, float]: ...
 def base(motor: Motor) -> dict[str, float]: ...
+def nameplate_motor(plate: Nameplate) -> tuple[dict[str, Any], dict[str, float]]: ...
 def signals() -> dict[str, str]: ...
 
 @final

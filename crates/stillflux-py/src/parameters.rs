@@ -106,6 +106,11 @@ pub fn motor_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyD
         "11kW" => Machine::preset_11k(),
         _ => return Err(unknown_preset(name)),
     };
+    machine_dict(py, &m)
+}
+
+/// Fields of a motor.
+pub fn machine_dict<'py>(py: Python<'py>, m: &Machine) -> PyResult<Bound<'py, PyDict>> {
     let fields = dict!(py, m; R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N);
     fields.set_item("saturation", m.saturation.map(|s| (s.L_u, s.a, s.S)))?;
     Ok(fields)
