@@ -1,12 +1,13 @@
 //! Excitation of a machine at standstill: a voltage in any direction, or a controlled current along the a-axis.
 //!
 //! ```text
-//! u_α* = k_p (i* - i) + k_i ∫(i* - i) dt + u_l(i*) + u_x       u_β* = 0       i = (i_a - 2 i_b - 2 i_c)/3
+//! u_α* = k_p (i* - i) + k_i ∫(i* - i) dt + R' i* + u_l(i*) + u_x       u_β* = 0       i = (i_a - 2 i_b - 2 i_c)/3
 //! ```
 //!
 //! With `u_β* = 0` phases b and c carry half the current of phase a each, whatever the gains of the sensors are: `i` is
 //! the mean of three readings of one current, `i_a`, `-2 i_b` and `-2 i_c`. A current along one axis makes no torque,
-//! so a free shaft stays where it is. `u_l` is the loss by the inverter's data sheet, `u_x` an injected voltage.
+//! so a free shaft stays where it is. `u_l` is the loss by the inverter's data sheet, `R'` the sum of stator and rotor
+//! resistance by the nameplate, `u_x` an injected voltage.
 //!
 //! Currents sampled at the start of period *k* give the duties applied during period *k + 1*, as in the drive. The
 //! voltage handed to the procedures is that of the quantised duties of ideal legs, between the last two samples. The
@@ -50,6 +51,8 @@ pub(super) struct ExcitationConfig<R: Real> {
     pub k_p: R,
     /// That of the integrator, for a period.
     pub k_i: R,
+    /// Stator and rotor resistance in series.
+    pub r: R,
     /// Largest voltage.
     pub u_max: R,
     /// Largest change of the current reference in a period.
@@ -113,7 +116,7 @@ impl<R: Real> Excitation<R> {
                     R::ONE,
                 );
                 let integral = self.integral.add_limited(c.k_i * gain, e, c.u_max);
-                let wanted = c.k_p * gain * e + integral;
+                let wanted = c.k_p * gain * e + integral + c.r * self.reference;
                 let u = wanted.limit(c.u_max);
                 self.limited = if u == wanted { 0 } else { self.limited.saturating_add(1) };
                 let u = u + add;

@@ -14,8 +14,12 @@
 //! that every reversal passes the whole curve up to its level. Only mean voltages of [`WINDOWS`] windows a level are
 //! kept; a window's mean of `dψ/dt` is a difference of flux, without any approximation.
 //!
-//! The fit solves the equation for `R`, `R_r`, `L_u`, `c`, `S`, `d` by damped least squares. The rotor resistance found is
-//! that of some tenths of a second: of slip frequency, not of the skin effect.
+//! **Deep bars.** With several branches in the rotor the same equations hold for currents that are slow against the
+//! branches' own time constants, with the leakage `L_l = Σ (R_r/R_k)² L_k` of low frequency, which is larger than that
+//! of high frequency. Its ratio to the measured one is a parameter of the fit, and the first window of a level, in which
+//! the branches settle, does not count. The rotor resistance found is that of slip frequency, not of the skin effect.
+//!
+//! The fit solves the equation for `R`, `R_r`, `L_u`, `c`, `S`, `d` and that ratio by damped least squares.
 //!
 //! **Assumes** a curve of this form, a constant temperature, no remanence. With little saturation at the largest
 //! level `S` stays near its prior and says nothing.
@@ -34,12 +38,14 @@ const PRIOR_S: (f64, f64) = (7.0, 3.0);
 const PRIOR_PLATE: f64 = 1.0;
 /// Standard deviation of `d`: what the fit of the bridge leaves.
 const PRIOR_D: f64 = 0.02;
+/// Prior of the logarithm of the leakage inductance at low frequency over that at high frequency.
+const PRIOR_BAR: (f64, f64) = (0.1, 0.25);
 /// Standard deviation assumed of a window's voltage, per unit.
 const SIGMA_U: f64 = 1e-4;
 /// Steps of the differential equation in a window.
 const STEPS: u32 = 6;
 /// Parameters of the fit.
-const N: usize = 6;
+const N: usize = 7;
 
 /// Levels as current per unit: the largest first, falling, alternating; `i_0` is the rated magnetising current.
 #[must_use]
@@ -166,7 +172,9 @@ pub struct MagnetisingCurve {
     pub s: f64,
     /// Factor of the bridge's loss less one.
     pub d: f64,
-    /// Standard deviations: relative of `r`, `r_r`, `l_u`, absolute of `c`, `s`, `d`.
+    /// Leakage inductance at slip frequency relative to that at high frequency: 1 without deep bars.
+    pub bar: f64,
+    /// Standard deviations: relative of `r`, `r_r`, `l_u`, absolute of `c`, `s`, `d`, relative of `bar`.
     pub deviation: [f64; N],
     /// Root mean square of the residuals, per unit.
     pub residual: f64,
@@ -200,8 +208,8 @@ struct Trajectory {
 
 impl Trajectory {
     fn new(p: &[f64; N], l_sigma: f64) -> Self {
-        let [r, r_r, l_u, c, s, d] = *p;
-        let (r, r_r, l_u) = (libm::exp(r), libm::exp(r_r), libm::exp(l_u));
+        let [r, r_r, l_u, c, s, d, bar] = *p;
+        let (r, r_r, l_u, bar) = (libm::exp(r), libm::exp(r_r), libm::exp(l_u), libm::exp(bar));
         let curve = MagnetisingCurve {
             r,
             r_r,
@@ -209,12 +217,13 @@ impl Trajectory {
             c: c.max(0.0),
             s: s.clamp(1.0, 20.0),
             d,
+            bar,
             deviation: [0.0; N],
             residual: 0.0,
             psi_max: 0.0,
         };
         // 1/L_σ = 1/L_u + 1/L_l at small flux.
-        Self { curve, l_l: 1.0 / (1.0 / l_sigma - 1.0 / l_u).max(0.1 / l_sigma), psi: 0.0, i: 0.0 }
+        Self { curve, l_l: bar / (1.0 / l_sigma - 1.0 / l_u).max(0.1 / l_sigma), psi: 0.0, i: 0.0 }
     }
 
     /// The current steps, the rotor flux does not.
@@ -286,6 +295,7 @@ pub(super) fn fit(guess: &Guess, levels: &[Reading]) -> MagnetisingCurve {
         PRIOR_C,
         PRIOR_S,
         (0.0, PRIOR_D),
+        PRIOR_BAR,
     ];
     let mut p = prior.map(|x| x.0);
     let mut damping = 1e-2;
@@ -302,6 +312,7 @@ pub(super) fn fit(guess: &Guess, levels: &[Reading]) -> MagnetisingCurve {
         }
         next[3] = next[3].clamp(0.0, 5.0);
         next[4] = next[4].clamp(1.0, 20.0);
+        next[6] = next[6].clamp(-0.1, 1.0);
         let (n, c) = normal_equations(guess, levels, &prior, &next);
         if c < cost {
             let gain = cost - c;
@@ -331,6 +342,12 @@ pub(super) fn fit(guess: &Guess, levels: &[Reading]) -> MagnetisingCurve {
     curve
 }
 
+/// Whether a window of a level counts: not while the rotor's branches settle, and of the first level, before which the
+/// flux is not known, only the settled end.
+fn counts(level: usize, window: usize) -> bool {
+    window > 0 && (level > 0 || window >= WINDOWS / 2)
+}
+
 type Normal = ([[f64; N]; N], [f64; N]);
 
 /// Gauss-Newton matrix and gradient at `p`, and the cost: one trajectory for each parameter beside that of `p`.
@@ -353,17 +370,19 @@ fn normal_equations(guess: &Guess, levels: &[Reading], prior: &[(f64, f64); N], 
         }
     };
     let w = 1.0 / (SIGMA_U * SIGMA_U);
-    for level in levels {
+    for (at, level) in levels.iter().enumerate() {
         for t in &mut all {
             t.begin(level, guess.settle);
         }
-        for u in level.u {
+        for (window, u) in level.u.into_iter().enumerate() {
             let model = all.each_mut().map(|t| t.window(level, guess.window));
             let mut d = [0.0; N];
             for k in 0..N {
                 d[k] = (model[k + 1] - model[0]) / DELTA;
             }
-            add(model[0] - u, &d, w);
+            if counts(at, window) {
+                add(model[0] - u, &d, w);
+            }
         }
     }
     for k in 0..N {
@@ -378,12 +397,14 @@ fn normal_equations(guess: &Guess, levels: &[Reading], prior: &[(f64, f64); N], 
 fn residuals(guess: &Guess, levels: &[Reading], p: &[f64; N]) -> (f64, f64) {
     let mut t = Trajectory::new(p, guess.l_sigma);
     let (mut sum, mut n, mut psi_max) = (0.0, 0.0, 0.0f64);
-    for level in levels {
+    for (at, level) in levels.iter().enumerate() {
         t.begin(level, guess.settle);
-        for u in level.u {
+        for (window, u) in level.u.into_iter().enumerate() {
             let e = t.window(level, guess.window) - u;
-            sum += e * e;
-            n += 1.0;
+            if counts(at, window) {
+                sum += e * e;
+                n += 1.0;
+            }
             psi_max = psi_max.max(t.psi.abs());
         }
     }
