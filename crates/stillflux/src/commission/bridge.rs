@@ -1,18 +1,20 @@
 //! Curve of the bridge: direct currents at twelve levels, so short that the rotor flux stays small.
 //!
 //! ```text
-//! u(i) = R' i + (1 + v) u_l(i; I_k)       R' = R_s + r_d + R_R       t_σ ≪ t ≪ τ_r
+//! u(i) = R' i + (1 + t) u_t(i) + (1 + v) u_v(i; I_k)       R' = R_s + r_d + R_R       t_σ ≪ t ≪ τ_r
 //! ```
 //!
 //! After the leakage's transient and long before the rotor flux has built up, the rotor resistance is in series with
 //! the stator's: both, and what flux there is in symmetrical alternation, make a voltage linear in the current. All
-//! that is not linear is the bridge's. In the a-axis phases b and c carry half the current: two points of the curve at
-//! once, `u_l = 2/3 (e(i) + e(i/2))` with the curve `e` of a leg ([`crate::inverter`]).
+//! that is not linear is the bridge's: `u_t` of the threshold, `u_v` of the dead time. In the a-axis phases b and c carry
+//! half the current: two points of the curve at once, `u_v = 2/3 (e(i) + e(i/2))` with the curve `e` of a leg
+//! ([`crate::inverter`]). The current rises in the same time at all levels, so that the flux stays proportional to it.
 //!
-//! The fit is linear in `R'` and `v`; the knee `I_k` is found on a logarithmic grid between 0.02 and 50 times that of
-//! the data sheet, refined by a parabola.
+//! The fit is linear in `R'`, `t` and `v`; the knee `I_k` is found on a logarithmic grid between 0.02 and 50 times that
+//! of the data sheet, refined by a parabola. Far beyond the knee only the sum of threshold and dead time shows: their
+//! priors share it.
 //!
-//! **Assumes** equal legs. Threshold and dead time are scaled together: beyond the knee only their sum shows.
+//! **Assumes** equal legs.
 
 use super::excitation::{Command, Sample};
 use crate::base::PerUnit;
@@ -20,14 +22,16 @@ use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Integrator, Real};
 use crate::space::AlphaBeta;
+use nalgebra::{Matrix3, Vector3};
 
 /// Current levels, per unit.
 pub const LEVELS: [f64; 12] = [0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22, 0.32, 0.45, 0.62, 0.85, 1.15];
 /// Plateaus of a level; the first and the last one are not read and last half as long, so that the flux alternates
 /// symmetrically.
 const PLATEAUS: u32 = 6;
-/// Prior standard deviation of `v`, and of the logarithm of the knee.
-const PRIOR_V: f64 = 0.15;
+/// Prior standard deviations of `t`, of `v`, and of the logarithm of the knee.
+const PRIOR_T: f64 = 0.3;
+const PRIOR_V: f64 = 0.1;
 const PRIOR_KNEE: f64 = 1.5;
 /// Standard deviation assumed of a level's voltage, per unit: noise, duty resolution, current ripple.
 const SIGMA_U: f64 = 2e-4;
@@ -135,33 +139,32 @@ pub(super) fn fit(
     i: &[f64; LEVELS.len()],
     n: usize,
 ) -> Result<BridgeCurve, ParamError> {
-    let pu = PerUnit::new(machine, sheet)?;
     let base = if sheet.c_out > 0.0 { sheet.c_out } else { 0.3e-9 };
     let with = |c_out: f64| Inverter { c_out: c_out.min(10e-9), ..*sheet };
-    // For one knee: cost, R', 1 + v, variance of v, largest residual.
-    let solve = |x: f64| -> Result<[f64; 5], ParamError> {
-        let loss = BridgeCurve::loss(&with(base * libm::exp(x)), machine)?;
-        let prior = 1.0 / (PRIOR_V * PRIOR_V);
+    // For one knee: cost, R', 1 + t, 1 + v, variance of v, largest residual.
+    let solve = |x: f64| -> Result<[f64; 6], ParamError> {
+        let whole = BridgeCurve::loss(&with(base * libm::exp(x)), machine)?;
+        let dead = BridgeCurve::loss(&Inverter { u_th: 0.0, ..with(base * libm::exp(x)) }, machine)?;
+        let row = |i: f64| Vector3::new(i, whole(i) - dead(i), dead(i));
         let w = 1.0 / (SIGMA_U * SIGMA_U);
-        let (mut a, mut b, mut d, mut p, mut q) = (0.0, 0.0, prior, 0.0, prior);
+        let prior = Vector3::new(0.0, 1.0 / (PRIOR_T * PRIOR_T), 1.0 / (PRIOR_V * PRIOR_V));
+        let (mut a, mut b) = (Matrix3::from_diagonal(&prior), prior);
         for k in 0..n {
-            let e = loss(i[k]);
-            a += w * i[k] * i[k];
-            b += w * i[k] * e;
-            d += w * e * e;
-            p += w * i[k] * u[k];
-            q += w * e * u[k];
+            let h = row(i[k]);
+            a += h * h.transpose() * w;
+            b += h * (w * u[k]);
         }
-        let det = a * d - b * b;
-        let (r, g) = ((p * d - q * b) / det, (a * q - b * p) / det);
-        let mut cost = prior * (g - 1.0) * (g - 1.0) + x * x / (PRIOR_KNEE * PRIOR_KNEE);
+        let inverse = a.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let p = inverse * b;
+        let (t, v) = (p[1] - 1.0, p[2] - 1.0);
+        let mut cost = prior[1] * t * t + prior[2] * v * v + x * x / (PRIOR_KNEE * PRIOR_KNEE);
         let mut largest = 0.0f64;
         for k in 0..n {
-            let e = u[k] - r * i[k] - g * loss(i[k]);
+            let e = u[k] - p.dot(&row(i[k]));
             cost += w * e * e;
             largest = largest.max(e.abs());
         }
-        Ok([cost, r, g, a / det, largest])
+        Ok([cost, p[0], p[1].max(0.0), p[2].max(0.01), inverse[(2, 2)], largest])
     };
     let (step, mut best, mut at) = (0.1, f64::INFINITY, 0.0);
     for k in -39..=39 {
@@ -176,12 +179,11 @@ pub(super) fn fit(
     if curvature > 0.0 {
         at += (0.5 * (low - high) / (step * curvature)).clamp(-step, step);
     }
-    let [_, r, g, variance, residual] = solve(at)?;
+    let [_, r, t, v, variance, residual] = solve(at)?;
     let knee = if curvature > 0.0 { libm::sqrt(2.0 / curvature) } else { PRIOR_KNEE };
     // The knee is I_k = C u_dc/T_d of the data sheet's dead time; the curve keeps it with the dead time found.
-    let c = with(base * libm::exp(at)).c_out * g;
-    let inverter = Inverter { u_th: sheet.u_th * g, dead_time: sheet.dead_time * g, ..with(c) };
+    let c = with(base * libm::exp(at)).c_out * v;
+    let inverter = Inverter { u_th: sheet.u_th * t, dead_time: sheet.dead_time * v, ..with(c) };
     inverter.validate()?;
-    debug_assert!(pu.t_s > 0.0);
     Ok(BridgeCurve { inverter, r, deviation: [libm::sqrt(variance), knee], residual })
 }

@@ -11,7 +11,7 @@
 //!
 //! Currents sampled at the start of period *k* give the duties applied during period *k + 1*, as in the drive. The
 //! voltage handed to the procedures is that of the quantised duties of ideal legs, between the last two samples. The
-//! reference is limited in slope, so that the current does not overshoot.
+//! reference changes at a constant rate, in the same time whatever the change: the current does not overshoot.
 
 use crate::control::modulator::{Duty, applied, modulate, zero_duty};
 use crate::inverter::InverterModel;
@@ -55,8 +55,8 @@ pub(super) struct ExcitationConfig<R: Real> {
     pub r: R,
     /// Largest voltage.
     pub u_max: R,
-    /// Largest change of the current reference in a period.
-    pub slope: R,
+    /// One over the periods in which the current reference changes from one value to the next.
+    pub inv_rise: R,
 }
 
 /// State.
@@ -66,6 +66,9 @@ pub(super) struct Excitation<R: Real> {
     commanded: [AlphaBeta<R>; 2],
     integral: QuickIntegrator<R>,
     reference: R,
+    /// Where the reference goes, and by how much in a period.
+    target: R,
+    slope: R,
     i_last: R,
     /// Periods for which the voltage has been at its limit.
     limited: u32,
@@ -77,6 +80,8 @@ impl<R: Real> Excitation<R> {
             commanded: [AlphaBeta::default(); 2],
             integral: QuickIntegrator::new(R::ZERO),
             reference: R::ZERO,
+            target: R::ZERO,
+            slope: R::ZERO,
             i_last: R::ZERO,
             limited: 0,
         }
@@ -103,11 +108,15 @@ impl<R: Real> Excitation<R> {
                 return zero_duty();
             }
             Command::Voltage(u) => {
-                (self.integral, self.reference) = (QuickIntegrator::new(R::ZERO), R::ZERO);
+                (self.integral, self.reference, self.target) = (QuickIntegrator::new(R::ZERO), R::ZERO, R::ZERO);
                 u.to_phases()
             }
             Command::Current(target, add) => {
-                self.reference += (target - self.reference).limit(c.slope);
+                if target != self.target {
+                    self.target = target;
+                    self.slope = (target - self.reference).abs() * c.inv_rise;
+                }
+                self.reference += (target - self.reference).limit(self.slope);
                 let e = self.reference - i;
                 let loss = c.inverter.distortion(
                     c.inverter.nominal(),

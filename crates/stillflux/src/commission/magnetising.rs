@@ -37,7 +37,7 @@ const PRIOR_S: (f64, f64) = (7.0, 3.0);
 /// Relative standard deviation of the nameplate's resistances and inductance in this fit: hardly any weight.
 const PRIOR_PLATE: f64 = 1.0;
 /// Standard deviation of `d`: what the fit of the bridge leaves.
-const PRIOR_D: f64 = 0.02;
+const PRIOR_D: f64 = 0.01;
 /// Prior of the logarithm of the leakage inductance at low frequency over that at high frequency.
 const PRIOR_BAR: (f64, f64) = (0.1, 0.25);
 /// Standard deviation assumed of a window's voltage, per unit.

@@ -51,8 +51,8 @@ const TRIP: f64 = 1.45;
 const U_DC: (f64, f64) = (0.6, 1.45);
 /// Bandwidth of current control relative to the switching frequency, for the nameplate's leakage inductance.
 const BANDWIDTH: f64 = 0.012;
-/// Periods in which the reference rises by 1 pu.
-const RISE: f64 = 40.0;
+/// Periods in which the current goes from one value to the next.
+const RISE: f64 = 60.0;
 /// Periods for which the voltage may be at its limit.
 const LIMITED: u32 = 400;
 /// Duration of a level of the magnetising curve in rotor time constants of the nameplate, and its limit, s.
@@ -232,7 +232,7 @@ impl<R: Real> CommissioningConfig<R> {
                 k_i: r(k_p * pu.t_s * omega_c / 3.0),
                 r: r(pu.r_s + pu.r_r),
                 u_max: r(u_max),
-                slope: r(1.0 / RISE),
+                inv_rise: r(1.0 / RISE),
             },
             wiring: WiringConfig {
                 offset_periods,
