@@ -118,12 +118,8 @@ impl<R: Real> Excitation<R> {
                 }
                 self.reference += (target - self.reference).limit(self.slope);
                 let e = self.reference - i;
-                let loss = c.inverter.distortion(
-                    c.inverter.nominal(),
-                    &AlphaBeta::new(self.reference, R::ZERO),
-                    u_dc,
-                    R::ONE,
-                );
+                let loss =
+                    c.inverter.distortion(c.inverter.nominal(), &AlphaBeta::new(self.reference, R::ZERO), u_dc, R::ONE);
                 let integral = self.integral.add_limited(c.k_i * gain, e, c.u_max);
                 let wanted = c.k_p * gain * e + integral + c.r * self.reference;
                 let u = wanted.limit(c.u_max);

@@ -41,13 +41,7 @@ pub(super) fn duration(settle: u32) -> u32 {
 
 impl<R: Real> Leakage<R> {
     pub fn new() -> Self {
-        Self {
-            tick: 0,
-            plateau: 0,
-            u: Integrator::default(),
-            di: Integrator::default(),
-            i: Integrator::default(),
-        }
+        Self { tick: 0, plateau: 0, u: Integrator::default(), di: Integrator::default(), i: Integrator::default() }
     }
 
     /// Whether all plateaus have been read.

@@ -5,6 +5,7 @@
 //!
 //! ```text
 //! wiring → bridge → leakage → magnetising            every current along one axis: no torque, the shaft stays
+//! inertia                                             with a free shaft, by the drive that was found ([`si`] joins both)
 //! ```
 //!
 //! **Timing** is that of [`crate::drive::Drive::step`]: currents sampled at the start of period *k* give the duties of
@@ -19,10 +20,12 @@
 
 mod bridge;
 mod excitation;
+pub mod inertia;
 mod leakage;
 mod magnetising;
 pub mod nameplate;
 mod result;
+pub mod si;
 mod wiring;
 
 pub use bridge::{BridgeCurve, LEVELS as BRIDGE_LEVELS};

@@ -37,6 +37,8 @@ pub struct Warnings {
     pub far_from_nameplate: bool,
     /// Not all procedures were completed.
     pub incomplete: bool,
+    /// The run with a free shaft gave no inertia.
+    pub no_inertia: bool,
 }
 
 /// What was found.
@@ -50,6 +52,8 @@ pub struct Found {
     pub deviation: Deviation,
     /// Standard deviation of the factor of threshold and dead time, and relative one of the knee.
     pub deviation_inverter: [f64; 2],
+    /// Mean friction torque at low speed, N·m, if the shaft was free.
+    pub friction: Option<f64>,
     /// The fits, where there are any.
     pub bridge: Option<BridgeCurve>,
     /// The magnetising curve.
@@ -59,6 +63,18 @@ pub struct Found {
 }
 
 impl<R: Real> Commissioning<R> {
+    /// Voltage, current and fitted voltage of the levels of the bridge that were read, per unit.
+    #[must_use]
+    pub fn bridge_readings(&self) -> [Option<[f64; 3]>; bridge::LEVELS.len()] {
+        let (found, record) = (self.result().ok(), &self.state.bridge);
+        let curve = found.and_then(|f| Some((f.bridge?, BridgeCurve::loss(&f.bridge?.inverter, &f.machine).ok()?)));
+        core::array::from_fn(|k| {
+            let (fit, loss) = curve.as_ref().filter(|_| k < record.level)?;
+            let (u, i) = (record.u[k].to_f64(), record.i[k].to_f64());
+            Some([u, i, fit.r * i + loss(i)])
+        })
+    }
+
     /// What the completed procedures have found. Double precision, some seconds on a microcontroller without such a
     /// unit: not for the control interrupt.
     ///
@@ -74,6 +90,7 @@ impl<R: Real> Commissioning<R> {
             inverter: c.sheet,
             deviation: c.deviation,
             deviation_inverter: [0.15, 0.7],
+            friction: None,
             bridge: None,
             magnetising: None,
             warnings: Warnings { incomplete: s.stage < Stage::Complete, ..Warnings::default() },
@@ -146,9 +163,8 @@ impl<R: Real> Commissioning<R> {
         let unseen = if fit.psi_max < 1.0 { fit.deviation[3].min(0.5) } else { 0.0 };
         let d = &c.deviation;
         let far = |x: f64, y: f64, d: f64| libm::fabs(libm::log(x / y)) > 4.0 * d;
-        found.warnings.far_from_nameplate = far(machine.R_R, plate.R_R, d.R_R)
-            || far(machine.L_M, plate.L_M, d.L_M)
-            || far(fit.r, pu.r_s, d.R_s);
+        found.warnings.far_from_nameplate =
+            far(machine.R_R, plate.R_R, d.R_R) || far(machine.L_M, plate.L_M, d.L_M) || far(fit.r, pu.r_s, d.R_s);
         found.warnings.magnetising_fit = fit.residual > 0.05 * fit.r_r;
         found.warnings.flux_not_reached = fit.psi_max < 1.0;
         found.deviation.R_s = gain(fit.deviation[0]);

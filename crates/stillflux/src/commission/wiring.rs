@@ -181,3 +181,91 @@ impl<R: Real> Wiring<R> {
         Ok(None)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::commission::{Cause, Commissioning, CommissioningConfig, Nameplate, Stage, Status};
+    use crate::drive::Measurement;
+    use crate::params::Inverter;
+    use crate::scalar::{Q, Real};
+
+    const PLATE: Nameplate =
+        Nameplate { P_N: 4000.0, U_N: 400.0, I_N: 8.2, f_N: 50.0, n_N: 1435.0, cos_phi: 0.82, T_max: None, J: None };
+
+    /// What is wrong with a winding of three resistive inductances in star.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Winding {
+        Healthy,
+        /// A phase is open.
+        Open(usize),
+        /// All are.
+        Disconnected,
+        /// A phase has this share of its inductance.
+        Shorted(usize, f64),
+        /// Two terminals are connected by this share of the inductance.
+        Terminals(f64),
+    }
+
+    /// The first stage on such a winding, ideal legs: how it ends, and the largest current, per unit.
+    fn run<R: Real>(winding: Winding) -> (Status, Stage, f64) {
+        let config = CommissioningConfig::<R>::new(&PLATE, &Inverter::preset_2k2()).unwrap();
+        let (l, r, t_s) = (config.pu.sigma_l_s, config.pu.r_s + config.pu.r_r, config.pu.t_s);
+        let u_dc = config.pu.u_dc;
+        let mut x = Commissioning::new(config);
+        let (mut i, mut bridge) = ([0.0f64; 3], 0.0);
+        let (mut preload, mut largest) = ([0.5; 3], 0.0f64);
+        while x.status() == Status::Running && x.stage() == Stage::Wiring {
+            let read = [i[0], i[1] + bridge, i[2] - bridge].map(R::from_f64);
+            let out = x.step(&Measurement { i_abc: read, u_dc: R::from_f64(u_dc) });
+            let v = core::mem::replace(&mut preload, out.duty.map(Real::to_f64)).map(|d| d * u_dc);
+            for _ in 0..10 {
+                let mut g = [1.0 / l; 3];
+                match winding {
+                    Winding::Open(k) => g[k] = 0.0,
+                    Winding::Disconnected => g = [0.0; 3],
+                    Winding::Shorted(k, share) => g[k] /= share,
+                    Winding::Terminals(share) => bridge += (v[1] - v[2]) / (share * l) * 0.1 * t_s,
+                    Winding::Healthy => {}
+                }
+                let sum: f64 = g.iter().sum();
+                let star = if sum > 0.0 { (0..3).map(|k| g[k] * (v[k] - r * i[k])).sum::<f64>() / sum } else { 0.0 };
+                for k in 0..3 {
+                    i[k] += g[k] * (v[k] - r * i[k] - star) * 0.1 * t_s;
+                    largest = largest.max(i[k].abs()).max(bridge.abs());
+                }
+            }
+        }
+        (x.status(), x.stage(), largest)
+    }
+
+    fn faults<R: Real>() {
+        assert_eq!(run::<R>(Winding::Healthy).1, Stage::Bridge, "{}", R::NAME);
+        for (winding, cause) in [
+            (Winding::Open(0), Cause::OpenPhase),
+            (Winding::Open(1), Cause::OpenPhase),
+            (Winding::Open(2), Cause::OpenPhase),
+            (Winding::Disconnected, Cause::NoMotor),
+            (Winding::Shorted(1, 0.4), Cause::ChannelGain),
+            (Winding::Terminals(0.02), Cause::ShortCircuit),
+        ] {
+            let (status, _, largest) = run::<R>(winding);
+            assert!(matches!(status, Status::Faulted { cause: c, .. } if c == cause), "{winding:?}: {status:?}");
+            // A short of a fiftieth of the leakage inductance: one period more passes before the gates block.
+            assert!(largest < 2.0, "{winding:?}: {largest}");
+        }
+    }
+
+    #[test]
+    fn a_winding_that_is_open_or_shorted_is_named() {
+        faults::<f32>();
+        faults::<f64>();
+        faults::<Q>();
+    }
+
+    #[test]
+    fn the_state_takes_no_more_than_two_kilobytes() {
+        assert!(size_of::<crate::commission::State<f64>>() <= 2048);
+        assert!(size_of::<crate::commission::State<f32>>() <= 1024);
+        assert!(size_of::<crate::commission::State<Q>>() <= 1280);
+    }
+}
