@@ -6,27 +6,47 @@ a `Scenario` of both.
 """
 
 from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
+from stillflux.commissioning import Commissioned, Commissioning, CommissioningInterrupted, commission
+from stillflux.machine_file import Machine, load_machine
 from stillflux.nameplate import Nameplate
 from stillflux.parameters import Inverter, Motor
+from stillflux.replay import Replay, replay
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
 from stillflux.status import StatusCode
+from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, normal, sweep, uniform
 
 __all__ = [
+    "Commissioned",
+    "Commissioning",
+    "CommissioningInterrupted",
     "Drive",
     "Estimate",
     "FluxEstimator",
     "Interrupted",
     "Inverter",
+    "Machine",
     "Motor",
     "Nameplate",
     "Plant",
     "PlantState",
+    "Replay",
     "Result",
     "Scenario",
     "Status",
     "StatusCode",
+    "Sweep",
+    "SweepInterrupted",
     "Trace",
+    "commission",
+    "draws",
+    "factors",
+    "grid",
+    "load_machine",
+    "normal",
+    "replay",
     "simulate",
+    "sweep",
+    "uniform",
 ]

@@ -13,11 +13,14 @@ from stillflux.parameters import Inverter, Motor
 from stillflux.scenario import Scenario
 
 __all__ = [
+    "CommissioningCore",
+    "CommissioningRun",
     "Drive",
     "Estimate",
     "FluxEstimator",
     "Plant",
     "PlantState",
+    "RecordEstimator",
     "Run",
     "Status",
     "Trace",
@@ -27,6 +30,7 @@ __all__ = [
     "inverter_preset",
     "motor_preset",
     "nameplate_motor",
+    "nameplate_of",
     "signals",
     "to_gamma",
     "to_t_model",
@@ -44,6 +48,7 @@ def to_gamma(motor: Motor) -> dict[str, float]: ...
 def to_t_model(motor: Motor) -> dict[str, float]: ...
 def base(motor: Motor) -> dict[str, float]: ...
 def nameplate_motor(plate: Nameplate) -> tuple[dict[str, Any], dict[str, float]]: ...
+def nameplate_of(motor: Motor) -> dict[str, float]: ...
 def signals() -> dict[str, str]: ...
 
 @final
@@ -167,7 +172,31 @@ class FluxEstimator:
         omega_s: float | NDArray[np.float64] | None = None,
         R_s: float | NDArray[np.float64] | None = None,
         psi_s0: complex | None = None,
+        u_dc: float | NDArray[np.float64] | None = None,
     ) -> Trace: ...
+
+@final
+class RecordEstimator:
+    def __new__(
+        cls,
+        motor: Motor,
+        inverter: Inverter,
+        scheme: str = "enhanced",
+        **settings: Unpack[DriveSettings],
+    ) -> RecordEstimator: ...
+    def run(
+        self,
+        u_s: NDArray[np.complex128],
+        i_s: NDArray[np.complex128],
+        i_sum: NDArray[np.float64],
+        u_dc: NDArray[np.float64],
+        psi_ref: NDArray[np.float64],
+        psi_s0: complex,
+        deviation: float,
+        omega_m: float,
+        settled: bool = False,
+        R_s: float | None = None,
+    ) -> dict[str, NDArray[Any]]: ...
 
 @final
 class PlantState:
@@ -225,3 +254,51 @@ class Run:
     def status(self) -> Status: ...
     def memory(self) -> dict[str, Any]: ...
     def record(self) -> dict[str, NDArray[Any]]: ...
+
+@final
+class CommissioningCore:
+    def __new__(
+        cls, plate: Nameplate, inverter: Inverter, shaft: str, arithmetic: str
+    ) -> CommissioningCore: ...
+    def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]: ...
+    @property
+    def gates_on(self) -> bool: ...
+    @property
+    def progress(self) -> float: ...
+    @property
+    def stage(self) -> str: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def cause(self) -> str | None: ...
+    def abort(self) -> None: ...
+    def found(self) -> dict[str, Any]: ...
+
+@final
+class CommissioningRun:
+    def __new__(
+        cls,
+        plate: Nameplate,
+        inverter: Inverter,
+        shaft: str,
+        arithmetic: str,
+        plant_motor: Motor,
+        plant_inverter: Inverter,
+        channels: tuple[int, int, int] | None,
+        gain: tuple[float, float, float] | None,
+        options: dict[str, Any],
+    ) -> CommissioningRun: ...
+    def advance(self, periods: int) -> bool: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def progress(self) -> float: ...
+    @property
+    def stage(self) -> str: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def cause(self) -> str | None: ...
+    @property
+    def extremes(self) -> tuple[float, float]: ...
+    def found(self) -> dict[str, Any]: ...

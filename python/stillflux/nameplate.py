@@ -42,6 +42,15 @@ class Nameplate:
     def __post_init__(self) -> None:
         _core.nameplate_motor(self)
 
+    @classmethod
+    def of(cls, motor: Motor) -> Self:
+        """The plate that a motor would have: its rated point at rated torque, without iron and friction loss,
+        rounded as printed (three digits, whole r/min, two decimals of cos_phi)."""
+        exact = _core.nameplate_of(motor)
+        printed = {name: float(f"{exact[name]:.3g}") for name in ("P_N", "I_N")}
+        speed, cos_phi = round(exact["n_N"]), round(exact["cos_phi"], 2)
+        return cls(**{**exact, **printed, "n_N": float(speed), "cos_phi": cos_phi})
+
     def motor(self) -> Motor:
         """The motor of the rated point, without a saturation curve.
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from stillflux import _core
+from stillflux.machine_file import part
 from stillflux.options import DriveSettings, PlantOptions
-from stillflux.parameters import Inverter, Motor, from_table
+from stillflux.parameters import Inverter, Motor
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -87,6 +88,51 @@ class Scenario:
         """A copy with changed settings of the drive."""
         return replace(self, settings={**self.settings, **settings})
 
+    def value(self, name: str) -> Any:
+        """A field, or one of a part of the scenario: "load_torque", "plant_motor.R_s", "settings.psi_ref".
+
+        The real motor and inverter are those that the drive knows, where they are not given.
+        """
+        part, dot, field_name = name.partition(".")
+        if not hasattr(self, part):
+            raise ValueError(f"{name}: {part} is not a field of a scenario")
+        whole = getattr(self, part)
+        if not dot:
+            return whole
+        if whole is None and part.startswith("plant_"):
+            whole = getattr(self, part.removeprefix("plant_"))
+        if isinstance(whole, dict):
+            if field_name not in whole:
+                raise ValueError(f"{name} is not given in the scenario")
+            return whole[field_name]
+        if not isinstance(whole, Motor | Inverter) or not hasattr(whole, field_name):
+            raise ValueError(f"{name}: {field_name} is not a field of {part}")
+        return getattr(whole, field_name)
+
+    def with_values(self, values: Mapping[str, Any]) -> Self:
+        """A copy with changed fields, named as in `value`. Raises ValueError as the scenario does."""
+        changes: dict[str, Any] = {}
+        parts: dict[str, dict[str, Any]] = {}
+        for name, value in values.items():
+            part, dot, field_name = name.partition(".")
+            if part not in {f.name for f in fields(self)}:
+                raise ValueError(f"{name}: {part} is not a field of a scenario")
+            if dot:
+                parts.setdefault(part, {})[field_name] = value
+            else:
+                changes[part] = value
+        for part, of_part in parts.items():
+            whole = changes.get(part, getattr(self, part))
+            if whole is None and part.startswith("plant_"):
+                whole = changes.get(part.removeprefix("plant_"), getattr(self, part.removeprefix("plant_")))
+            if isinstance(whole, dict):
+                changes[part] = {**whole, **of_part}
+            elif isinstance(whole, Motor | Inverter):
+                changes[part] = whole.replace(**of_part)
+            else:
+                raise ValueError(f"{part} has no field {', '.join(of_part)}")
+        return self.replace(**changes)
+
     def to_dict(self) -> dict[str, Any]:
         """As plain data for JSON: complex numbers become [re, im]."""
         return {key: plain(value) for key, value in asdict(self).items() if value is not None}
@@ -95,16 +141,19 @@ class Scenario:
     def from_dict(cls, data: dict[str, Any]) -> Self:
         """From plain data, as `to_dict` gives it or a TOML file holds it.
 
-        Motors and inverters are a preset's name or a table of fields, in which `preset` may name a preset
-        to change.
+        Motors and inverters are a preset's name, a motor file (see `stillflux.machine_file`), or a table of
+        fields, in which `preset` may name a preset to change. Without an inverter, that of the motor's
+        preset or file is taken.
         """
         known = {f.name for f in fields(cls)}
         for key in data:
             if key not in known:
                 raise ValueError(f"{key} is not a field of a scenario; those are {', '.join(sorted(known))}")
+        if "inverter" not in data and isinstance(data.get("motor"), str):
+            data = {**data, "inverter": data["motor"]}
         kinds = {"motor": Motor, "plant_motor": Motor, "inverter": Inverter, "plant_inverter": Inverter}
         rest = {key: rich(value) for key, value in data.items() if key not in kinds}
-        parts = {key: from_table(kind, data[key]) for key, kind in kinds.items() if key in data}
+        parts = {key: part(kind, data[key]) for key, kind in kinds.items() if key in data}
         return cls(**rest, **parts)
 
 

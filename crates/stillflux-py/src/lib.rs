@@ -12,6 +12,7 @@ mod drive;
 mod flux;
 mod parameters;
 mod plant;
+mod replay;
 mod run;
 
 use pyo3::prelude::*;
@@ -20,7 +21,7 @@ use pyo3::prelude::*;
 #[pymodule(name = "_core")]
 mod core_module {
     #[pymodule_export]
-    use crate::commission::nameplate_motor;
+    use crate::commission::{CommissioningCore, CommissioningRun, nameplate_motor, nameplate_of};
     #[pymodule_export]
     use crate::drive::{Drive, Estimate, Status};
     #[pymodule_export]
@@ -32,6 +33,8 @@ mod core_module {
     };
     #[pymodule_export]
     use crate::plant::{Plant, PlantState};
+    #[pymodule_export]
+    use crate::replay::RecordEstimator;
     #[pymodule_export]
     use crate::run::{Run, signals};
 }

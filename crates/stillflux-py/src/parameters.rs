@@ -124,6 +124,11 @@ pub fn inverter_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, 
         "11kW" => params::Inverter::preset_11k(),
         _ => return Err(unknown_preset(name)),
     };
+    inverter_dict(py, &inverter)
+}
+
+/// Fields of an inverter.
+pub fn inverter_dict<'py>(py: Python<'py>, inverter: &params::Inverter) -> PyResult<Bound<'py, PyDict>> {
     Ok(dict!(py, inverter; u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out))
 }
 

@@ -13,6 +13,7 @@ mod machine;
 mod mechanics;
 mod nodes;
 mod plant;
+pub mod replay;
 mod rng;
 pub mod simulate;
 mod thermal;

@@ -108,6 +108,44 @@ struct Change {
 type Circuit = [f64; 4];
 
 impl Nameplate {
+    /// The plate of a machine: its rated point at rated voltage, frequency and torque, without iron and friction loss.
+    ///
+    /// # Errors
+    /// A machine outside its admissible range, or one whose pull-out torque at rated voltage is below the rated torque.
+    pub fn of(machine: &Machine) -> Result<Self, ParamError> {
+        machine.validate()?;
+        let m = machine;
+        let omega = m.omega_sR();
+        let u = libm::sqrt(2.0 / 3.0) * m.U_N;
+        // Z = R_s + jωL_σ + jωL_M ∥ R_R/s: impedance, squared current of the rotor and torque at a slip.
+        let at = |slip: f64| {
+            let (r, x) = (m.R_R / slip, omega * m.L_M);
+            let d = r * r + x * x;
+            let (re, im) = (m.R_s + r * x * x / d, omega * m.L_sigma + r * r * x / d);
+            let z = libm::sqrt(re * re + im * im);
+            (re, z, 1.5 * r * (u / z) * (u / z) * x * x / d)
+        };
+        let power = |torque: f64| torque * omega / f64::from(m.n_p);
+        let (mut low, mut high) = (1e-5, SLIP_MAX);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if at(middle).2 < power(m.T_N) { low = middle } else { high = middle }
+        }
+        let (slip, (re, z, P_delta)) = (high, at(high));
+        check("T_N", m.T_N, 0.0, 1.001 * P_delta / power(1.0), "N m")
+            .map_err(|e| e.with_note("more than the machine develops at rated voltage up to 20 % slip"))?;
+        Ok(Self {
+            P_N: P_delta * (1.0 - slip),
+            U_N: m.U_N,
+            I_N: u / z / core::f64::consts::SQRT_2,
+            f_N: m.f_N,
+            n_N: (1.0 - slip) * 60.0 * m.f_N / f64::from(m.n_p),
+            cos_phi: re / z,
+            T_max: None,
+            J: None,
+        })
+    }
+
     /// Pole pairs: those of the synchronous speed next above the rated one.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -274,54 +312,30 @@ mod tests {
     use super::*;
     use crate::params::{Rating, TModel};
 
-    /// The plate of a machine at a slip: rated voltage and frequency, no loss but the copper's.
-    fn plate(m: &Machine, slip: f64) -> Nameplate {
-        let omega = m.omega_sR();
-        let u = libm::sqrt(2.0 / 3.0) * m.U_N;
-        // Z = R_s + jωL_σ + jωL_M ∥ R_R/s
-        let (r, x) = (m.R_R / slip, omega * m.L_M);
-        let d = r * r + x * x;
-        let (re, im) = (m.R_s + r * x * x / d, omega * m.L_sigma + r * r * x / d);
-        let z = libm::sqrt(re * re + im * im);
-        let i = u / z;
-        let i_r_sq = i * i * x * x / d;
-        let n_N = (1.0 - slip) * 60.0 * m.f_N / f64::from(m.n_p);
-        Nameplate {
-            P_N: 1.5 * r * i_r_sq * (1.0 - slip),
-            U_N: m.U_N,
-            I_N: i / core::f64::consts::SQRT_2,
-            f_N: m.f_N,
-            n_N,
-            cos_phi: re / z,
-            T_max: None,
-            J: None,
-        }
-    }
-
-    /// Ten machines of 0.37 to 160 kW at mains voltage, 48 V, four pole pairs, and a rated slip of each.
-    fn machines() -> [(Machine, f64); 10] {
-        let m = |R_s, R_r, L_l, L_m, n_p, U_N, f_N| {
+    /// Ten machines of 0.37 to 160 kW at mains voltage, 48 V, four pole pairs.
+    fn machines() -> [Machine; 10] {
+        let m = |R_s, R_r, L_l, L_m, n_p, U_N, f_N, T_N| {
             let t = TModel { R_s, R_r, L_ls: L_l, L_lr: L_l, L_m };
-            Machine::from_t_model(t, Rating { n_p, J: 0.01, U_N, I_N: 1.0, f_N, T_N: 1.0 })
+            Machine::from_t_model(t, Rating { n_p, J: 0.01, U_N, I_N: 1.0, f_N, T_N })
         };
         [
-            (Machine::preset_2k2(), 0.05),
-            (Machine::preset_11k(), 0.027),
-            (m(24.0, 17.0, 0.055, 1.0, 2, 400.0, 50.0), 0.08),
-            (m(11.5, 8.0, 0.034, 0.63, 2, 400.0, 50.0), 0.06),
-            (m(1.4, 1.1, 7.5e-3, 0.16, 2, 400.0, 50.0), 0.043),
-            (m(0.26, 0.17, 2.2e-3, 57e-3, 2, 400.0, 50.0), 0.022),
-            (m(0.06, 0.036, 0.8e-3, 24e-3, 2, 400.0, 50.0), 0.013),
-            (m(0.0105, 0.0067, 0.27e-3, 8.4e-3, 2, 400.0, 50.0), 0.0085),
-            (m(0.013, 0.01, 36e-6, 1.5e-3, 2, 34.0, 100.0), 0.06),
-            (m(0.9, 0.75, 6e-3, 60e-3, 4, 400.0, 50.0), 0.04),
+            Machine::preset_2k2(),
+            Machine::preset_11k(),
+            m(24.0, 17.0, 0.055, 1.0, 2, 400.0, 50.0, 2.6),
+            m(11.5, 8.0, 0.034, 0.63, 2, 400.0, 50.0, 5.1),
+            m(1.4, 1.1, 7.5e-3, 0.16, 2, 400.0, 50.0, 26.6),
+            m(0.26, 0.17, 2.2e-3, 57e-3, 2, 400.0, 50.0, 98.0),
+            m(0.06, 0.036, 0.8e-3, 24e-3, 2, 400.0, 50.0, 291.0),
+            m(0.0105, 0.0067, 0.27e-3, 8.4e-3, 2, 400.0, 50.0, 1030.0),
+            m(0.013, 0.01, 36e-6, 1.5e-3, 2, 34.0, 100.0, 16.0),
+            m(0.9, 0.75, 6e-3, 60e-3, 4, 400.0, 50.0, 73.0),
         ]
     }
 
     #[test]
     fn the_rated_point_gives_the_machine_back_within_its_deviations() {
-        for (m, slip) in machines() {
-            let (got, d) = plate(&m, slip).machine().unwrap();
+        for m in machines() {
+            let (got, d) = Nameplate::of(&m).unwrap().machine().unwrap();
             assert_eq!(got.n_p, m.n_p);
             for (name, got, want, d) in
                 [("R_s", got.R_s, m.R_s, d.R_s), ("R_R", got.R_R, m.R_R, d.R_R), ("L_M", got.L_M, m.L_M, d.L_M)]
@@ -335,16 +349,17 @@ mod tests {
 
     #[test]
     fn with_the_true_resistance_and_leakage_the_rated_point_is_exact() {
-        for (m, slip) in machines() {
-            let [_, R_R, _, L_M] = plate(&m, slip).rated_point(m.R_s, m.L_sigma, &Change::default()).unwrap();
+        for m in machines() {
+            let [_, R_R, _, L_M] =
+                Nameplate::of(&m).unwrap().rated_point(m.R_s, m.L_sigma, &Change::default()).unwrap();
             assert!((R_R / m.R_R - 1.0).abs() < 1e-9 && (L_M / m.L_M - 1.0).abs() < 1e-9, "{R_R} {L_M}");
         }
     }
 
     #[test]
     fn a_pull_out_torque_replaces_the_typical_leakage() {
-        for (m, slip) in machines() {
-            let p = plate(&m, slip);
+        for m in machines() {
+            let p = Nameplate::of(&m).unwrap();
             let T_max = p.pull_out([m.R_s, m.R_R, m.L_sigma, m.L_M]);
             let (got, d) = Nameplate { T_max: Some(T_max), ..p }.machine().unwrap();
             let e = got.L_sigma / m.L_sigma - 1.0;
