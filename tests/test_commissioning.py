@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 import stillflux as sf
+from stillflux.cli import main
 
 PLATE = sf.Nameplate(P_N=4000.0, U_N=400.0, I_N=8.2, f_N=50.0, n_N=1435.0, cos_phi=0.82)
 
@@ -117,3 +118,43 @@ def test_other_errors_of_a_commissioning() -> None:
         sf.Commissioning(PLATE, sf.Inverter(), shaft="loose")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="arithmetic"):
         sf.Commissioning(PLATE, sf.Inverter(), arithmetic="f16")
+
+
+FILE = """
+[nameplate]
+P_N = 2110.0
+U_N = 400.0
+I_N = 4.9
+f_N = 50.0
+n_N = 1380.0
+cos_phi = 0.8
+
+[inverter]
+r_d = 0.2
+
+[plant]
+adc_noise = 0.02
+
+[plant.motor]
+preset = "2.2kW"
+
+[plant.inverter]
+dead_time = 2.1e-6
+"""
+
+
+def test_the_command_writes_a_motor_file_and_a_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out, page = tmp_path / "motor.toml", tmp_path / "found.toml", tmp_path / "report.html"
+    file.write_text(FILE)
+    assert main(["commission", str(file), "--out", str(out), "--report", str(page)]) == 0
+    printed = capsys.readouterr().out
+    assert "status: done" in printed
+    assert sf.load_machine(out).motor.R_s == pytest.approx(3.7, rel=0.02)
+    text = page.read_text()
+    assert "<svg" in text
+    assert "R_s + r_d" in text
+    file.write_text(FILE.replace('[plant.motor]\npreset = "2.2kW"\n', ""))
+    assert main(["commission", str(file)]) == 2
+    assert "[plant.motor] is missing" in capsys.readouterr().err

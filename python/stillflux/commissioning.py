@@ -103,7 +103,7 @@ class Commissioning:
         self._core = CommissioningCore(plate, inverter, shaft, arithmetic)
 
     def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
-        """One control period: phase currents in A (three numbers) and dc-link voltage in V; returns the duties
+        """One control period: phase currents in A (three numbers), dc-link voltage in V; returns the duties
         of the three legs for the next period, shape (3,) in [0, 1]."""
         return self._core.step(i_abc, u_dc)
 
