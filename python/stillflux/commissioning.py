@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stillflux._core import CommissioningCore, CommissioningRun
 from stillflux.machine_file import machine_to_toml
 from stillflux.nameplate import Nameplate
-from stillflux.options import PlantOptions
+from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import Inverter, Motor
 
 if TYPE_CHECKING:
@@ -56,6 +56,20 @@ class Commissioned:
     extremes: tuple[float, float] | None = field(default=None, repr=False)
     """On a plant: largest phase current relative to the rated peak, and the largest angle of the shaft in the
     procedures at standstill, electrical rad."""
+
+    @property
+    def settings(self) -> DriveSettings:
+        """What the drive begins with: `Drive(found.motor, found.inverter, **found.settings)`.
+
+        The deviations, with the temperature of the winding (15 %) in that of R_s."""
+        d = {name: min(max(value, 0.01), 0.7) for name, value in self.deviation.items()}
+        return {
+            "prior_R_s": float(np.hypot(d["R_s"], 0.15)),
+            "prior_loss": float(np.hypot(d["loss"], 0.02)),
+            "prior_c_out": float(np.hypot(d["c_out"], 0.1)),
+            "prior_L_sigma": float(np.hypot(d["L_sigma"], 0.03)),
+            "prior_L_M": float(np.hypot(d["L_M"], 0.02)),
+        }
 
     def to_toml(self, name: str = "") -> str:
         """The text of a motor file: tables motor, inverter and deviation, and the warnings."""

@@ -236,7 +236,8 @@ drive_settings! {
     paper:
     offset_estimator, offset_gain, noise_compensator, noise_gain, resistance_adaptation, resistance_gain;
     enhanced:
-    identify_offset, identify_resistance, apply_innovation, omega_s_min;
+    identify_offset, identify_resistance, apply_innovation, omega_s_min,
+    prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M;
 }
 
 /// A setting of the other scheme is an error, whatever its value.

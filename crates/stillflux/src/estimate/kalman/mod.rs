@@ -95,6 +95,7 @@ use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
+use crate::estimate::priors::Priors;
 use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine};
 use crate::scalar::{Integrator, Real, likely};
@@ -169,6 +170,12 @@ impl<R: Real> FilterConfig<R> {
             saturation: rounded(saturated.c),
             correct: identified.flux,
         }
+    }
+
+    /// The same with other standard deviations of the parameters at the start.
+    #[must_use]
+    pub fn with_priors(self, priors: &Priors) -> Self {
+        Self { noise: self.noise.with_priors(priors), ..self }
     }
 }
 
