@@ -10,6 +10,7 @@ import pytest
 
 import stillflux as sf
 from stillflux.cli import main
+from stillflux.evidence import commissioning
 
 PLATE = sf.Nameplate(P_N=4000.0, U_N=400.0, I_N=8.2, f_N=50.0, n_N=1435.0, cos_phi=0.82)
 
@@ -158,3 +159,16 @@ def test_the_command_writes_a_motor_file_and_a_report(
     file.write_text(FILE.replace('[plant.motor]\npreset = "2.2kW"\n', ""))
     assert main(["commission", str(file)]) == 2
     assert "[plant.motor] is missing" in capsys.readouterr().err
+
+
+def test_draws_of_the_evidence_are_found_and_judged(tmp_path: Path) -> None:
+    outcomes = [commissioning.run(seed) for seed in (1, 5)]
+    found = {claim.quantity: claim for claim in commissioning.claims(outcomes)}
+    assert found["refused or not completed"].ok
+    assert found["largest phase current"].ok
+    assert found["largest turn of the shaft at standstill"].ok
+    assert all(
+        found[f"{name}, median error"].value < 2 * limit for name, limit in commissioning.LIMITS.items()
+    )
+    commissioning.page(tmp_path / "page.html", "stillflux beyond commissioning", outcomes)
+    assert "<svg" in (tmp_path / "page.html").read_text()
