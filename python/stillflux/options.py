@@ -81,6 +81,17 @@ class DriveSettings(TypedDict, total=False):
     omega_s_min: float
     """Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is
     lowered, by at most 30 %. 0: the flux stays."""
+    prior_R_s: float
+    """Relative standard deviation with which the filter begins, 0.002 to 1: of the stator resistance, with
+    its temperature. What is known well moves little: `Commissioned.settings`."""
+    prior_loss: float
+    """Of threshold and dead time."""
+    prior_c_out: float
+    """Of the capacitance of the inverter's legs."""
+    prior_L_sigma: float
+    """Of the leakage inductance."""
+    prior_L_M: float
+    """Of the magnetising inductance."""
 
 
 class PlantOptions(TypedDict, total=False):

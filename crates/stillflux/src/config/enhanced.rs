@@ -5,6 +5,7 @@ use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
+use crate::estimate::priors::Priors;
 use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
@@ -38,6 +39,7 @@ words!(EnhancedConfig: filter, balance, shift, probe_periods, probe_floor);
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
+    #[allow(non_snake_case)]
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
@@ -50,8 +52,13 @@ impl<R: Real> EnhancedConfig<R> {
             let EnhancedParams { identify_offset, identify_resistance, apply_innovation, .. } = p.enhanced;
             Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
         };
+        let priors = {
+            let EnhancedParams { prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M, .. } = p.enhanced;
+            Priors { r_s: prior_R_s, loss: prior_loss, knee: prior_c_out, leakage: prior_L_sigma, l_m: prior_L_M }
+        };
+        let filter = FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified);
         Self {
-            filter: FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified),
+            filter: filter.with_priors(&priors),
             balance: BalanceConfig {
                 step: rounded(BALANCE_RATE / inverter.f_s),
                 step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),

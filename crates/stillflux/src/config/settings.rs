@@ -2,6 +2,7 @@
 //! the admissible range of each. A value outside it is an error that names field, value and range.
 
 use crate::base::Base;
+use crate::estimate::priors::Priors;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::words::Words;
 
@@ -152,6 +153,7 @@ impl PaperParams {
 }
 
 /// Settings of the enhanced scheme.
+#[allow(non_snake_case)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -165,22 +167,49 @@ pub struct EnhancedParams {
     /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
     /// most 30 % ([`crate::control::shift`]). 0: the flux stays.
     pub omega_s_min: f64,
+    /// Relative standard deviation with which the filter begins: of the stator resistance, with its temperature.
+    pub prior_R_s: f64,
+    /// Of threshold and dead time.
+    pub prior_loss: f64,
+    /// Of the legs' capacitance.
+    pub prior_c_out: f64,
+    /// Of the leakage inductance.
+    pub prior_L_sigma: f64,
+    /// Of the magnetising inductance.
+    pub prior_L_M: f64,
 }
 
 impl EnhancedParams {
     /// Defaults for a machine.
     #[must_use]
     pub fn new(machine: &Machine) -> Self {
+        let Priors { r_s, loss, knee, leakage, l_m } = Priors::default();
         Self {
             identify_offset: true,
             identify_resistance: true,
             apply_innovation: true,
             omega_s_min: 0.006 * machine.omega_sR(),
+            prior_R_s: r_s,
+            prior_loss: loss,
+            prior_c_out: knee,
+            prior_L_sigma: leakage,
+            prior_L_M: l_m,
         }
     }
 
     fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
-        check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")
+        check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")?;
+        self.priors().into_iter().try_for_each(|(name, value)| check(name, value, 0.002, 1.0, ""))
+    }
+
+    fn priors(&self) -> [(&'static str, f64); 5] {
+        [
+            ("prior_R_s", self.prior_R_s),
+            ("prior_loss", self.prior_loss),
+            ("prior_c_out", self.prior_c_out),
+            ("prior_L_sigma", self.prior_L_sigma),
+            ("prior_L_M", self.prior_L_M),
+        ]
     }
 
     /// An error for the first field that is not at its default.
@@ -194,7 +223,9 @@ impl EnhancedParams {
         switch("identify_offset", self.identify_offset, d.identify_offset)?;
         switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;
         switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
-        same("omega_s_min", self.omega_s_min, d.omega_s_min)
+        same("omega_s_min", self.omega_s_min, d.omega_s_min)?;
+        let mut priors = self.priors().into_iter().zip(d.priors());
+        priors.try_for_each(|((name, value), (_, default))| same(name, value, default))
     }
 }
 

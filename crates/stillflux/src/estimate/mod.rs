@@ -8,5 +8,6 @@ pub mod flux;
 pub mod integral;
 pub mod kalman;
 pub mod offset;
+pub mod priors;
 pub mod resistance;
 pub mod speed;
