@@ -224,7 +224,8 @@ drive_settings! {
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
     inverter_model, calibrate_offset, offset_time, magnetise_time;
     paper:
-    offset_estimator, offset_gain, noise_compensator, noise_gain, resistance_adaptation, resistance_gain;
+    offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation, resistance_gain,
+    resistance_at_rest, resistance_at_light_load, resistance_quotient, initial_flux, low_pass, limiter;
     enhanced:
     identify_offset, identify_resistance, apply_innovation, omega_s_min;
 }

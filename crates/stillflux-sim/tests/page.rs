@@ -42,7 +42,7 @@ fn a_page_comes_back_as_it_was_sealed() {
 fn a_page_of_another_image_is_refused() {
     let page = Page::seal(&ready::<f32>(Scheme::default())).unwrap();
     assert!(page.open::<Q>().is_none(), "arithmetic");
-    for built in 0..4 {
+    for built in 0..8 {
         let other = changed(&page, 2, |_| built);
         assert_eq!(other.open::<f32>().is_some(), built == Scheme::BUILT, "schemes {built:b}");
     }
