@@ -134,7 +134,7 @@ impl Default for PaperParams {
             offset_gain: 0.5,
             noise_compensator: true,
             noise_gain: (0.06, 0.5),
-            noise_regeneration: 0.01,
+            noise_regeneration: 0.005,
             resistance_adaptation: true,
             resistance_gain: 0.42,
             resistance_at_rest: false,

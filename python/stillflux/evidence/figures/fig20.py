@@ -4,13 +4,14 @@ Fig. 20 itself is not in that band: at ω = 0.003 and −T_N the slip makes ω_s
 control see Fig. 19, where it is the same.
 
 In the band two blocks destabilise, each for itself. The noise compensator: its steady action along ψ̂_s
-turns an error of angle into one of the flux with the sign that increases it; at a gain of 0.06 the 2.2-kW
-machine is lost with the adaptation off, at 0.03 the angle is off by up to 10°, at 0.01 by 2°. The
-adaptation: the early response of ε has the wrong sign there; with a tenth of the motoring gain the 11-kW
-machine is lost at any gain of the compensator below 0.03. So the drive gives the compensator a ceiling of
-0.01 while regenerating and the adaptation a hundredth of its gain: these are the published blocks,
-scheduled. What stays is that r̂_s is all but kept there. A winding whose resistance changes by 10 % within 8
-s of regeneration loses the 2.2-kW machine, with or without adaptation.
+turns an error of angle into one of the flux with the sign that increases it. With the adaptation off and a
+gain of 0.06 the 2.2-kW machine is lost, at 0.03 the angle is off by up to 10°, at 0.01 by 3°, at 0.005 by
+0.6°. The adaptation: the early response of ε has the wrong sign there; with a tenth of the motoring gain the
+11-kW machine is lost at any gain of the compensator below 0.03. So the drive lowers the compensator to 0.005
+while it regenerates (`noise_regeneration`; above ω_s of 0.03, where nothing is unstable, the gain is nearly
+the usual one) and leaves the adaptation a hundredth: these are the published blocks, scheduled. What stays
+is that r̂_s is all but kept there: a winding whose resistance changes by 10 % within 8 s of regeneration
+loses the 2.2-kW machine, with or without adaptation.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Fig. 12, caption: the quotient N/D in the adaptation path, in place of the sign alone.
 
-`fig13b` says what it stands for. The step of Fig. 13b at 30 % load, at ω = 0.01, 0.02 and 0.03: with the
-quotient the path carries the error of r̂_s itself, so that the response depends on the speed as little as
-the transients of ε allow.
+`fig13b` says what it stands for. The step of Fig. 13b at 30 % load, at ω = 0.01, 0.02 and 0.03. With the
+quotient the path carries the error of r̂_s itself, at the same gain at every speed; what is left of the
+dependence is the transient of ε, which takes a part of a period of ω_s.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ EXPERIMENTS = (
     Experiment(
         "12 quotient",
         "The quotient of Fig. 12 in the adaptation path",
-        "r̂_s found at the same pace at every speed",
+        "The error of r̂_s itself in the path, with its sign",
         scenarios,
         claims,
         draw,
