@@ -36,9 +36,9 @@ LONG = (
     "11",
     "17-120",
     "18-at-rest",
-    "II-D range",
-    "III-E load",
-    "12 quotient",
+    "II-D-range",
+    "III-E-load",
+    "12-quotient",
 )
 """Left to the slow tests in any arithmetic."""
 

@@ -6,7 +6,7 @@ from a leading frame, has less i_q, by i_d sin(δ̂ - δ). So i_q first falls (f
 then, as speed control makes up for the torque lost, rises above what it was: the increase is judged over the
 whole oscillation, 3 s, against what i_q does in as long a time before.
 
-"III-E quotient" is the same with the quotient of the caption of Fig. 12 (N: numerator, D: denominator). In
+"12-quotient" is the same with the quotient of the caption of Fig. 12 (N: numerator, D: denominator). In
 the steady state ε = -2 ψ* Δr_s i_q/ω_s, so that with N = ε ω̂_s and D = i_q the path carries -2 ψ* Δr_s: the
 error itself, with its sign. That accounts for the sign schedule that the law with sign(ω̂_s i_q) needs, and
 makes the response the same at every speed and load. The sign law is the same quotient with its size left

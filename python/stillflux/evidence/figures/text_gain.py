@@ -66,7 +66,7 @@ def draw(result: Result) -> Figure:
 
 EXPERIMENTS = (
     Experiment(
-        "II-B gains",
+        "II-B-gains",
         "Gain of one current channel off by 2 %",
         "Residual disturbances compensated without a model",
         scenario,

@@ -79,7 +79,7 @@ def draw(result: Result) -> Figure:
 
 EXPERIMENTS = (
     Experiment(
-        "III-E l_s",
+        "III-E-l_s",
         "l_s as a function of the flux",
         "The circle of (12) with l_s(ψ)",
         scenario,

@@ -97,7 +97,7 @@ def draw(result: Result) -> Figure:
 
 EXPERIMENTS = (
     Experiment(
-        "III-E light",
+        "III-E-light",
         "Resistance at light load by the method of [9], hand-over to the MRAS",
         "r̂_s found where the MRAS cannot, handed over",
         scenario,

@@ -67,7 +67,7 @@ def draw(result: Result) -> Figure:
 
 EXPERIMENTS = (
     Experiment(
-        "II-C limiter",
+        "II-C-limiter",
         "Limited integrator in place of the estimator",
         "Limit of stable operation around 2 to 3 Hz",
         scenario,

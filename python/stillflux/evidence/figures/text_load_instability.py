@@ -87,7 +87,7 @@ def draw(*results: Result) -> Figure:
 
 EXPERIMENTS = (
     Experiment(
-        "III-E load",
+        "III-E-load",
         "Resistance step at rising load",
         "A load above 30 % may cause a transient instability",
         scenarios,

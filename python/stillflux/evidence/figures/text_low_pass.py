@@ -92,7 +92,7 @@ def draw(result: Result) -> Figure:
 
 EXPERIMENTS = (
     Experiment(
-        "II-C low-pass",
+        "II-C-low-pass",
         "Low-pass filter in place of the integrator",
         "Limit of stable operation at about five times the cutoff",
         scenario,

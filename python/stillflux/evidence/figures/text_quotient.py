@@ -71,7 +71,7 @@ def draw(*results: Result) -> Figure:
 
 EXPERIMENTS = (
     Experiment(
-        "12 quotient",
+        "12-quotient",
         "The quotient of Fig. 12 in the adaptation path",
         "The error of r̂_s itself in the path, with its sign",
         scenarios,

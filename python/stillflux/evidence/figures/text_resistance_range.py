@@ -97,7 +97,7 @@ def draw(*results: Result) -> Figure:
 
 EXPERIMENTS = (
     Experiment(
-        "II-D range",
+        "II-D-range",
         "Winding 45 % warmer or colder, within 20 s",
         "Continuously adapted over ±50 %",
         scenarios,

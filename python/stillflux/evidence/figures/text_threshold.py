@@ -68,7 +68,7 @@ def draw(line: Line) -> Figure:
 
 EXPERIMENTS = (
     Experiment(
-        "III-B u_th",
+        "III-B-u_th",
         "Identification of u_th with direct current",
         "Threshold voltage and resistance from a straight line",
         run,
