@@ -43,6 +43,7 @@ __all__ = [
 ]
 
 TRUE, ESTIMATE, THIRD, LOST = "#1b4f8f", "#c8501e", "#5f6b73", "#b3261e"
+LOST_TEXT = "control lost"
 Events: TypeAlias = Sequence[tuple[float, str]]
 """Time in s and name of what happens."""
 STYLE: Any = {
@@ -121,7 +122,7 @@ def recorder(
                 panel.axvspan(loss, max(loss, float(t[-1])), color=LOST, alpha=0.12, linewidth=0)
         panels[0].set_xlim(t[0], t[-1])
         panels[-1].set_xlabel(f"t, {unit}")
-        _name(panels[0], t, [*events, *([(loss, "control lost")] if loss is not None else [])])
+        _name(panels[0], t, [*events, *([(loss, LOST_TEXT)] if loss is not None else [])])
         if title:
             panels[0].set_title(title, fontsize=9, pad=14 if events or loss is not None else None)
 
@@ -130,16 +131,18 @@ def _name(panel: Axes, t: NDArray[Any], events: Events) -> None:
     """Names above the uppermost panel."""
     for time, name in events:
         if t[0] <= time <= t[-1]:
+            is_loss = name == LOST_TEXT
             panel.annotate(
                 name,
                 (time, 1.0),
-                (0, 2),
+                # A loss often follows at the heels of an event: its name stands within the panel.
+                (2, -2) if is_loss else (0, 2),
                 xycoords=("data", "axes fraction"),
                 textcoords="offset points",
                 fontsize=7,
                 ha="left" if time - t[0] < 0.85 * (t[-1] - t[0]) else "right",
-                va="bottom",
-                color=LOST if name == "control lost" else "#444",
+                va="top" if is_loss else "bottom",
+                color=LOST if is_loss else "#444",
             )
 
 

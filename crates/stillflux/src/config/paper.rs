@@ -1,6 +1,6 @@
 //! Configuration of the published scheme: constants of its estimators, per unit.
 
-use super::settings::{DriveParams, SLOW_PERIODS, SPEED_PERIODS};
+use super::settings::{DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 use crate::base::{PerUnit, rounded};
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
@@ -99,7 +99,8 @@ impl<R: Real> PaperConfig<R> {
                 corner: r(t_slow * pu.hz(0.2)),
             },
             r_s: r(pu.r_s),
-            inv_r_s: r(1.0 / pu.r_s),
+            // Where the scheme does not run, a resistance too small for it is none of its concern.
+            inv_r_s: r(if p.scheme == Scheme::Paper { 1.0 / pu.r_s } else { (1.0 / pu.r_s).min(R::LARGEST) }),
             // ω_r ≈ r_R T/ψ_R², ψ_R ≈ ψ*.
             omega_r_regeneration: r(0.15 * pu.r_r * pu.torque_rated / (p.psi_ref * p.psi_ref)),
             slip_corner: r(t_slow * pu.hz(0.2)),
