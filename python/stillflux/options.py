@@ -66,10 +66,25 @@ class DriveSettings(TypedDict, total=False):
     """Noise compensator of Section III-D."""
     noise_gain: tuple[float, float]
     """Smallest and largest gain of the noise compensator, per unit."""
+    noise_regeneration: float
+    """Its gain at low stator frequency while regenerating, per unit, up to 4."""
     resistance_adaptation: bool
     """Stator resistance adaptation of Fig. 12."""
     resistance_gain: float
     """Its gain: change of R_s per unit, per second and unit of ε of (15), 0 to 5."""
+    resistance_at_rest: bool
+    """Adapt also at rest without load, by the radius of the flux (Fig. 13a); False."""
+    resistance_at_light_load: bool
+    """Adapt also at light load away from rest, by the method of [9] of the paper; False."""
+    resistance_quotient: bool
+    """Weight ε by the quotient ω_s/i_q (Fig. 12) instead of its sign; False."""
+    initial_flux: tuple[float, float] | None
+    """Flux estimate (α, β) that a start begins with, per unit of rated flux, each within ±2, while the
+    machine is not magnetised yet (Fig. 9); None: the estimate begins after the magnetisation."""
+    low_pass: float
+    """Corner frequency of a low-pass filter in place of Fig. 7, 0 to 10 Hz; 0: none."""
+    limiter: bool
+    """An integrator with limited components in place of Fig. 7; not together with `low_pass`."""
 
     # Of the scheme "enhanced" alone; an error in the other one.
     identify_offset: bool

@@ -234,7 +234,8 @@ drive_settings! {
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
     inverter_model, calibrate_offset, offset_time, magnetise_time, supervision, stall_time;
     paper:
-    offset_estimator, offset_gain, noise_compensator, noise_gain, resistance_adaptation, resistance_gain;
+    offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation, resistance_gain,
+    resistance_at_rest, resistance_at_light_load, resistance_quotient, initial_flux, low_pass, limiter;
     enhanced:
     identify_offset, identify_resistance, apply_innovation, omega_s_min,
     prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M;
