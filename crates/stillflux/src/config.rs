@@ -43,6 +43,8 @@ use crate::supervision::SupervisionConfig;
 #[cfg(feature = "supervision")]
 use crate::supervision::channels::ChannelConfig;
 #[cfg(feature = "supervision")]
+use crate::supervision::innovation::InnovationConfig;
+#[cfg(feature = "supervision")]
 use crate::supervision::phases::PhaseConfig;
 use crate::supervision::plausibility::PlausibilityConfig;
 #[cfg(feature = "supervision")]
@@ -55,6 +57,10 @@ pub(crate) use paper::PaperConfig;
 
 /// Largest offset of a current channel at rest, per unit.
 pub(crate) const I_OFF_MAX: f64 = 0.15;
+
+/// Threshold `h` of the test for a lost field, s ([`crate::supervision::innovation`]).
+#[cfg(feature = "supervision")]
+const LOST_FIELD: f64 = 0.04;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -267,6 +273,10 @@ impl<R: Real> DriveConfig<R> {
                 },
                 #[cfg(feature = "supervision")]
                 channels: ChannelConfig { limit: r(0.05 * i_range + 0.08), calls: watched(0.004) },
+                #[cfg(feature = "supervision")]
+                innovation: InnovationConfig {
+                    gain: r(if p.supervision { f64::from(SLOW_PERIODS) / inverter.f_s / LOST_FIELD } else { 0.0 }),
+                },
                 #[cfg(feature = "supervision")]
                 stall: StallConfig { calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX } },
             },

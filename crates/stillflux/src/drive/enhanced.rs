@@ -265,6 +265,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     #[inline(always)]
+    fn nis(&self) -> R {
+        self.filter.nis()
+    }
+
+    #[inline(always)]
     fn confidence(&self) -> R {
         self.filter.confidence()
     }

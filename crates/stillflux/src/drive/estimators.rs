@@ -116,6 +116,9 @@ pub(super) trait Estimators<R: Real> {
     /// Factor of the inverter model's voltage, and its curve over the current.
     fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>);
 
+    /// Normalised innovation squared; zero where there is no filter.
+    fn nis(&self) -> R;
+
     /// Confidence in the field angle.
     fn confidence(&self) -> R;
 

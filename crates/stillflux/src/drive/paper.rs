@@ -174,6 +174,11 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     }
 
     #[inline(always)]
+    fn nis(&self) -> R {
+        R::ZERO
+    }
+
+    #[inline(always)]
     fn confidence(&self) -> R {
         self.confidence.value()
     }
