@@ -65,6 +65,7 @@ impl Parameters {
             i_off,
             loss_error: 0.0,
             knee: 1.0,
+            L_sigma: machine.L_sigma,
             L_M: machine.L_M,
         })
     }
