@@ -92,6 +92,10 @@ pub struct DriveConfig<R: Real> {
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
     pub(crate) omega_max: R,
+    /// Periods after a stop for which offsets and identified parameters are fresh, and the current that builds up the
+    /// flux then.
+    pub(crate) fresh_periods: u32,
+    pub(crate) i_quick: R,
     /// Periods after a sample that could not be used in which another one is a fault.
     pub(crate) bridged_periods: u32,
     pub(crate) calibrate_offset: bool,
@@ -107,7 +111,7 @@ words! {
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
     i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max,
-    bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
+    fresh_periods, i_quick, bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
 impl<R: Real> DriveConfig<R> {
@@ -290,6 +294,8 @@ impl<R: Real> DriveConfig<R> {
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
             omega_max: r(p.omega_max / b.omega_m),
+            fresh_periods: if p.fresh_time > 0.0 { periods(p.fresh_time) } else { 0 },
+            i_quick: r(0.9 * i_max),
             bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
             offset_periods: periods(p.offset_time),

@@ -19,6 +19,8 @@
 //!
 //! No call panics, allocates, or lets a number that is not finite through, whatever the ADC delivers.
 
+#[cfg(feature = "enhanced")]
+pub(crate) mod catch;
 mod control;
 #[cfg(feature = "enhanced")]
 mod enhanced;
@@ -211,7 +213,7 @@ impl<R: Real> Common<R> {
             return true;
         }
         if action == Action::Ready {
-            estimators.begin();
+            estimators.begin(c, self.sequence.pause(c));
             self.control.begin();
             self.supervision.begin();
         }

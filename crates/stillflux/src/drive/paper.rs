@@ -101,7 +101,7 @@ impl<R: Real> PaperEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for PaperEstimators<R> {
-    fn begin(&mut self) {
+    fn begin(&mut self, _: &DriveConfig<R>, _: Option<u32>) {
         self.r_s_mean = Integrator::default();
         self.speed = SpeedEstimate::default();
     }
