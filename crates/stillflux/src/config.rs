@@ -44,6 +44,8 @@ use crate::supervision::SupervisionConfig;
 #[cfg(feature = "supervision")]
 use crate::supervision::channels::ChannelConfig;
 #[cfg(feature = "supervision")]
+use crate::supervision::innovation::InnovationConfig;
+#[cfg(feature = "supervision")]
 use crate::supervision::phases::PhaseConfig;
 use crate::supervision::plausibility::PlausibilityConfig;
 #[cfg(feature = "supervision")]
@@ -65,6 +67,9 @@ pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
 const WEAK_GAIN: f64 = 0.15;
 const WEAK_RATE: f64 = 0.05;
 const LIMIT_HIGH: f64 = 2.0;
+/// Threshold `h` of the test for a lost field, s ([`crate::supervision::innovation`]).
+#[cfg(feature = "supervision")]
+const LOST_FIELD: f64 = 0.04;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,6 +105,10 @@ pub struct DriveConfig<R: Real> {
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
     pub(crate) omega_max: R,
+    /// Periods after a stop for which offsets and identified parameters are fresh, and the current that builds up the
+    /// flux then.
+    pub(crate) fresh_periods: u32,
+    pub(crate) i_quick: R,
     /// Periods after a sample that could not be used in which another one is a fault.
     pub(crate) bridged_periods: u32,
     pub(crate) calibrate_offset: bool,
@@ -114,7 +123,7 @@ words! {
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
-    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max,
+    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max, fresh_periods, i_quick,
     bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
@@ -314,6 +323,10 @@ impl<R: Real> DriveConfig<R> {
                 #[cfg(feature = "supervision")]
                 channels: ChannelConfig { limit: r(0.05 * i_range + 0.08), calls: watched(0.004) },
                 #[cfg(feature = "supervision")]
+                innovation: InnovationConfig {
+                    gain: r(if p.supervision { f64::from(SLOW_PERIODS) / inverter.f_s / LOST_FIELD } else { 0.0 }),
+                },
+                #[cfg(feature = "supervision")]
                 stall: StallConfig { calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX } },
             },
             low_confidence: p.low_confidence,
@@ -329,6 +342,8 @@ impl<R: Real> DriveConfig<R> {
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
             omega_max: r(p.omega_max / b.omega_m),
+            fresh_periods: if p.fresh_time > 0.0 { periods(p.fresh_time) } else { 0 },
+            i_quick: r(0.9 * i_max),
             bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
             offset_periods: periods(p.offset_time),

@@ -19,6 +19,8 @@
 //!
 //! No call panics, allocates, or lets a number that is not finite through, whatever the ADC delivers.
 
+#[cfg(feature = "enhanced")]
+pub(crate) mod catch;
 mod control;
 #[cfg(feature = "enhanced")]
 mod enhanced;
@@ -211,7 +213,7 @@ impl<R: Real> Common<R> {
             return true;
         }
         if action == Action::Ready {
-            estimators.begin();
+            estimators.begin(c, self.sequence.pause(c));
             self.control.begin();
             self.supervision.begin();
         }
@@ -306,10 +308,11 @@ impl<R: Real> Common<R> {
         running: bool,
     ) -> bool {
         let control = &self.control;
-        let currents = Currents { i_abc, i_dq: &x.i_dq, i_dq_ref: &control.i_dq_ref, field: &x.field };
+        let omega_s = running.then_some(estimators.speed().omega_s);
+        let currents = Currents { i_abc, i_dq: &x.i_dq, i_dq_ref: &control.i_dq_ref, field: &x.field, omega_s };
         let mut trip = self.supervision.currents(&c.supervision, &currents);
         if likely(running) {
-            let omega_m = estimators.speed().omega_m;
+            let (omega_m, omega_s) = (estimators.speed().omega_m, estimators.speed().omega_s);
             let speed_deviation = match *reference {
                 Reference::Speed(omega) => omega.limit(c.omega_max) - omega_m,
                 _ => R::ZERO,
@@ -317,6 +320,8 @@ impl<R: Real> Common<R> {
             let course = Course {
                 psi_deviation: x.psi_s - control.psi_ref,
                 omega_m,
+                omega_s,
+                nis: estimators.nis(),
                 speed_deviation,
                 torque_limited: control.torque_limited,
             };

@@ -3,6 +3,7 @@
 use super::settings::{BOOST, DriveParams, EnhancedParams, SLOW_PERIODS};
 use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
+use crate::drive::catch::CatchConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
 use crate::estimate::priors::Priors;
@@ -10,6 +11,8 @@ use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
 
+/// Duration of a block in which the induced voltage is measured at the beginning of a start, s.
+const CATCH_BLOCK: f64 = 1e-3;
 /// Duration of the speed search at the beginning of a start, s.
 const PROBE_TIME: f64 = 0.01;
 /// Least `Σ |ψ_R|² dτ` of the search, relative to that at standstill: below it noise and the error of the inverter
@@ -31,11 +34,14 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub filter: FilterConfig<R>,
     pub balance: BalanceConfig<R>,
     pub shift: ShiftConfig<R>,
+    pub catch: CatchConfig<R>,
+    /// What one control period takes off the logarithm of a free rotor flux, times 64.
+    pub decay: R,
     pub probe_periods: u32,
     /// Least `Σ |ψ_R|² dτ` of the speed search.
     pub probe_floor: R,
 }
-words!(EnhancedConfig: filter, balance, shift, probe_periods, probe_floor);
+words!(EnhancedConfig: filter, balance, shift, catch, decay, probe_periods, probe_floor);
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
@@ -73,6 +79,13 @@ impl<R: Real> EnhancedConfig<R> {
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
                 step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
             },
+            catch: CatchConfig {
+                block: inverter.periods(CATCH_BLOCK),
+                t_block: rounded(f64::from(inverter.periods(CATCH_BLOCK)) * pu.t_s),
+                inv_t_block: rounded(1.0 / (f64::from(inverter.periods(CATCH_BLOCK)) * pu.t_s)),
+                leakage: rounded(pu.sigma_l_s / pu.t_s),
+            },
+            decay: rounded(64.0 * pu.t_s / pu.tau_r),
             probe_periods: inverter.periods(PROBE_TIME),
             probe_floor: rounded(PROBE_FLOOR * built_up * built_up * tau / 3.0),
         }

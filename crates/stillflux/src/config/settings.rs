@@ -319,6 +319,9 @@ pub struct DriveParams {
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
     pub low_confidence: LowConfidence,
+    /// Time after a stop within which a start takes over the offsets of the current sensors and what was identified, and
+    /// is as short as the current allows, s, 0 to 3600; 0: never.
+    pub fresh_time: f64,
     /// Monitors of phases, current channels and stall. Off, a drive checks its measurements and the plausibility of its
     /// estimate alone: for tests of the bridge without a machine.
     pub supervision: bool,
@@ -356,6 +359,7 @@ impl DriveParams {
             offset_time: 0.1,
             magnetise_time: (4.0 * tau_r).max(1.4),
             low_confidence: LowConfidence::Keep,
+            fresh_time: 10.0,
             supervision: true,
             stall_time: 0.35,
             paper: PaperParams::default(),
@@ -390,6 +394,7 @@ impl DriveParams {
         check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
         check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
+        check("fresh_time", self.fresh_time, 0.0, 3600.0, "s")?;
         if self.stall_time != 0.0 {
             check("stall_time", self.stall_time, 0.1, 60.0, "s")?;
         }

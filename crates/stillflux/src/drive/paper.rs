@@ -145,7 +145,7 @@ impl<R: Real> PaperEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for PaperEstimators<R> {
-    fn begin(&mut self) {
+    fn begin(&mut self, _: &DriveConfig<R>, _: Option<u32>) {
         self.r_s_mean = Integrator::default();
         self.speed = SpeedEstimate::default();
         self.regenerating_slip = Integrator::default();
@@ -230,6 +230,11 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     #[inline(always)]
     fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>) {
         (R::ONE, c.inverter.nominal())
+    }
+
+    #[inline(always)]
+    fn nis(&self) -> R {
+        R::ZERO
     }
 
     #[inline(always)]
