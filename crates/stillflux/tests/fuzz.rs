@@ -309,7 +309,7 @@ fn whatever_is_admitted_keeps_its_numbers() {
 
 /// 10⁹ periods.
 #[test]
-#[ignore = "minutes: cargo test -p stillflux --release --test fuzz -- --ignored"]
+#[ignore = "minutes: cargo test -p stillflux --test fuzz -- --ignored"]
 fn whatever_is_admitted_keeps_its_numbers_for_a_billion_periods() {
     campaign(1_000_001, 20_000, 50_000);
 }
