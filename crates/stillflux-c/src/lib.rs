@@ -269,6 +269,8 @@ pub struct stillflux_memory {
     pub loss_error: f64,
     /// Knee of the inverter model, relative to that of the parameters.
     pub knee: f64,
+    /// Leakage inductance, H.
+    pub L_sigma: f64,
     /// Magnetising inductance, H.
     pub L_M: f64,
 }
@@ -535,6 +537,7 @@ pub extern "C" fn stillflux_memory_of(
         i_off: m.i_off,
         loss_error: m.loss_error,
         knee: m.knee,
+        L_sigma: m.L_sigma,
         L_M: m.L_M,
     };
 }
@@ -575,8 +578,8 @@ pub unsafe extern "C" fn stillflux_page(
         magnetise_time: s.magnetise_time,
         ..DriveParams::new(&m, &i)
     };
-    let &stillflux_memory { u_off, R_s, i_off, loss_error, knee, L_M } = memory;
-    let memory = MemorySi { u_off, R_s, i_off, loss_error, knee, L_M };
+    let &stillflux_memory { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M } = memory;
+    let memory = MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M };
     match Ready::<Arithmetic>::new(&m, &i, &params, (inverter.i_full, inverter.u_full), &memory) {
         Ok(ready) => {
             // SAFETY: the caller's promise.

@@ -167,6 +167,7 @@ pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, Py
     dict.set_item("i_off", (m.i_off[0], m.i_off[1], m.i_off[2]))?;
     dict.set_item("loss_error", m.loss_error)?;
     dict.set_item("knee", m.knee)?;
+    dict.set_item("L_sigma", m.L_sigma)?;
     dict.set_item("L_M", m.L_M)?;
     Ok(dict)
 }
@@ -182,16 +183,17 @@ pub fn memory_from(dict: &Bound<'_, PyDict>) -> PyResult<MemorySi> {
         loss_error: extract("memory loss_error", &item("loss_error")?)?,
         // A memory from before the knee was learned has none: that of the parameters.
         knee: dict.get_item("knee")?.map_or(Ok(1.0), |x| extract("memory knee", &x))?,
+        L_sigma: extract("memory L_sigma", &item("L_sigma")?)?,
         L_M: extract("memory L_M", &item("L_M")?)?,
     };
-    let MemorySi { u_off, R_s, i_off, loss_error, knee, L_M } = memory;
+    let MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M } = memory;
     if [u_off[0], u_off[1], i_off[0], i_off[1], i_off[2], loss_error].iter().all(|x| x.is_finite())
-        && [R_s, knee, L_M].iter().all(|x| x.is_finite() && *x > 0.0)
+        && [R_s, knee, L_sigma, L_M].iter().all(|x| x.is_finite() && *x > 0.0)
     {
         Ok(memory)
     } else {
         Err(PyValueError::new_err(format!(
-            "memory = {memory:?} is outside the admissible range: all values finite, R_s, knee and L_M positive"
+            "memory = {memory:?} is outside the admissible range: all values finite, R_s, knee, L_sigma and L_M positive"
         )))
     }
 }
@@ -304,7 +306,7 @@ impl Drive {
     }
 
     /// Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A), loss_error
-    /// (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`), L_M (H).
+    /// (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`), L_sigma and L_M (H).
     fn memory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         memory_dict(py, &self.drive.memory())
     }

@@ -179,14 +179,15 @@ impl FluxEstimator {
         for k in 0..u.len() {
             if k == 0 {
                 flux.start(start, i[0]);
-                speed.start(&(start - i[0] * self.config.speed_config().sigma_l_s), 0.0);
+                speed.start(&self.config.speed_config().rotor_flux(&start, &i[0]), 0.0);
             } else {
                 flux.step(self.config.flux_config(), &u[k], &i[k], r_s[k], self.psi_ref);
             }
             let psi_s = flux.value();
             // As often as in the drive.
             if k % SPEED_PERIODS as usize == 0 {
-                estimate = speed.step(self.config.speed_config(), &psi_s, &i[k]);
+                let c = self.config.speed_config();
+                estimate = speed.step(c, &c.rotor_flux(&psi_s, &i[k]), &i[k]);
                 flux.set_stator_frequency(self.config.flux_config(), omega.map_or(estimate.omega_s, |w| w[k]));
             }
             let u_hf = flux.estimate().u_hf;

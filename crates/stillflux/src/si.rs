@@ -118,6 +118,8 @@ pub struct MemorySi {
     pub loss_error: f64,
     /// Knee of the inverter model, relative to that of the parameters; 1 in the published scheme.
     pub knee: f64,
+    /// Leakage inductance, H; the parameter in the published scheme.
+    pub L_sigma: f64,
     /// Magnetising inductance, H; the parameter in the published scheme.
     pub L_M: f64,
 }
@@ -127,7 +129,8 @@ impl MemorySi {
     #[must_use]
     pub fn of(machine: &Machine, inverter: &Inverter) -> Self {
         let r_s = machine.R_s + inverter.r_d;
-        Self { u_off: [0.0; 2], R_s: r_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_M: machine.L_M }
+        let Machine { L_sigma, L_M, .. } = *machine;
+        Self { u_off: [0.0; 2], R_s: r_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
     }
 }
 
@@ -137,13 +140,15 @@ pub struct SiUnits {
     base: Base,
     /// The parameter `L_M`, H: the estimated inductance is relative to it.
     l_m: f64,
+    /// The parameter `L_sigma`, H, likewise.
+    l_sigma: f64,
 }
 
 impl SiUnits {
     /// Units of a machine's rating.
     #[must_use]
     pub fn new(machine: &Machine) -> Self {
-        Self { base: Base::new(machine), l_m: machine.L_M }
+        Self { base: Base::new(machine), l_m: machine.L_M, l_sigma: machine.L_sigma }
     }
 
     /// Base quantities.
@@ -211,6 +216,7 @@ impl SiUnits {
             i_off: m.i_off.map(|i| i.to_f64() * b.i),
             loss_error: m.loss_error.to_f64(),
             knee: m.knee.to_f64(),
+            L_sigma: self.l_sigma * m.leakage.to_f64(),
             L_M: self.l_m / m.inv_l_m.to_f64(),
         }
     }
@@ -225,6 +231,7 @@ impl SiUnits {
             i_off: m.i_off.map(|i| R::from_f64(i / b.i)),
             loss_error: R::from_f64(m.loss_error),
             knee: R::from_f64(m.knee),
+            leakage: R::from_f64(m.L_sigma / self.l_sigma),
             inv_l_m: R::from_f64(self.l_m / m.L_M),
         }
     }
@@ -345,14 +352,25 @@ mod tests {
     #[test]
     fn memory_comes_back_in_every_arithmetic() {
         let units = SiUnits::new(&Machine::preset_11k());
-        let m =
-            MemorySi { u_off: [0.5, -0.25], R_s: 0.3, i_off: [0.2, -0.1, 0.05], loss_error: 0.1, knee: 1.5, L_M: 0.06 };
+        let m = MemorySi {
+            u_off: [0.5, -0.25],
+            R_s: 0.3,
+            i_off: [0.2, -0.1, 0.05],
+            loss_error: 0.1,
+            knee: 1.5,
+            L_sigma: 2e-3,
+            L_M: 0.06,
+        };
         fn back<R: Real>(units: &SiUnits, m: &MemorySi) -> MemorySi {
             units.memory(&units.memory_per_unit::<R>(m))
         }
         for got in [back::<f32>(&units, &m), back::<f64>(&units, &m), back::<Q>(&units, &m)] {
             assert!((got.u_off[0] - m.u_off[0]).abs() < 1e-4 && (got.u_off[1] - m.u_off[1]).abs() < 1e-4);
-            assert!((got.R_s - m.R_s).abs() < 1e-5 && (got.L_M - m.L_M).abs() < 1e-7);
+            assert!(
+                (got.R_s - m.R_s).abs() < 1e-5
+                    && (got.L_M - m.L_M).abs() < 1e-7
+                    && (got.L_sigma - m.L_sigma).abs() < 1e-8
+            );
             assert!((got.i_off[0] - m.i_off[0]).abs() < 1e-5 && (got.loss_error - m.loss_error).abs() < 1e-6);
         }
     }

@@ -207,6 +207,7 @@ fn fuzz<R: Bits>(rng: &mut Rng, periods: u32, seed: u64, refused: &mut impl FnMu
                         i_off: [any(), any(), any()],
                         loss_error: any(),
                         knee: any(),
+                        leakage: any(),
                         inv_l_m: any(),
                     };
                     drive.restore(&memory);
@@ -267,6 +268,7 @@ fn check<R: Real>(drive: &Drive<R>, out: &Output<R>, seed: u64, k: u32) {
         m.i_off[2],
         m.loss_error,
         m.knee,
+        m.leakage,
         m.inv_l_m,
     ];
     for (n, x) in numbers.iter().enumerate() {
@@ -304,7 +306,7 @@ fn campaign(first: u64, drives: u64, periods: u32) {
 
 #[test]
 fn whatever_is_admitted_keeps_its_numbers() {
-    campaign(1, 1500, 30_000);
+    campaign(1, 900, 30_000);
 }
 
 /// 10⁹ periods.

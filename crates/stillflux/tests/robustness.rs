@@ -170,19 +170,28 @@ fn a_stop_blocks_the_gates_at_once() {
 }
 
 /// What a drive holds after it was handed `x` for everything that a memory stores.
-fn restored<R: Real>(scheme: Scheme, x: R) -> [f64; 6] {
+fn restored<R: Real>(scheme: Scheme, x: R) -> [f64; 7] {
     let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
     let params = DriveParams { scheme, calibrate_offset: false, ..DriveParams::new(&machine, &inverter) };
     let mut d = Drive::<R>::new(DriveConfig::new(&machine, &inverter, &params).unwrap());
     let r_s = d.memory().r_s.to_f64();
-    d.restore(&Memory { u_off: AlphaBeta::new(x, -x), r_s: x, i_off: [x; 3], loss_error: x, knee: x, inv_l_m: x });
+    d.restore(&Memory {
+        u_off: AlphaBeta::new(x, -x),
+        r_s: x,
+        i_off: [x; 3],
+        loss_error: x,
+        knee: x,
+        leakage: x,
+        inv_l_m: x,
+    });
     let m = d.memory();
-    [m.u_off.re(), m.u_off.im(), m.r_s * R::from_f64(1.0 / r_s), m.i_off[0], m.loss_error, m.inv_l_m].map(R::to_f64)
+    [m.u_off.re(), m.u_off.im(), m.r_s * R::from_f64(1.0 / r_s), m.i_off[0], m.loss_error, m.leakage, m.inv_l_m]
+        .map(R::to_f64)
 }
 
 fn assert_limited<R: Real>(scheme: Scheme, x: R) {
     // An offset voltage of 5 % is that of a sensor offset beyond any healthy one; r_s relative to the parameter.
-    let limits = [(-0.05, 0.05), (-0.05, 0.05), (0.4, 2.0), (-0.15, 0.15), (-0.8, 0.8), (0.6, 1.6)];
+    let limits = [(-0.05, 0.05), (-0.05, 0.05), (0.4, 2.0), (-0.15, 0.15), (-0.8, 0.8), (0.5, 2.0), (0.6, 1.6)];
     let found = restored(scheme, x);
     for (k, (value, (lo, hi))) in found.iter().zip(limits).enumerate() {
         assert!((lo - 1e-6..=hi + 1e-6).contains(value), "{scheme:?} {}: {x:?} became {value} at {k}", R::NAME);

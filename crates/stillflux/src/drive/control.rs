@@ -2,11 +2,11 @@
 //!
 //! ```text
 //! ψ* = min(ψ_N κ, 0.88 u_max/|ω_s|),    i_q* = T*/ψ,    i_d* by (12) at ψ and i_q*, with the flux controller's correction
-//! |T*| ≤ ψ min(0.8 i_q,pull-out, √(i_max² - i_0²))
+//! |T*| ≤ ψ min(0.8 i_q,pull-out(ψ_p), √(i_max² - i_0²))
 //! ```
 //!
-//! `ψ` is the flux of [`Estimators::present_flux`], `κ` that of the flux shift, `u_max = 0.98 u_dc/√3`. The limit keeps
-//! 20 % of distance to pull-out at the flux `ψ`; a true flux below `ψ` reduces it.
+//! `ψ` is the flux of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`], `κ` that of the flux shift, `u_max = 0.98 u_dc/√3`. The limit keeps
+//! 20 % of distance to pull-out.
 
 use super::estimators::{Estimators, FieldQuantities};
 use super::interface::Reference;
@@ -107,7 +107,7 @@ impl<R: Real> Control<R> {
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
         let (psi, weight) = estimators.present_flux(psi_ref);
-        let i_q_max = (c.pull_out_use * psi).min(c.i_q_max);
+        let i_q_max = (c.pull_out_use * estimators.pull_out_flux(psi)).min(c.i_q_max);
         let mut torque_max = i_q_max * psi;
         if c.low_confidence == LowConfidence::LimitTorque {
             let part = (estimators.confidence() * R::TWO).min(R::ONE);

@@ -168,10 +168,12 @@ pub struct Memory<R: Real> {
     pub loss_error: R,
     /// Knee of the inverter model, relative to that of the parameters; 1 in the published scheme.
     pub knee: R,
+    /// Leakage inductance, relative to the parameter; 1 in the published scheme.
+    pub leakage: R,
     /// Magnetising inductance, reciprocal and relative to the parameter; 1 in the published scheme.
     pub inv_l_m: R,
 }
-words!(Memory: u_off, r_s, i_off, loss_error, knee, inv_l_m);
+words!(Memory: u_off, r_s, i_off, loss_error, knee, leakage, inv_l_m);
 
 /// Everything the drive estimates, per unit, of the latest period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

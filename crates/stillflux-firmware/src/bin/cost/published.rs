@@ -186,7 +186,8 @@ fn speed_estimator<R: Word>(
     psi_s: &AlphaBeta<R>,
     i_s: &AlphaBeta<R>,
 ) -> SpeedEstimate<R> {
-    s.step(c.speed_config(), psi_s, i_s)
+    let c = c.speed_config();
+    s.step(c, &c.rotor_flux(psi_s, i_s), i_s)
 }
 #[inline(never)]
 fn resistance_adaptation<R: Word>(
