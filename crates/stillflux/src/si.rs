@@ -127,11 +127,10 @@ pub struct MemorySi {
 impl MemorySi {
     /// What a drive that has not run yet remembers: the parameters.
     #[must_use]
-    #[allow(non_snake_case)]
     pub fn of(machine: &Machine, inverter: &Inverter) -> Self {
+        let r_s = machine.R_s + inverter.r_d;
         let Machine { L_sigma, L_M, .. } = *machine;
-        let R_s = machine.R_s + inverter.r_d;
-        Self { u_off: [0.0; 2], R_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
+        Self { u_off: [0.0; 2], R_s: r_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
     }
 }
 
