@@ -8,6 +8,7 @@
 mod adc;
 mod branches;
 mod bridge;
+mod dclink;
 mod machine;
 mod mechanics;
 mod nodes;
@@ -19,6 +20,7 @@ mod thermal;
 pub use adc::Adc;
 pub use branches::{DeepBar, IronLoss};
 pub use bridge::GateDelays;
+pub use dclink::{DcLink, LinkEnergy};
 pub use machine::Energy;
 pub use mechanics::Mechanics;
 pub use plant::{Calls, Mode, Plant, PlantParams, Truth};

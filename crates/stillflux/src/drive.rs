@@ -123,6 +123,17 @@ impl<R: Real> Drive<R> {
         self.estimators.restore(&self.config, memory);
     }
 
+    /// Duty of the brake chopper at a link voltage, 0 to 1, in every state of the drive; 0 without the setting.
+    #[cfg(feature = "dclink")]
+    pub fn chopper(&self, u_dc: R) -> R {
+        self.config.dclink.chopper(u_dc)
+    }
+
+    /// Heat of machine and bridge in units of that at their continuous currents; 0 without the settings.
+    pub fn overload(&self) -> [R; 2] {
+        self.common.control.overload()
+    }
+
     /// Leaves a fault; the drive is stopped then.
     pub fn reset(&mut self) {
         if matches!(self.status(), Status::Faulted { .. }) {
@@ -208,7 +219,7 @@ impl<R: Real> Common<R> {
         let start_up = (!running).then(|| StartUp { stage: self.sequence.stage(), period });
         let PeriodOutput { field, complete } = estimators.period(c, &x, &mut self.control.i_dq_ref, start_up);
         if complete {
-            self.control.start(c);
+            self.control.start(c, estimators.speed().omega_m);
             self.sequence.enter(Status::Running);
         }
         field
