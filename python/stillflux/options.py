@@ -60,6 +60,30 @@ class DriveSettings(TypedDict, total=False):
     """Time for which the torque may be at its limit at low speed without the speed approaching its reference,
     s, 0.1 to 60; 0: any."""
 
+    field_weakening: bool
+    """Lower the flux where the voltage is used up; without it the speed ends there."""
+    acceleration: float | None
+    """Largest acceleration of the speed reference, mechanical rad/s²; None: it is followed as it is."""
+    jerk: float | None
+    """Largest jerk of the speed reference, mechanical rad/s³, with an acceleration; None: no limit."""
+    torque_limits: tuple[float, float] | None
+    """Negative and positive limit of the torque, N·m, within `torque_max`; None: ±`torque_max`."""
+    speed_limits: tuple[float, float] | None
+    """Negative and positive limit of the speed reference, mechanical rad/s, within `omega_max`; None:
+    ±`omega_max`."""
+    machine_overload: tuple[float, float] | None
+    """Continuous current of the machine in A rms and time constant of its heat in s: the current is derated
+    before the heat exceeds that of the continuous current; None: no derating."""
+    bridge_overload: tuple[float, float] | None
+    """The same of the bridge."""
+    u_dc_brake: float | None
+    """dc-link voltage at which no braking torque is left, V; None: no limit."""
+    u_dc_buffer: float | None
+    """dc-link voltage below which the machine feeds the link from its inertia, V; None: it does not."""
+    u_dc_chopper: tuple[float, float] | None
+    """dc-link voltages from which on the brake chopper takes current and at which its duty is 1, V; None: no
+    chopper."""
+
     # Of the scheme "paper" alone; an error in the other one.
     offset_estimator: bool
     """Offset voltage estimator of Fig. 4."""
@@ -161,5 +185,8 @@ class PlantOptions(TypedDict, total=False):
     """Probability that the control is not called in a period: duties stay. Only in a scenario."""
     doubled_calls: float
     """Probability that the control is called twice with the same sample. Only in a scenario."""
+    dc_link: tuple[float, float, float | None] | None
+    """Capacitance in F, resistance of the supply in Ω, resistor of the brake chopper in Ω or None: the link
+    is fed by a diode rectifier of no-load voltage `u_dc`. None: the link has the voltage that is set."""
     thermal: tuple[float, float, float] | None
     """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K."""

@@ -346,6 +346,19 @@ impl SiDrive {
         })
     }
 
+    /// Duty of the brake chopper at a measured link voltage in V, 0 to 1.
+    #[cfg(feature = "dclink")]
+    #[must_use]
+    pub fn chopper(&self, u_dc: f64) -> f64 {
+        with!(&self.inner, d => d.chopper(Real::from_f64(u_dc / self.units.base.u)).to_f64())
+    }
+
+    /// Heat of machine and bridge in units of that at their continuous currents; 0 without the settings.
+    #[must_use]
+    pub fn overload(&self) -> [f64; 2] {
+        with!(&self.inner, d => d.overload().map(Real::to_f64))
+    }
+
     /// State of the sequence.
     #[must_use]
     pub fn status(&self) -> Status {

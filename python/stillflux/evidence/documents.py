@@ -26,7 +26,7 @@ from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.errors import ERRORS
 from stillflux.evidence.machines import ALL_MACHINES, MACHINES
-from stillflux.evidence.registry import experiments, figures, targets
+from stillflux.evidence.registry import experiments, figures, operations, targets
 from stillflux.evidence.sensitivity import FIGURES as OF_MARGINS
 from stillflux.evidence.sensitivity import LESS, MORE, Margin
 from stillflux.evidence.table import LOST_AFTER, Group, Kind, Line, Table
@@ -34,7 +34,13 @@ from stillflux.evidence.tolerance import EXCURSIONS, MISSES, NEEDLESS, interval,
 
 __all__ = ["DOCUMENTS", "TABLES", "rendered", "tests_named", "update"]
 
-DOCUMENTS = (Path("README.md"), Path("docs/figures.md"), Path("docs/beyond.md"), Path("docs/tolerance.md"))
+DOCUMENTS = (
+    Path("README.md"),
+    Path("docs/figures.md"),
+    Path("docs/beyond.md"),
+    Path("docs/tolerance.md"),
+    Path("docs/operations.md"),
+)
 """The files that hold tables, from the root of the project."""
 
 _TABLE = re.compile(r"(<!-- table: (?P<name>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -496,6 +502,33 @@ def _consistency(table: Table) -> str:
     return markdown(["", *DRIVES], rows)
 
 
+def _operations(table: Table) -> str:
+    """What was asked, and the worst over the drives of what happened."""
+    rows = []
+    for name, operation in operations().items():
+        for scheme in operation.schemes:
+            by = {m: table.find("operation", name, m, scheme) for m in operation.machines}
+            for quantity, direction in dict.fromkeys(
+                (x.quantity, x.direction) for lines in by.values() for x in lines
+            ):
+                lines = [
+                    x for ls in by.values() for x in ls if (x.quantity, x.direction) == (quantity, direction)
+                ]
+                worst = max(lines, key=lambda x: x.excess)
+                held = f"{sum(x.holds for x in lines)} of {len(lines)}"
+                rows.append(
+                    [
+                        f"{operation.asked} (`{name}`)",
+                        scheme,
+                        claim(worst),
+                        judged(worst),
+                        worst.machine,
+                        held,
+                    ]
+                )
+    return markdown(["asked", "scheme", "what must happen", "worst", "at", "drives"], rows)
+
+
 TABLES: Mapping[str, Callable[[Table], str]] = {
     "headline": _headline,
     "plane": _plane,
@@ -510,6 +543,7 @@ TABLES: Mapping[str, Callable[[Table], str]] = {
     "tolerance-confidence": _tolerance_confidence,
     "tolerance-losses": _tolerance_losses,
     "consistency": _consistency,
+    "operations": _operations,
 }
 """By the name in the marker."""
 

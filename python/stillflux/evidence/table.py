@@ -1,12 +1,12 @@
 """The committed table: what every claim measured, one line each, from which the documents are written.
 
 `kind` says what a line is about: a "figure" of the paper, its negative "control", the "margin" of a
-parameter, a "target" of the plane, losses over drawn installations on a course ("tolerance"), or the
-"consistency" of the estimate over them. `value` is the worst that was found; `run` and `seed` say where:
-which run of a target it was, and under which realisation of the noise, empty where there is none; of a
-figure the realisation of noise and offset (`seeds.REALISATIONS`), of a loss what was lost and the number of
-the draw. `ok` says that it is as it should be: that the claim holds, or, of a control, that it fails for its
-reason and not before its time.
+parameter, a "target" of the plane, losses over drawn installations on a course ("tolerance"), the
+"consistency" of the estimate over them, or an "operation" with its negative control ("without: …"). `value`
+is the worst that was found; `run` and `seed` say where: which run of a target it was, and under which
+realisation of the noise, empty where there is none; of a figure the realisation of noise and offset
+(`seeds.REALISATIONS`), of a loss what was lost and the number of the draw. `ok` says that it is as it should
+be: that the claim holds, or, of a control, that it fails for its reason and not before its time.
 
 The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A line that
 agrees with the one there (see `agree`), is of the same run and seed and no worse, is left as it stands: only
@@ -30,7 +30,8 @@ from stillflux.evidence.consistency import Consistency
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import ALL_MACHINES
-from stillflux.evidence.registry import experiments, targets
+from stillflux.evidence.operate import Performed
+from stillflux.evidence.registry import experiments, operations, targets
 from stillflux.evidence.reproduce import Outcome
 from stillflux.evidence.sensitivity import Margin
 from stillflux.evidence.tolerance import Rate
@@ -44,13 +45,14 @@ __all__ = [
     "line_of",
     "of_consistency",
     "of_margin",
+    "of_operation",
     "of_outcome",
     "of_rate",
     "of_summary",
     "shown",
 ]
 
-Kind: TypeAlias = Literal["figure", "control", "margin", "target", "tolerance", "consistency"]
+Kind: TypeAlias = Literal["figure", "control", "margin", "target", "tolerance", "consistency", "operation"]
 Group: TypeAlias = tuple[Kind, str, str, str]
 """Kind, name, machine, scheme: lines that are measured together."""
 
@@ -170,6 +172,12 @@ def of_consistency(found: Consistency, scheme: str) -> list[Line]:
     return [line_of(group, claim) for claim in found.claims]
 
 
+def of_operation(found: Performed) -> list[Line]:
+    """The lines of an operation at one drive under one scheme, and of its negative control."""
+    group: Group = ("operation", found.name, found.machine, found.scheme)
+    return [line_of(group, claim) for claim in (*found.claims, *found.without)]
+
+
 def agree(old: Line, new: Line) -> bool:
     """Whether two lines say the same: equal, or within 30 % or 5 % of the bound where both are as they should
     be."""
@@ -267,4 +275,6 @@ def order() -> list[Group]:
     for machine in DRIVES:
         found += [("tolerance", name, machine, scheme) for name in COURSES for scheme in SCHEMES]
     found += [("consistency", "consistency", machine, scheme) for machine in DRIVES for scheme in SCHEMES]
+    for name in operations():
+        found += [("operation", name, machine, scheme) for machine in DRIVES for scheme in SCHEMES]
     return found

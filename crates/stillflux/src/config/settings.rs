@@ -328,6 +328,28 @@ pub struct DriveParams {
     /// Time for which the torque may be at its limit at low speed without the speed approaching its reference, s, 0.1 to
     /// 60; 0: any ([`crate::supervision::stall`]).
     pub stall_time: f64,
+    /// Lower the flux where the voltage is used up ([`crate::control::weakening`]). Without it the speed ends there.
+    pub field_weakening: bool,
+    /// Largest acceleration of the speed reference, mechanical rad/s²; `None`: it is followed as it is.
+    pub acceleration: Option<f64>,
+    /// Largest jerk of the speed reference, mechanical rad/s³, together with an acceleration; `None`: no limit.
+    pub jerk: Option<f64>,
+    /// Negative and positive limit of the torque reference, N·m, within `torque_max`; `None`: ±`torque_max`.
+    pub torque_limits: Option<(f64, f64)>,
+    /// Negative and positive limit of the speed reference, mechanical rad/s, within `omega_max`; `None`: ±`omega_max`.
+    pub speed_limits: Option<(f64, f64)>,
+    /// Continuous current of the machine in A rms and the time constant of its heat in s: the current is derated before
+    /// the heat exceeds that of the continuous current ([`crate::control::overload`]); `None`: no derating.
+    pub machine_overload: Option<(f64, f64)>,
+    /// The same of the bridge.
+    pub bridge_overload: Option<(f64, f64)>,
+    /// dc-link voltage at which no braking torque is left, V ([`crate::control::dclink`]); `None`: no limit. This and the
+    /// next two need the feature `dclink`.
+    pub u_dc_brake: Option<f64>,
+    /// dc-link voltage below which the machine feeds the link, V: kinetic buffering; `None`: none.
+    pub u_dc_buffer: Option<f64>,
+    /// dc-link voltages from which on the brake chopper takes current and at which it takes all, V; `None`: no chopper.
+    pub u_dc_chopper: Option<(f64, f64)>,
     /// Settings of the published scheme: the defaults, unless the drive runs it.
     pub paper: PaperParams,
     /// Settings of the enhanced scheme: the defaults, unless the drive runs it.
@@ -362,6 +384,16 @@ impl DriveParams {
             fresh_time: 10.0,
             supervision: true,
             stall_time: 0.35,
+            field_weakening: true,
+            acceleration: None,
+            jerk: None,
+            torque_limits: None,
+            speed_limits: None,
+            machine_overload: None,
+            bridge_overload: None,
+            u_dc_brake: None,
+            u_dc_buffer: None,
+            u_dc_chopper: None,
             paper: PaperParams::default(),
             enhanced: EnhancedParams::new(machine),
         }
@@ -398,11 +430,68 @@ impl DriveParams {
         if self.stall_time != 0.0 {
             check("stall_time", self.stall_time, 0.1, 60.0, "s")?;
         }
+        self.validate_limits(machine, inverter)?;
+        self.validate_link(inverter)?;
         self.paper.validate()?;
         self.enhanced.validate(machine)?;
         match self.scheme {
             Scheme::Paper => self.enhanced.refuse_changes(machine),
             Scheme::Enhanced => self.paper.refuse_changes(),
         }
+    }
+
+    /// Ramp, limits by direction, derating.
+    fn validate_limits(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
+        let omega_n = machine.omega_sR() / f64::from(machine.n_p);
+        if let Some(a) = self.acceleration {
+            check("acceleration", a, 1e-3 * omega_n, 1000.0 * omega_n, "rad/s²")?;
+        }
+        if let Some(j) = self.jerk {
+            let most = if self.acceleration.is_some() { 1e5 * omega_n } else { 0.0 };
+            check("jerk", j, 1e-2 * omega_n, most, "rad/s³").map_err(|e| e.with_note("with an acceleration only"))?;
+        }
+        if let Some((negative, positive)) = self.torque_limits {
+            check("torque_limits[0]", negative, -self.torque_max, 0.0, "N m")?;
+            check("torque_limits[1]", positive, 0.0, self.torque_max, "N m")?;
+        }
+        if let Some((negative, positive)) = self.speed_limits {
+            check("speed_limits[0]", negative, -self.omega_max, 0.0, "rad/s")?;
+            check("speed_limits[1]", positive, 0.0, self.omega_max, "rad/s")?;
+        }
+        let root = core::f64::consts::SQRT_2;
+        let least = 1.1 * self.psi_ref * Base::new(machine).psi / machine.L_s() / root;
+        for (fields, body) in [
+            (["machine_overload[0]", "machine_overload[1]"], self.machine_overload),
+            (["bridge_overload[0]", "bridge_overload[1]"], self.bridge_overload),
+        ] {
+            if let Some((current, time)) = body {
+                check(fields[0], current, least, self.i_max / root, "A")?;
+                // Longer than the interval in which it is computed, short enough for fixed point.
+                check(fields[1], time, 1e4 / inverter.f_s, 3600.0, "s")?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Voltages of the link's control.
+    fn validate_link(&self, inverter: &Inverter) -> Result<(), ParamError> {
+        let built = cfg!(feature = "dclink");
+        let check = |field, value, min: f64, max: f64| {
+            let max = if built { max } else { min - 1.0 };
+            check(field, value, min, max, "V")
+                .map_err(|e| if built { e } else { e.with_note("needs the feature `dclink`") })
+        };
+        // A width of 5 % lies below the braking voltage and above the buffering one.
+        if let Some(u) = self.u_dc_brake {
+            check("u_dc_brake", u, 1.1 * inverter.u_dc, self.u_dc_max)?;
+        }
+        if let Some(u) = self.u_dc_buffer {
+            check("u_dc_buffer", u, self.u_dc_min, 0.9 * inverter.u_dc)?;
+        }
+        if let Some((on, full)) = self.u_dc_chopper {
+            check("u_dc_chopper[0]", on, 1.02 * inverter.u_dc, self.u_dc_max)?;
+            check("u_dc_chopper[1]", full, on + 0.005 * inverter.u_dc, self.u_dc_max)?;
+        }
+        Ok(())
     }
 }
