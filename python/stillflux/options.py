@@ -124,16 +124,16 @@ class DriveSettings(TypedDict, total=False):
     """Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is
     lowered, by at most 30 %. 0: the flux stays."""
     prior_R_s: float
-    """Relative standard deviation with which the filter begins, 0.002 to 1: of the stator resistance, with
+    """Relative standard deviation with which the filter begins, 0.002 to 0.5: of the stator resistance, with
     its temperature. What is known well moves little: `Commissioned.settings`."""
     prior_loss: float
-    """Of threshold and dead time."""
+    """Of threshold and dead time, 0.002 to 1."""
     prior_c_out: float
-    """Of the capacitance of the inverter's legs."""
+    """Of the capacitance of the legs of the inverter, 0.002 to 1."""
     prior_L_sigma: float
-    """Of the leakage inductance."""
+    """Of the leakage inductance, 0.002 to 1."""
     prior_L_M: float
-    """Of the magnetising inductance."""
+    """Of the magnetising inductance, 0.002 to 0.5."""
 
 
 class PlantOptions(TypedDict, total=False):

@@ -273,6 +273,20 @@ impl<R: Real> DriveConfig<R> {
         fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * l_product * l_product, 4.0)?;
         fits::<R>("L_sigma", machine.L_sigma, "H", inv_two_l_product, -1.0)?;
         fits::<R>("i_max", p.i_max, "A", 1.0 / (0.9 * i_q_max * p.psi_ref), -1.0)?;
+        let ramp_acceleration = slow * ramp::CALLS / b.omega_m;
+        let ramp_jerk = slow * ramp_acceleration;
+        for (field, value, unit, factor) in
+            [("acceleration", p.acceleration, "rad/s²", ramp_acceleration), ("jerk", p.jerk, "rad/s³", ramp_jerk)]
+        {
+            if let Some(value) = value {
+                fits::<R>(field, value, unit, value * factor, 1.0)?;
+            }
+        }
+        for (field, body) in [("machine_overload[0]", p.machine_overload), ("bridge_overload[0]", p.bridge_overload)] {
+            if let Some((current, _)) = body {
+                fits::<R>(field, current, "A", 0.5 * b.i * b.i / (current * current), -2.0)?;
+            }
+        }
         #[cfg(feature = "paper")]
         if p.scheme == Scheme::Paper {
             fits::<R>("R_s", machine.R_s, "ohm", 1.0 / pu.r_s, -1.0)?;
@@ -363,15 +377,15 @@ impl<R: Real> DriveConfig<R> {
             omega_least: r(omega_least / b.omega_m),
             omega_most: r(omega_most / b.omega_m),
             ramp: RampConfig {
-                acceleration: r(p.acceleration.map_or(0.0, |a| a / b.omega_m * slow * ramp::CALLS)),
-                jerk: r(p.jerk.map_or(0.0, |j| j / b.omega_m * slow * slow * ramp::CALLS)),
+                acceleration: r(p.acceleration.map_or(0.0, |a| a * ramp_acceleration)),
+                jerk: r(p.jerk.map_or(0.0, |j| j * ramp_jerk)),
                 // Twice the deviation at which the proportional part alone asks for the largest torque.
                 lead: r((2.0 * torque_max / speed_gain).min(1.0)),
             },
             overload: [p.machine_overload, p.bridge_overload].map(|body| {
-                let (current, time) = body.unwrap_or((p.i_max, f64::INFINITY));
-                let i_c_sq = 2.0 * current * current / (b.i * b.i);
-                let rate = slow * f64::from(overload::CALLS) / time;
+                let (i_c_sq, rate) = body.map_or((1.0, 0.0), |(current, time)| {
+                    (2.0 * current * current / (b.i * b.i), slow * f64::from(overload::CALLS) / time)
+                });
                 OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
             }),
             #[cfg(feature = "dclink")]

@@ -123,11 +123,11 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         identify_resistance: !rng.chance(4),
         apply_innovation: !rng.chance(6),
         omega_s_min: rng.within(0.0, 0.05) * machine.omega_sR(),
-        prior_R_s: rng.ratio(0.002, 1.0),
+        prior_R_s: rng.ratio(0.002, 0.5),
         prior_loss: rng.ratio(0.002, 1.0),
         prior_c_out: rng.ratio(0.002, 1.0),
         prior_L_sigma: rng.ratio(0.002, 1.0),
-        prior_L_M: rng.ratio(0.002, 1.0),
+        prior_L_M: rng.ratio(0.002, 0.5),
     };
     let (torque_max, omega_max) = (
         rng.ratio(0.05, 5.0) * machine.T_N,
@@ -315,7 +315,10 @@ fn campaign(first: u64, drives: u64, periods: u32) {
     for seed in first..first + drives {
         let mut rng = Rng(seed.wrapping_mul(0xD134_2543_DE82_EF95));
         let mut refused = |e: &ParamError| {
-            assert_ne!(e.field, "configuration", "seed {seed}: a constant out of range that no field is named for");
+            assert_ne!(
+                e.field, "configuration",
+                "seed {seed}: a constant out of range that no field is named for: {e}"
+            );
             assert!(!(e.min..=e.max).contains(&e.value), "seed {seed}: {e}");
             match refusals.iter_mut().find(|x| x.0 == e.field) {
                 Some(x) => x.1 += 1,

@@ -63,6 +63,8 @@ impl<R: Real> EnhancedConfig<R> {
             Priors { r_s: prior_R_s, loss: prior_loss, knee: prior_c_out, leakage: prior_L_sigma, l_m: prior_L_M }
         };
         let filter = FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified);
+        // At least 0.0125 of normalised time, whose reciprocal fits fixed point.
+        let catch_block = inverter.periods(CATCH_BLOCK).max(libm::ceil(0.0125 / pu.t_s) as u32);
         Self {
             filter: filter.with_priors(&priors),
             balance: BalanceConfig {
@@ -80,10 +82,11 @@ impl<R: Real> EnhancedConfig<R> {
                 step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
             },
             catch: CatchConfig {
-                block: inverter.periods(CATCH_BLOCK),
-                t_block: rounded(f64::from(inverter.periods(CATCH_BLOCK)) * pu.t_s),
-                inv_t_block: rounded(1.0 / (f64::from(inverter.periods(CATCH_BLOCK)) * pu.t_s)),
-                leakage: rounded(pu.sigma_l_s / pu.t_s),
+                block: catch_block,
+                t_block: rounded(f64::from(catch_block) * pu.t_s),
+                inv_t_block: rounded(1.0 / (f64::from(catch_block) * pu.t_s)),
+                // Limited for fixed point: with periods shorter than a hundredth of the leakage the surge ends later.
+                leakage: rounded((pu.sigma_l_s / pu.t_s).min(100.0)),
             },
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
             probe_periods: inverter.periods(PROBE_TIME),

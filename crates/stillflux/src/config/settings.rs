@@ -215,15 +215,16 @@ pub struct EnhancedParams {
     /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
     /// most 30 % ([`crate::control::shift`]). 0: the flux stays.
     pub omega_s_min: f64,
-    /// Relative standard deviation with which the filter begins: of the stator resistance, with its temperature.
+    /// Relative standard deviation with which the filter begins, at least 0.002: of the stator resistance with its
+    /// temperature, at most 0.5.
     pub prior_R_s: f64,
-    /// Of threshold and dead time.
+    /// Of threshold and dead time, at most 1.
     pub prior_loss: f64,
-    /// Of the legs' capacitance.
+    /// Of the legs' capacitance, at most 1.
     pub prior_c_out: f64,
-    /// Of the leakage inductance.
+    /// Of the leakage inductance, at most 1.
     pub prior_L_sigma: f64,
-    /// Of the magnetising inductance.
+    /// Of the magnetising inductance, at most 0.5.
     pub prior_L_M: f64,
 }
 
@@ -247,7 +248,11 @@ impl EnhancedParams {
 
     fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
         check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")?;
-        self.priors().into_iter().try_for_each(|(name, value)| check(name, value, 0.002, 1.0, ""))
+        self.priors().into_iter().try_for_each(|(name, value)| {
+            // Their variances, in units of the filter's scales, have to fit fixed point.
+            let most = if matches!(name, "prior_R_s" | "prior_L_M") { 0.5 } else { 1.0 };
+            check(name, value, 0.002, most, "")
+        })
     }
 
     fn priors(&self) -> [(&'static str, f64); 5] {
