@@ -58,7 +58,14 @@ def test_pickles(scenario: sf.Scenario) -> None:
 
 
 def test_save_and_load(scenario: sf.Scenario, tmp_path: Path) -> None:
-    memory = {"u_off": 0.1 + 0.2j, "R_s": 3.9, "i_off": (0.0, 0.1, 0.0), "loss_error": 0.1, "L_sigma": 0.02, "L_M": 0.2}
+    memory = {
+        "u_off": 0.1 + 0.2j,
+        "R_s": 3.9,
+        "i_off": (0.0, 0.1, 0.0),
+        "loss_error": 0.1,
+        "L_sigma": 0.02,
+        "L_M": 0.2,
+    }
     result = sf.simulate(scenario.replace(memory=memory))
     path = tmp_path / "run.npz"
     result.save(path)
