@@ -154,7 +154,7 @@ impl<R: Real> Common<R> {
         let Some((i_abc, i_s)) = self.sequence.acquire(c, measured) else {
             return self.blocked();
         };
-        let running = likely(self.sequence.status() == Status::Running && reference.is_admissible());
+        let running = likely(matches!(self.sequence.status(), Status::Running) && reference.is_admissible());
         if !running && !self.prepare(c, estimators, measured, reference, &i_s) {
             return self.blocked();
         }
@@ -203,10 +203,11 @@ impl<R: Real> Common<R> {
         running: bool,
     ) -> FieldQuantities<R> {
         let period = self.sequence.period();
-        let (u_s, u_loss) = self.control.voltage.applied(period, u_dc);
-        let x = PeriodInput { i_abc, i_s, u_s, u_loss, psi_ref: self.control.psi_ref };
-        let start_up = (!running).then(|| StartUp { stage: self.sequence.stage(), period });
-        let PeriodOutput { field, complete } = estimators.period(c, &x, &mut self.control.i_dq_ref, start_up);
+        let Control { voltage, i_dq_ref, psi_ref, .. } = &mut self.control;
+        let u_s = voltage.applied(period, u_dc);
+        let x = PeriodInput { i_abc, i_s, u_s, u_loss: &voltage.loss, psi_ref: *psi_ref, period };
+        let start_up = (!running).then(|| StartUp { stage: self.sequence.stage() });
+        let PeriodOutput { field, complete } = estimators.period(c, &x, i_dq_ref, start_up);
         if complete {
             self.control.start(c);
             self.sequence.enter(Status::Running);

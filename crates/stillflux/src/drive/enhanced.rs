@@ -23,7 +23,7 @@
 
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
-use crate::config::{DriveConfig, SPEED_PERIODS};
+use crate::config::{BALANCE_PERIODS, DriveConfig, SPEED_PERIODS};
 use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
@@ -42,9 +42,6 @@ const CROSSING: f64 = 0.0025;
 /// Reduced currents that separate resistance, inverter error and knee, relative to the magnetising current.
 const REDUCED: f64 = 0.7;
 const SMALL: f64 = 0.4;
-
-/// Unit of the innovation that the filter returns, per unit of flux.
-const INNOVATION_UNIT: f64 = 0.05;
 
 /// The two sums of the speed search; after it, the speed over one.
 #[derive(Clone, Copy, Debug)]
@@ -141,9 +138,8 @@ impl<R: Real> EnhancedEstimators<R> {
     #[inline(never)]
     fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp) -> (Rotator<R>, Dq<R>, bool) {
         let searching = at.stage <= c.enhanced.probe_periods;
-        if !searching && at.period.is_multiple_of(SPEED_PERIODS) {
+        if !searching && at.stage.is_multiple_of(SPEED_PERIODS) {
             self.update_speed(c);
-            self.knee = c.inverter.knee(self.filter.knee());
         }
         let i_s = self.filter.i_s();
         let psi_r = self.filter.value() - i_s * c.speed.sigma_l_s;
@@ -191,7 +187,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     fn period(
         &mut self,
         c: &DriveConfig<R>,
-        x: &PeriodInput<R>,
+        x: &PeriodInput<'_, R>,
         i_dq_ref: &mut Dq<R>,
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R> {
@@ -202,10 +198,15 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             blind = at.stage <= c.enhanced.probe_periods;
         }
         let i_ref = *i_dq_ref;
-        let [i_a, i_b, i_c] = x.i_abc;
-        let i_m = self.balance.step(&c.enhanced.balance, &x.i_s, i_a + i_b + i_c);
+        let i_m = self.balance.remove(&x.i_s);
         let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
         let i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
+        // What follows from quantities that change slowly takes its turn.
+        match x.period % BALANCE_PERIODS {
+            2 => self.balance.fit(&c.enhanced.balance, &x.i_s, x.i_abc),
+            6 => self.knee = c.inverter.knee(self.filter.knee()),
+            _ => {}
+        }
         let (field, i_dq, complete) = match start_up {
             None => (self.filter.field(), i_dq, false),
             Some(at) => self.build_up(c, at),
@@ -226,7 +227,6 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
-        self.knee = c.inverter.knee(self.filter.knee());
     }
 
     #[inline(always)]
@@ -280,7 +280,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             i_s: f.i_s(),
             r_s: f.r_s(),
             epsilon: R::ZERO,
-            innovation: f.residual() * R::from_f64(INNOVATION_UNIT),
+            innovation: f.innovation(),
             nis: f.nis(),
             angle_deviation: f.sigma(),
             confidence: f.confidence(),

@@ -164,12 +164,13 @@ impl<R: Real> FilterConfig<R> {
 }
 
 /// Inputs of the filter in one period, per unit.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Input<R: Real> {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Input<'a, R: Real> {
     /// Voltage applied since the last call.
     pub u_s: AlphaBeta<R>,
-    /// Loss of the inverter model at the present estimates, already subtracted from `u_s`.
-    pub loss: Distortion<R>,
+    /// Loss of the inverter model at the present estimates and the present operating point, as it is subtracted from
+    /// `u_s`.
+    pub loss: &'a Distortion<R>,
     /// Current sample at the end.
     pub i_m: AlphaBeta<R>,
     /// Current reference, field coordinates.
@@ -206,7 +207,7 @@ pub struct Filter<R: Real> {
     /// `1/S` of the last block, `S` the innovation variance (scaled).
     inv_s: R,
     /// Innovation (scaled), and low-pass of its normalised square (NIS).
-    residual: R,
+    innovation: R,
     nis: R,
     /// Blocks left in which the NIS is not evaluated (NIS hold-off).
     trial: u8,
@@ -224,32 +225,26 @@ impl<R: Real> Filter<R> {
     /// One period; returns the current of its sample in field coordinates. With `blind` nothing is corrected: the
     /// machine has no flux yet.
     #[inline(always)]
-    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<R>, blind: bool) -> Dq<R> {
+    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, blind: bool) -> Dq<R> {
         let i_s = x.i_m - self.b();
         self.u_i = x.u_s - (self.i_s + i_s) * self.r_s().half();
         self.i_s = i_s;
         self.psi_s.add(c.t_s, &self.u_i);
         let i_dq = self.field().to_field(&i_s);
         self.sum += i_dq;
-        self.advance(c, x, blind);
-        i_dq
-    }
-
-    /// Closes the block, or executes the slot of this period.
-    #[inline(never)]
-    fn advance(&mut self, c: &FilterConfig<R>, x: &Input<R>, blind: bool) {
         self.period += 1;
-        if self.period >= c.block {
-            self.period = 0;
-            self.close(c, x, blind);
-        } else {
+        if likely(self.period < c.block) {
             self.work(c);
+        } else {
+            self.period = 0;
+            self.close(c, &x.i_ref, x.loss, x.omega_s, blind);
         }
+        i_dq
     }
 
     /// End of a block: current model, innovation, correction, and the next operating point.
     #[inline(never)]
-    fn close(&mut self, c: &FilterConfig<R>, input: &Input<R>, blind: bool) {
+    fn close(&mut self, c: &FilterConfig<R>, i_ref: &Dq<R>, loss: &Distortion<R>, omega_s: R, blind: bool) {
         let model = &c.model;
         let i_dq = self.sum * c.inv_block;
         self.sum = Dq::default();
@@ -263,15 +258,8 @@ impl<R: Real> Filter<R> {
         let i_d = (self.magnitude() * i_dq.re() - model.sigma_l_s * i_dq.norm_sq()) * inv;
         let i_q = self.magnitude() * i_dq.im() * inv;
 
-        let means = BlockMeans {
-            n,
-            inv_psi_r: inv,
-            i_d,
-            i_q,
-            i_s: self.field().to_stator(&input.i_ref),
-            loss: input.loss,
-            omega_s: input.omega_s,
-        };
+        let means =
+            BlockMeans { n, inv_psi_r: inv, i_d, i_q, i_s: self.field().to_stator(i_ref), loss: *loss, omega_s };
         self.valid = valid;
         let (point, increment) = model.operating_point(&means, self.point.magnetisation, self.gamma.value());
         self.point = point;
@@ -281,7 +269,7 @@ impl<R: Real> Filter<R> {
         }
         let m = self.m.add(R::ONE, increment);
         let z = Model::innovation(m, psi_r);
-        self.residual = z;
+        self.innovation = z;
         if self.trial == 0 {
             let nis = (z * z * self.inv_s).min(R::from_f64(9.0));
             self.nis += R::from_f64(NIS_CORNER) * (nis - self.nis);
@@ -365,9 +353,9 @@ impl<R: Real> Filter<R> {
         self.i_s
     }
 
-    /// Latest innovation `m - |ψ̂_R|`, in units of 0.05 pu.
-    pub fn residual(&self) -> R {
-        self.residual
+    /// Latest innovation `m - |ψ̂_R|`, per unit.
+    pub fn innovation(&self) -> R {
+        self.innovation * R::from_f64(SCALE_PSI)
     }
 
     /// Normalised innovation squared, low-passed over 20 blocks. Its expectation is one where the innovation has the
@@ -488,7 +476,7 @@ mod tests {
             let ((i, psi), (i_last, psi_last)) = (at(k), at(k - 1));
             let u_s = (i + i_last) * (0.5 * c.model.r_s * r_s) + (psi - psi_last) * (1.0 / t_s);
             let i_ref = filter.field().to_field(&i);
-            let x = Input { u_s, loss: Distortion::default(), i_m: i + offset, i_ref, omega_s };
+            let x = Input { u_s, loss: &Distortion::default(), i_m: i + offset, i_ref, omega_s };
             filter.step(&c, &x, false);
         }
         Rig { c, filter, psi_s: at(steps).1 }

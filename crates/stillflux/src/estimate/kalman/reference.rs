@@ -6,6 +6,7 @@ use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K,
     SCALE_PSI, SCALE_R, SCALE_V, V,
 };
+use super::schedule::OMEGA_HELD;
 use super::{
     B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, N, NIS_CORNER, NIS_THRESHOLD, R_S_RANGE,
     SIGMA_LOST, V_MAX, noise,
@@ -18,9 +19,6 @@ use nalgebra::{SMatrix, SVector, Vector2};
 
 type State = SVector<f64, N>;
 type Matrix = SMatrix<f64, N, N>;
-
-/// Stator frequency, per unit, above which `r_s`, `v` and knee are consider states.
-const OMEGA_HELD: f64 = 0.2;
 
 fn config(machine: &Machine, inverter: &Inverter) -> (FilterConfig<f64>, PerUnit) {
     let pu = PerUnit::new(machine, inverter).unwrap();
@@ -235,7 +233,7 @@ impl Reference {
         (Vector2::new(n.cos, n.sin), magnitude)
     }
 
-    fn step(&mut self, input: &Input<f64>) {
+    fn step(&mut self, input: &Input<'_, f64>) {
         let (model, t_s) = (self.c.model, self.c.t_s);
         let (psi, _, b) = parts(&model, &self.x);
         let i_s = vector(&input.i_m) - b;
@@ -265,7 +263,7 @@ impl Reference {
             i_d: along * inv,
             i_q: across * inv,
             i_s: Rotator { cos: d.x, sin: d.y }.to_stator(&input.i_ref),
-            loss: input.loss,
+            loss: *input.loss,
             omega_s: input.omega_s,
         };
         let (at, increment) = model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma);
@@ -362,6 +360,8 @@ struct ClosedLoop {
     r_r: f64,
     inv_tau_r: f64,
     i_d: f64,
+    /// Loss of the inverter model.
+    loss: Distortion<f64>,
     /// Resistance of the winding, relative to the parameter.
     r_s: f64,
     offset: Vector2<f64>,
@@ -388,6 +388,7 @@ impl ClosedLoop {
             r_r: pu.r_r,
             inv_tau_r: 1.0 / pu.tau_r,
             i_d,
+            loss: Distortion::default(),
             r_s: 1.05,
             offset: Vector2::new(3e-4, -2e-4),
             c,
@@ -395,7 +396,7 @@ impl ClosedLoop {
     }
 
     /// One period at a speed and a torque current; returns the inputs of the filter.
-    fn step(&mut self, omega: f64, i_q: f64) -> Input<f64> {
+    fn step(&mut self, omega: f64, i_q: f64) -> Input<'_, f64> {
         let (c, t_s) = (&self.c, self.c.t_s);
         let i_ref = Dq::new(self.i_d, i_q);
         let next = vector(&self.filter.field().to_stator(&i_ref));
@@ -415,6 +416,8 @@ impl ClosedLoop {
         self.i = next;
         let i_m = next + self.offset;
         let omega_s = omega + self.r_r * i_q / self.psi_r.norm();
+        self.loss = loss;
+        let loss = &self.loss;
         let input = Input { u_s: AlphaBeta::new(u.x, u.y), loss, i_m: AlphaBeta::new(i_m.x, i_m.y), i_ref, omega_s };
         self.filter.step(&self.c, &input, false);
         input

@@ -15,9 +15,9 @@
 //! | 3, 4 | row and column of a flux component each |
 //! | 5 | `Q`; decorrelation of consider states |
 //! | 6 | angle deviation, `S`, `P Hᵀ` |
-//! | 7 | update of rows 0 to 3, magnetising curve at the end of the block |
-//! | 8 | update of rows 4 to 6 |
-//! | 9 | update of rows 7 to 9, `K` in units of the states |
+//! | 7 | magnetising curve at the end of the block, update of rows 0 to 5 |
+//! | 8 | update of rows 6 and 7 |
+//! | 9 | update of rows 8 and 9, `K` in units of the states |
 //! | 10 … | none |
 //!
 //! The flux is integrated in every period. A block has at least [`SLOTS`] periods; its gain is one block old,
@@ -26,7 +26,7 @@
 //! A slot uses only what an earlier slot of the *same* covariance has stored ([`Holds`]): after a re-initialisation
 //! within a block the covariance stays what it was set to, and the block ends without a correction.
 
-use super::covariance::{Column, N};
+use super::covariance::Column;
 use super::model::{B, C, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
 use super::noise::{FLOOR, MEASUREMENT, Noise, SECOND_ORDER};
 use super::{Filter, FilterConfig, NIS_THRESHOLD};
@@ -38,7 +38,7 @@ pub(super) const SLOTS: u32 = 10;
 
 /// Stator frequency, per unit, above which resistance, inverter error and knee are consider states: their voltage is
 /// smaller than the error of the voltage itself.
-const OMEGA_HELD: f64 = 0.2;
+pub(super) const OMEGA_HELD: f64 = 0.2;
 
 /// Work of a control period on the covariance. The closing period of a block has number zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,12 +53,12 @@ enum Slot {
     Noise,
     /// Innovation variance and gain.
     Gain,
-    /// Update of some rows.
-    Update(usize, usize),
-    /// Magnetising curve at the estimates after the correction, then update of some rows.
-    Magnetisation(usize, usize),
-    /// Update of some rows, then the gain of the correction.
-    LastUpdate(usize, usize),
+    /// Update of the first rows; magnetising curve at the estimates after the correction.
+    FirstUpdate,
+    /// Update of the next rows.
+    Update,
+    /// Update of the last rows, then the gain of the correction.
+    LastUpdate,
     /// No work: a block may have more periods than slots.
     Idle,
 }
@@ -74,9 +74,9 @@ impl Slot {
             4 => Self::Flux(true),
             5 => Self::Noise,
             6 => Self::Gain,
-            7 => Self::Magnetisation(0, 4),
-            8 => Self::Update(4, 7),
-            9 => Self::LastUpdate(7, N),
+            7 => Self::FirstUpdate,
+            8 => Self::Update,
+            9 => Self::LastUpdate,
             _ => Self::Idle,
         }
     }
@@ -120,9 +120,19 @@ impl<R: Real> OperatingPoint<R> {
     }
 }
 
+/// Covariance update of some rows, written out: the positions of all elements are constants then.
+macro_rules! update_rows {
+    ($filter:ident, $($row:literal)*) => {
+        if $filter.holds == Holds::Innovation {
+            let (inv_s, floor) = ($filter.inv_s, R::from_f64(FLOOR));
+            $($filter.p.reduce::<$row>(&$filter.column, inv_s, floor);)*
+        }
+    };
+}
+
 impl<R: Real> Filter<R> {
     /// Executes the slot of this period.
-    #[inline(always)]
+    #[inline(never)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
         match Slot::of(self.period) {
             Slot::RotorRow => self.rotor(c, false),
@@ -130,15 +140,12 @@ impl<R: Real> Filter<R> {
             Slot::Flux(second) => self.flux_advance(c, second),
             Slot::Noise => self.add_noise(c),
             Slot::Gain => self.weigh(c),
-            Slot::Update(from, to) => self.update(from, to),
-            Slot::Magnetisation(from, to) => {
+            Slot::FirstUpdate => {
                 self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
-                self.update(from, to);
+                self.update_first();
             }
-            Slot::LastUpdate(from, to) => {
-                self.update(from, to);
-                self.scale_gain(c);
-            }
+            Slot::Update => self.update_next(),
+            Slot::LastUpdate => self.update_last(c),
             Slot::Idle => {}
         }
     }
@@ -164,7 +171,7 @@ impl<R: Real> Filter<R> {
         }
         let of = |k: usize| self.column[k + usize::from(second)];
         let [by_b, by_r_s, by_v, by_k] = c.model.flux_row(of(0), of(2), of(4), self.r_s());
-        self.p.advance_pair::<B>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k)]);
+        self.p.advance_pair::<B, 4>(second, &[(B, by_b), (RS, by_r_s), (V, by_v), (KNEE, by_k)]);
     }
 
     /// Process noise `Q`, and decorrelation of consider states.
@@ -238,17 +245,20 @@ impl<R: Real> Filter<R> {
         self.holds = Holds::Innovation;
     }
 
-    /// Covariance update of the rows `from..to`.
     #[inline(never)]
-    fn update(&mut self, from: usize, to: usize) {
-        if self.holds == Holds::Innovation {
-            self.p.reduce(from, to, &self.column, self.inv_s, R::from_f64(FLOOR));
-        }
+    fn update_first(&mut self) {
+        update_rows!(self, 0 1 2 3 4 5);
     }
 
-    /// The column becomes the gain of the correction, in units of the states.
     #[inline(never)]
-    fn scale_gain(&mut self, c: &FilterConfig<R>) {
+    fn update_next(&mut self) {
+        update_rows!(self, 6 7);
+    }
+
+    /// The last rows; then the column becomes the gain of the correction, in units of the states.
+    #[inline(never)]
+    fn update_last(&mut self, c: &FilterConfig<R>) {
+        update_rows!(self, 8 9);
         if self.holds == Holds::Innovation {
             let (inv_s, scale) = (self.inv_s, c.model.scale());
             self.column = core::array::from_fn(|k| self.column[k] * inv_s * scale[k]);
@@ -264,4 +274,4 @@ impl<R: Real> Filter<R> {
 }
 
 /// The slots rely on the order of the states: the flux first, the components of a vector side by side.
-const _: () = assert!(PSI == 0 && C == N - 1 && GAMMA < N);
+const _: () = assert!(PSI == 0 && C == 9 && GAMMA == 8);
