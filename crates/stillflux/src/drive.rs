@@ -45,10 +45,12 @@ use sequence::{Action, Sequence};
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+#[repr(C)]
 pub struct Drive<R: Real> {
-    config: DriveConfig<R>,
-    estimators: SchemeEstimators<R>,
+    // In this order: what every period reads and writes comes first, within the reach of one instruction.
     common: Common<R>,
+    estimators: SchemeEstimators<R>,
+    config: DriveConfig<R>,
 }
 
 impl<R: Real> Drive<R> {
@@ -154,14 +156,17 @@ impl<R: Real> Common<R> {
         let Some((i_abc, i_s)) = self.sequence.acquire(c, measured) else {
             return self.blocked();
         };
-        let running = likely(matches!(self.sequence.status(), Status::Running) && reference.is_admissible());
-        if !running && !self.prepare(c, estimators, measured, reference, &i_s) {
-            return self.blocked();
+        let mut start_up = None;
+        if !(likely(matches!(self.sequence.status(), Status::Running)) && likely(reference.is_admissible())) {
+            start_up = self.prepare(c, estimators, measured, reference, i_s);
+            if start_up.is_none() {
+                return self.blocked();
+            }
         }
         let (period, u_dc) = (self.sequence.period(), measured.u_dc);
-        let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, running);
+        let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, start_up);
         let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter(c));
-        if likely(running) {
+        if likely(start_up.is_none()) {
             let healthy = self.slow_tasks(c, estimators, reference, u_dc);
             if !likely(healthy) {
                 return self.blocked();
@@ -170,26 +175,27 @@ impl<R: Real> Common<R> {
         Output { duty, gates_on: true }
     }
 
-    /// All states but `Running`: whether this is a period of the start-up.
-    #[inline(always)]
+    /// All states but `Running`: progress of the start-up, if this is a period of it.
+    #[cold]
+    #[inline(never)]
     fn prepare<E: Estimators<R>>(
         &mut self,
         c: &DriveConfig<R>,
         estimators: &mut E,
         measured: &Measurement<R>,
         reference: &Reference<R>,
-        i_s: &AlphaBeta<R>,
-    ) -> bool {
+        i_s: AlphaBeta<R>,
+    ) -> Option<StartUp> {
         let action = self.sequence.advance(c, measured, reference);
         if action == Action::StartUp {
-            return true;
+            return Some(StartUp { stage: self.sequence.stage() });
         }
         if action == Action::Ready {
             estimators.begin();
             self.control.begin();
         }
-        estimators.idle(i_s);
-        false
+        estimators.idle(&i_s);
+        None
     }
 
     /// Estimators of the scheme, under control or in its start-up.
@@ -200,13 +206,12 @@ impl<R: Real> Common<R> {
         estimators: &mut E,
         (i_abc, i_s): ([R; 3], AlphaBeta<R>),
         u_dc: R,
-        running: bool,
+        start_up: Option<StartUp>,
     ) -> FieldQuantities<R> {
         let period = self.sequence.period();
         let Control { voltage, i_dq_ref, psi_ref, .. } = &mut self.control;
         let u_s = voltage.applied(period, u_dc);
         let x = PeriodInput { i_abc, i_s, u_s, u_loss: &voltage.loss, psi_ref: *psi_ref, period };
-        let start_up = (!running).then(|| StartUp { stage: self.sequence.stage() });
         let PeriodOutput { field, complete } = estimators.period(c, &x, i_dq_ref, start_up);
         if complete {
             self.control.start(c);

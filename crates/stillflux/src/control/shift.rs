@@ -62,6 +62,12 @@ impl<R: Real> Default for FluxShift<R> {
 }
 
 impl<R: Real> FluxShift<R> {
+    /// `κ` of the last call.
+    #[inline(always)]
+    pub fn factor(&self) -> R {
+        self.factor
+    }
+
     /// One call at a speed and a torque reference; returns `κ`, the flux reference in units of the rated one.
     #[inline(never)]
     pub fn step(&mut self, c: &ShiftConfig<R>, omega_m: R, torque: R) -> R {

@@ -92,6 +92,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     search: SpeedSearch<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
+    /// Torque reference, for the next step of the flux shift.
+    torque_ref: R,
 }
 
 impl<R: Real> EnhancedEstimators<R> {
@@ -105,6 +107,7 @@ impl<R: Real> EnhancedEstimators<R> {
             speed: SpeedEstimate::default(),
             search: SpeedSearch::new(),
             knee: *c.inverter.nominal(),
+            torque_ref: R::ZERO,
         }
     }
 
@@ -180,6 +183,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     fn begin(&mut self) {
         self.search = SpeedSearch::new();
         self.shift = FluxShift::default();
+        self.torque_ref = R::ZERO;
         self.speed = SpeedEstimate::default();
     }
 
@@ -194,23 +198,29 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
         if let Some(at) = start_up {
-            *i_dq_ref = self.prepare(c, &x.i_s, at.stage);
+            let i_s = x.i_s;
+            *i_dq_ref = self.prepare(c, &i_s, at.stage);
             blind = at.stage <= c.enhanced.probe_periods;
         }
         let i_ref = *i_dq_ref;
         let i_m = self.balance.remove(&x.i_s);
         let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
-        let i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
+        let mut i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
         // What follows from quantities that change slowly takes its turn.
         match x.period % BALANCE_PERIODS {
-            2 => self.balance.fit(&c.enhanced.balance, &x.i_s, x.i_abc),
+            2 => {
+                let (i_s, i_abc) = (x.i_s, x.i_abc);
+                self.balance.fit(&c.enhanced.balance, &i_s, i_abc);
+            }
             6 => self.knee = c.inverter.knee(self.filter.knee()),
             _ => {}
         }
-        let (field, i_dq, complete) = match start_up {
-            None => (self.filter.field(), i_dq, false),
-            Some(at) => self.build_up(c, at),
-        };
+        let (mut field, mut complete) = (self.filter.field(), false);
+        if let Some(at) = start_up {
+            let i;
+            (field, i, complete) = self.build_up(c, at);
+            i_dq = Dq::new(i.re(), i.im());
+        }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete }
     }
@@ -227,11 +237,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
+        self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref);
     }
 
     #[inline(always)]
-    fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R {
-        self.shift.step(&c.enhanced.shift, self.speed.omega_m, torque)
+    fn flux_factor(&mut self, _: &DriveConfig<R>, torque: R) -> R {
+        self.torque_ref = torque;
+        self.shift.factor()
     }
 
     #[inline(always)]

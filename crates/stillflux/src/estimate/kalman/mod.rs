@@ -215,8 +215,8 @@ pub struct Filter<R: Real> {
     valid: bool,
     /// Standard deviation of the field angle, rad.
     sigma: R,
-    /// Variance of the flux's magnitude, scaled.
-    variance: R,
+    /// Weight of the estimated flux magnitude.
+    weight: R,
     /// Values and variances with which the present start began.
     initial: Initial<R>,
 }
@@ -371,9 +371,9 @@ impl<R: Real> Filter<R> {
 
     /// Weight of the estimated flux magnitude against that which current and nominal inductance give, 0 to 1:
     /// `1/(1 + σ²/σ_0²)` with the expected deviation `σ` of `|ψ̂_s|` and `σ_0` = 0.03 pu.
+    #[inline]
     pub fn magnitude_weight(&self) -> R {
-        let scale = R::from_f64(SCALE_PSI * SCALE_PSI / (MAGNITUDE * MAGNITUDE));
-        (R::ONE + self.variance * scale).recip()
+        self.weight
     }
 
     /// Confidence in the field angle, 0 to 1, as of [`super::confidence`]: one half where 15° must be expected.

@@ -29,7 +29,7 @@
 use super::covariance::Column;
 use super::model::{B, C, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
 use super::noise::{FLOOR, MEASUREMENT, Noise, SECOND_ORDER};
-use super::{Filter, FilterConfig, NIS_THRESHOLD};
+use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Rotator};
 
@@ -39,6 +39,9 @@ pub(super) const SLOTS: u32 = 10;
 /// Stator frequency, per unit, above which resistance, inverter error and knee are consider states: their voltage is
 /// smaller than the error of the voltage itself.
 pub(super) const OMEGA_HELD: f64 = 0.2;
+
+/// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
+const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
 
 /// Work of a control period on the covariance. The closing period of a block has number zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -223,7 +226,8 @@ impl<R: Real> Filter<R> {
         let across = sin * sin * a + cos * cos * b - (mixed + mixed);
         let across = across.max(R::ZERO);
         // Along n: the trace less the part across.
-        self.variance = (a + b - across).max(R::ZERO);
+        let along = (a + b - across).max(R::ZERO);
+        self.weight = R::ONE.over_64(R::from_f64(1.0 / 64.0) + along * R::from_f64(WEIGHT));
         let scale = R::from_f64(SCALE_PSI);
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 
