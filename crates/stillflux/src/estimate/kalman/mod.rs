@@ -46,7 +46,7 @@
 //! The flux is integrated in every control period, the rest runs once per block of 1 ms, or of `SLOTS` periods if
 //! that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
 //! the next one, a part in each period. The gain is therefore one block old; the time constants that it depends on are
-//! many blocks.
+//! many blocks. The parameters are corrected one period after flux, `m` and offset.
 //!
 //! # Validity, and what is added to the noise outside it
 //!
@@ -80,7 +80,10 @@ pub use noise::Identified;
 #[cfg(test)]
 use self::covariance::N;
 use self::covariance::{Column, Covariance};
-use self::model::{B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, Saturated, V};
+use self::model::{
+    BlockMeans, C_MAX, Model, OperatingPoint, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_PSI, SCALE_R, SCALE_V,
+    Saturated,
+};
 use self::noise::Noise;
 use self::schedule::{Holds, SLOTS};
 use self::start::Initial;
@@ -206,6 +209,8 @@ pub struct Filter<R: Real> {
     holds: Holds,
     /// `1/S` of the last block, `S` the innovation variance (scaled).
     inv_s: R,
+    /// Innovation of the last block over its variance.
+    weighted: R,
     /// Innovation (scaled), and low-pass of its normalised square (NIS).
     innovation: R,
     nis: R,
@@ -265,6 +270,7 @@ impl<R: Real> Filter<R> {
         self.point = point;
         if !valid {
             self.m.set(psi_r);
+            self.holds = Holds::Nothing;
             return;
         }
         let m = self.m.add(R::ONE, increment);
@@ -279,25 +285,41 @@ impl<R: Real> Filter<R> {
         self.correct(c, z.limit(R::from_f64(20.0)));
     }
 
-    /// State correction by gain times innovation `z`, each state within its limits.
+    /// Correction of flux, `m` and offset by gain times innovation `z`, each state within its limits.
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
-        let Some(by) = self.gain() else { return };
+        if self.holds != Holds::Innovation {
+            return;
+        }
         let r = R::from_f64;
+        let z = z * self.inv_s;
+        self.weighted = z;
+        let (z_psi, z_b) = (z * r(SCALE_PSI), z * r(SCALE_B));
+        let [p_a, p_b, p_m, b_a, b_b, ..] = self.column;
         // δψ_s = δχ - σl_s δb.
-        let sigma_l_s = c.model.sigma_l_s;
-        self.psi_s.correct([by[PSI] - sigma_l_s * by[B], by[PSI + 1] - sigma_l_s * by[B + 1]], z);
-        let r_s = c.model.r_s;
-        correct_state(&mut self.m, by[M], z, R::ZERO, r(3.0));
-        correct_state(&mut self.b[0], by[B], z, r(-B_MAX), r(B_MAX));
-        correct_state(&mut self.b[1], by[B + 1], z, r(-B_MAX), r(B_MAX));
-        correct_state(&mut self.r_s, by[RS], z, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
+        let of_b = c.model.sigma_l_s * r(SCALE_B / SCALE_PSI);
+        self.psi_s.correct([p_a - of_b * b_a, p_b - of_b * b_b], z_psi);
+        correct_state(&mut self.m, p_m, z_psi, R::ZERO, r(3.0));
+        correct_state(&mut self.b[0], b_a, z_b, r(-B_MAX), r(B_MAX));
+        correct_state(&mut self.b[1], b_b, z_b, r(-B_MAX), r(B_MAX));
+    }
+
+    /// The same for the parameters, in the period after.
+    #[inline(never)]
+    fn correct_parameters(&mut self, c: &FilterConfig<R>) {
+        if self.holds != Holds::Innovation {
+            return;
+        }
+        let r = R::from_f64;
+        let (z, r_s) = (self.weighted, c.model.r_s);
+        let [.., of_r_s, of_v, of_knee, of_gamma, of_c] = self.column;
+        correct_state(&mut self.r_s, of_r_s, z * (r_s * r(SCALE_R)), r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
         // Their errors are logarithmic: the correction acts on the factors 1 + v and k.
         let (gain, knee) = (R::ONE + self.v(), self.knee());
-        correct_state(&mut self.v, by[V] * gain, z, r(-V_MAX), r(V_MAX));
-        correct_state(&mut self.knee, by[KNEE] * knee, z, r(KNEE_RANGE.0), r(KNEE_RANGE.1));
-        correct_state(&mut self.gamma, by[GAMMA], z, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
-        correct_state(&mut self.c, by[C], z, R::ZERO, r(C_MAX));
+        correct_state(&mut self.v, of_v, z * r(SCALE_V) * gain, r(-V_MAX), r(V_MAX));
+        correct_state(&mut self.knee, of_knee, z * r(SCALE_K) * knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1));
+        correct_state(&mut self.gamma, of_gamma, z * r(SCALE_GAMMA), r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
+        correct_state(&mut self.c, of_c, z * r(SCALE_C), R::ZERO, r(C_MAX));
     }
 
     /// A current sample while the bridge is blocked: start value of the trapezoidal rule.
@@ -432,6 +454,7 @@ pub struct Learned<R: Real> {
 
 #[cfg(test)]
 mod tests {
+    use super::model::{B, RS};
     use super::*;
     use crate::base::{Base, PerUnit};
     use crate::params::{Inverter, Machine};

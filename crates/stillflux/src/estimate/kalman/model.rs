@@ -34,10 +34,10 @@
 //! `χ` as state `b` is neither in `H` nor in `∂m⁺/∂χ`, and since `b` is constant `dχ = dψ_s`. A correction is converted
 //! by `δψ_s = δχ - σl_s δb` ([`super::Filter`]).
 //!
-//! The covariance is that of *scaled* states, each in units of a typical deviation ([`Model::scale`]), so that it
+//! The covariance is that of *scaled* states, each in units of a typical deviation (the scales below), so that it
 //! fits fixed point; the rows below are scaled accordingly.
 
-use super::covariance::{Column, N};
+use super::covariance::N;
 
 use crate::base::{PerUnit, rounded};
 use crate::inverter::Distortion;
@@ -227,15 +227,6 @@ impl<R: Real> Model<R> {
             exponent: exponent as u32,
             x_max: r(libm::pow(SATURATED_MAX, 1.0 / exponent)),
         }
-    }
-
-    /// Sizes of the scaled states.
-    #[inline(always)]
-    pub fn scale(&self) -> Column<R> {
-        let r = R::from_f64;
-        let r_s = self.r_s * r(SCALE_R);
-        let [psi, b, v, k, gamma, c] = [SCALE_PSI, SCALE_B, SCALE_V, SCALE_K, SCALE_GAMMA, SCALE_C].map(r);
-        by_state([psi, psi, b, r_s, v, k, gamma, c])
     }
 
     /// The magnetising curve at flux `m` and saturation `c`.

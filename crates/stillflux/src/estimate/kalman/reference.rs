@@ -6,7 +6,7 @@ use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K,
     SCALE_PSI, SCALE_R, SCALE_V, V,
 };
-use super::schedule::OMEGA_HELD;
+use super::schedule::{Holds, OMEGA_HELD};
 use super::{
     B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, N, NIS_CORNER, NIS_THRESHOLD, R_S_RANGE,
     SIGMA_LOST, V_MAX, noise,
@@ -184,6 +184,8 @@ struct Reference {
     p: Matrix,
     /// `P Hᵀ/S`, of the scaled states; zero where the block corrects nothing.
     gain: State,
+    /// Parameters after the correction, which takes effect one period late.
+    pending: Option<State>,
     inv_s: f64,
     i_s: Vector2<f64>,
     sum: Vector2<f64>,
@@ -215,7 +217,12 @@ impl Reference {
                 value(&filter.c),
             ]),
             p: dense(filter),
-            gain: filter.gain().map_or(State::zeros(), |x| State::from(x).component_div(&scale(&c.model))),
+            gain: if filter.holds == Holds::Innovation {
+                State::from(filter.column) * filter.inv_s
+            } else {
+                State::zeros()
+            },
+            pending: None,
             inv_s: filter.inv_s,
             i_s: vector(&filter.i_s),
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),
@@ -242,6 +249,9 @@ impl Reference {
         (self.x[PSI], self.x[PSI + 1], self.i_s) = (chi.x, chi.y, i_s);
         let (d, psi_s) = self.polar(0, psi);
         self.sum += Vector2::new(d.dot(&i_s), d.x * i_s.y - d.y * i_s.x);
+        if let Some(corrected) = self.pending.take() {
+            self.x.rows_mut(RS, N - RS).copy_from(&corrected.rows(RS, N - RS));
+        }
         self.period += 1;
         if self.period < u32::from(self.c.block) {
             return;
@@ -277,7 +287,7 @@ impl Reference {
         let mut by = (self.gain * z).component_mul(&scale(&model));
         by[V] *= 1.0 + self.x[V];
         by[KNEE] *= self.x[KNEE];
-        self.x += by;
+        let mut x = self.x + by;
         let r_s = model.r_s;
         for (k, (low, high)) in [
             (M, (0.0, 3.0)),
@@ -289,9 +299,11 @@ impl Reference {
             (GAMMA, GAMMA_RANGE),
             (C, (0.0, C_MAX)),
         ] {
-            self.x[k] = self.x[k].clamp(low, high);
+            x[k] = x[k].clamp(low, high);
         }
-        self.update_covariance(&at, self.x[RS], self.x[GAMMA]);
+        self.x.rows_mut(0, RS).copy_from(&x.rows(0, RS));
+        self.pending = Some(x);
+        self.update_covariance(&at, x[RS], x[GAMMA]);
     }
 
     /// Prediction with noise, gain, update.

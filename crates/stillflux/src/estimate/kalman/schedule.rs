@@ -10,14 +10,14 @@
 //! | period of the block | work |
 //! |---|---|
 //! | 0 | closes the block: mean current, innovation, correction, next operating point ([`Filter`]) |
-//! | 1 | `F_m P` |
-//! | 2 | row and column of `m` |
-//! | 3, 4 | row and column of a flux component each |
-//! | 5 | `Q`; decorrelation of consider states |
-//! | 6 | angle deviation, `S`, `P Hᵀ` |
-//! | 7 | magnetising curve at the end of the block, update of rows 0 to 5 |
-//! | 8 | update of rows 6 and 7 |
-//! | 9 | update of rows 8 and 9, `K` in units of the states |
+//! | 1 | correction of the parameters |
+//! | 2 | `F_m P` |
+//! | 3 | row and column of `m` |
+//! | 4, 5 | row and column of a flux component each |
+//! | 6 | `Q`; decorrelation of consider states |
+//! | 7 | angle deviation, `S`, `P Hᵀ` |
+//! | 8 | update of rows 0 to 6 |
+//! | 9 | update of rows 7 to 9, magnetising curve at the end of the block |
 //! | 10 … | none |
 //!
 //! The flux is integrated in every period. A block has at least [`SLOTS`] periods; its gain is one block old,
@@ -46,6 +46,8 @@ const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
 /// Work of a control period on the covariance. The closing period of a block has number zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
+    /// Correction of the parameters.
+    Parameters,
     /// Prediction, row of `m`: its product with the covariance.
     RotorRow,
     /// Prediction, row and column of `m`.
@@ -56,11 +58,9 @@ enum Slot {
     Noise,
     /// Innovation variance and gain.
     Gain,
-    /// Update of the first rows; magnetising curve at the estimates after the correction.
+    /// Update of the first rows.
     FirstUpdate,
-    /// Update of the next rows.
-    Update,
-    /// Update of the last rows, then the gain of the correction.
+    /// Update of the last rows; magnetising curve at the estimates after the correction.
     LastUpdate,
     /// No work: a block may have more periods than slots.
     Idle,
@@ -71,14 +71,14 @@ impl Slot {
     #[inline(always)]
     fn of(period: u8) -> Self {
         match period {
-            1 => Self::RotorRow,
-            2 => Self::RotorAdvance,
-            3 => Self::Flux(false),
-            4 => Self::Flux(true),
-            5 => Self::Noise,
-            6 => Self::Gain,
-            7 => Self::FirstUpdate,
-            8 => Self::Update,
+            1 => Self::Parameters,
+            2 => Self::RotorRow,
+            3 => Self::RotorAdvance,
+            4 => Self::Flux(false),
+            5 => Self::Flux(true),
+            6 => Self::Noise,
+            7 => Self::Gain,
+            8 => Self::FirstUpdate,
             9 => Self::LastUpdate,
             _ => Self::Idle,
         }
@@ -97,10 +97,8 @@ pub(super) enum Holds {
     Row,
     /// Current, loss and its derivative by the knee, as [`OperatingPoint::regressors`] has them.
     Regressors,
-    /// `P Hᵀ`: with `1/S` the gain of this block's update.
+    /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
     Innovation,
-    /// The gain of the next correction, in units of the states.
-    Gain,
 }
 
 impl<R: Real> OperatingPoint<R> {
@@ -138,17 +136,17 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
         match Slot::of(self.period) {
+            Slot::Parameters => self.correct_parameters(c),
             Slot::RotorRow => self.rotor(c, false),
             Slot::RotorAdvance => self.rotor(c, true),
             Slot::Flux(second) => self.flux_advance(c, second),
             Slot::Noise => self.add_noise(c),
             Slot::Gain => self.weigh(c),
-            Slot::FirstUpdate => {
+            Slot::FirstUpdate => self.update_first(),
+            Slot::LastUpdate => {
                 self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
-                self.update_first();
+                self.update_last();
             }
-            Slot::Update => self.update_next(),
-            Slot::LastUpdate => self.update_last(c),
             Slot::Idle => {}
         }
     }
@@ -251,29 +249,12 @@ impl<R: Real> Filter<R> {
 
     #[inline(never)]
     fn update_first(&mut self) {
-        update_rows!(self, 0 1 2 3 4 5);
+        update_rows!(self, 0 1 2 3 4 5 6);
     }
 
     #[inline(never)]
-    fn update_next(&mut self) {
-        update_rows!(self, 6 7);
-    }
-
-    /// The last rows; then the column becomes the gain of the correction, in units of the states.
-    #[inline(never)]
-    fn update_last(&mut self, c: &FilterConfig<R>) {
-        update_rows!(self, 8 9);
-        if self.holds == Holds::Innovation {
-            let (inv_s, scale) = (self.inv_s, c.model.scale());
-            self.column = core::array::from_fn(|k| self.column[k] * inv_s * scale[k]);
-            self.holds = Holds::Gain;
-        }
-    }
-
-    /// Gain of the correction, if this block has one.
-    #[inline(always)]
-    pub(super) fn gain(&self) -> Option<Column<R>> {
-        (self.holds == Holds::Gain).then_some(self.column)
+    fn update_last(&mut self) {
+        update_rows!(self, 7 8 9);
     }
 }
 
