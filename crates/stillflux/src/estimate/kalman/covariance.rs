@@ -12,7 +12,7 @@
 use crate::scalar::Real;
 
 /// Number of states.
-pub(super) const N: usize = 10;
+pub(super) const N: usize = 11;
 /// Elements of the lower triangle.
 const PACKED: usize = N * (N + 1) / 2;
 
@@ -24,8 +24,8 @@ pub(super) type Column<R> = [R; N];
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Covariance<R: Real> {
-    /// Row after row of the lower triangle, cut into pieces of `N + 1`.
-    p: [[R; N + 1]; N / 2],
+    /// Row after row of the lower triangle, cut into pieces of `N`.
+    p: [[R; N]; N.div_ceil(2)],
 }
 
 /// Position of element `(i, j)` or `(j, i)`.
@@ -39,7 +39,7 @@ const fn at(i: usize, j: usize) -> usize {
 
 impl<R: Real> Default for Covariance<R> {
     fn default() -> Self {
-        Self { p: [[R::ZERO; N + 1]; N / 2] }
+        Self { p: [[R::ZERO; N]; N.div_ceil(2)] }
     }
 }
 
@@ -109,6 +109,7 @@ impl<R: Real> Covariance<R> {
             self.pair_row::<O, T>(from, terms, 7),
             self.pair_row::<O, T>(from, terms, 8),
             self.pair_row::<O, T>(from, terms, 9),
+            self.pair_row::<O, T>(from, terms, 10),
         ];
         let (of_self, first) = if second { (row[1], row[O + 1]) } else { (row[0], row[O]) };
         let of = |t: usize| if t == 0 { first } else { row[terms[t].0] };
@@ -175,7 +176,7 @@ mod tests {
     /// A covariance with every element in use.
     fn sample() -> Covariance<f64> {
         let mut p = Covariance::default();
-        p.set_diagonal(&[1.0, 2.0, 0.5, 3.0, 1.5, 0.7, 0.9, 1.1, 0.4, 0.8]);
+        p.set_diagonal(&[1.0, 2.0, 0.5, 3.0, 1.5, 0.7, 0.9, 1.1, 0.6, 0.4, 0.8]);
         for i in 0..N {
             for j in 0..i {
                 p.add_at(i, j, 0.02 * (i as f64 - 0.7 * j as f64));
@@ -213,7 +214,7 @@ mod tests {
         macro_rules! reduce {
             ($($i:literal)*) => { $(p.reduce::<$i>(&ph, 1.0 / s, 0.0);)* };
         }
-        reduce!(0 1 2 3 4 5 6 7 8 9);
+        reduce!(0 1 2 3 4 5 6 7 8 9 10);
         assert!((full(&p) - (before - before * row.transpose() * row * before / s)).norm() < 1e-12);
     }
 

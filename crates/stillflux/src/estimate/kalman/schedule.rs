@@ -17,7 +17,7 @@
 //! | 6 | `Q`; decorrelation of consider states |
 //! | 7 | angle deviation, `S`, `P Hᵀ` |
 //! | 8 | update of rows 0 to 6 |
-//! | 9 | update of rows 7 to 9, magnetising curve at the end of the block |
+//! | 9 | update of rows 7 to 10, magnetising curve at the end of the block |
 //! | 10 … | none |
 //!
 //! The flux is integrated in every period. A block has at least [`SLOTS`] periods; its gain is one block old,
@@ -26,8 +26,8 @@
 //! A slot uses only what an earlier slot of the *same* covariance has stored ([`Holds`]): after a re-initialisation
 //! within a block the covariance stays what it was set to, and the block ends without a correction.
 
-use super::covariance::Column;
-use super::model::{B, C, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
+use super::covariance::{Column, N};
+use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
 use super::noise::{FLOOR, MEASUREMENT, Noise, SECOND_ORDER};
 use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
 use crate::scalar::Real;
@@ -95,7 +95,7 @@ pub(super) enum Holds {
     Nothing,
     /// `F_m P` without the element of `m` itself.
     Row,
-    /// Current, loss and its derivative by the knee, as [`OperatingPoint::regressors`] has them.
+    /// Current, loss, its derivative by the knee, and change of the leakage flux, as [`OperatingPoint::regressors`] has them.
     Regressors,
     /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
     Innovation,
@@ -103,19 +103,22 @@ pub(super) enum Holds {
 
 impl<R: Real> OperatingPoint<R> {
     /// Whether resistance, inverter error and knee are consider states.
-    fn held(&self) -> bool {
+    #[inline(always)]
+    pub(super) fn held(&self) -> bool {
         self.omega_s.abs() > R::from_f64(OMEGA_HELD)
     }
 
-    /// Regressors of resistance, inverter error and knee: `i`, `u_l` and `u_k`, two components each; zero where those
-    /// states are held.
+    /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each;
+    /// the first three are zero where their states are held.
     #[inline(always)]
     fn regressors(&self) -> Column<R> {
         let mut column = Column::default();
+        (column[6], column[7]) = (self.d_leakage_flux.re(), self.d_leakage_flux.im());
         if !self.held() {
             // by_knee is -∂u_l/∂ln k.
             let (i, u_l, u_k) = (self.i_s, self.loss.vector(), -AlphaBeta::from_phases(self.loss.by_knee()));
-            column = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im(), R::ZERO, R::ZERO, R::ZERO, R::ZERO];
+            let seen = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im()];
+            column[..6].copy_from_slice(&seen);
         }
         column
     }
@@ -171,8 +174,9 @@ impl<R: Real> Filter<R> {
             return;
         }
         let of = |k: usize| self.column[k + usize::from(second)];
-        let [by_b, by_r_s, by_v, by_k] = c.model.flux_row(of(0), of(2), of(4), self.r_s());
-        self.p.advance_pair::<B, 4>(second, &[(B, by_b), (RS, by_r_s), (V, by_v), (KNEE, by_k)]);
+        let [by_b, by_r_s, by_v, by_k, by_l] = c.model.flux_row(of(0), of(2), of(4), of(6), self.r_s());
+        let terms = [(B, by_b), (RS, by_r_s), (V, by_v), (KNEE, by_k), (LEAKAGE, by_l)];
+        self.p.advance_pair::<B, 5>(second, &terms);
     }
 
     /// Process noise `Q`, and decorrelation of consider states.
@@ -254,9 +258,9 @@ impl<R: Real> Filter<R> {
 
     #[inline(never)]
     fn update_last(&mut self) {
-        update_rows!(self, 7 8 9);
+        update_rows!(self, 7 8 9 10);
     }
 }
 
 /// The slots rely on the order of the states: the flux first, the components of a vector side by side.
-const _: () = assert!(PSI == 0 && C == 9 && GAMMA == 8);
+const _: () = assert!(PSI == 0 && C == N - 1 && GAMMA < N);
