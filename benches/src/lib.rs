@@ -175,7 +175,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
             black_box(filter.magnitude());
         }),
         Box::new(move || {
-            balance.fit(enhanced.balance_config(), black_box(&i), i.to_phases());
+            balance.fit(enhanced.balance_config(), black_box(&i), R::ZERO);
             black_box(balance.remove(black_box(&i)));
         }),
     ];

@@ -284,7 +284,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("drive_step", mean(SLOW_PERIODS, || drive.step(&measured, &Reference::Speed(r(0.0))))),
         ("filter", mean(BLOCK, || filter.step(filter_config, &seen, false))),
         ("balance", operations(|| balance.remove(&i))),
-        ("balance_fit", operations(|| balance.fit(enhanced.balance_config(), &i, i.to_phases()))),
+        ("balance_fit", operations(|| balance.fit(enhanced.balance_config(), &i, r(0.0)))),
         (
             "drive_step_enhanced",
             mean(SLOW_PERIODS * BLOCK, || enhanced_drive.step(&measured, &Reference::Speed(r(0.0)))),

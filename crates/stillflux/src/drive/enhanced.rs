@@ -209,8 +209,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         // What follows from quantities that change slowly takes its turn.
         match x.period % BALANCE_PERIODS {
             2 => {
-                let (i_s, i_abc) = (x.i_s, x.i_abc);
-                self.balance.fit(&c.enhanced.balance, &i_s, i_abc);
+                let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
+                self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             }
             6 => self.knee = c.inverter.knee(self.filter.knee()),
             _ => {}

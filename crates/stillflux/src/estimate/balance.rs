@@ -59,10 +59,9 @@ impl<R: Real> Balance<R> {
         AlphaBeta::new(i[0] - R::cross(x, [i[1], i[0]]), i[1] + R::dot(x, [i[1], i[0]]))
     }
 
-    /// The fit, by one sample: space vector `i` of the phase currents `i_abc` as measured.
+    /// The fit, by one sample: space vector `i` and `sum` of the phase currents as measured.
     #[inline(never)]
-    pub fn fit(&mut self, c: &BalanceConfig<R>, i: &AlphaBeta<R>, [i_a, i_b, i_c]: [R; 3]) {
-        let sum = i_a + i_b + i_c;
+    pub fn fit(&mut self, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) {
         let (a, b) = (self.image[0].value(), self.image[1].value());
         let fitted = R::dot([a, b], [i.re(), i.im()]);
         let error = (sum - (fitted + fitted + fitted) - self.offset.value()).limit(R::from_f64(ERROR_MAX));
@@ -89,7 +88,7 @@ mod tests {
             let phases = i.to_phases();
             let measured = [0, 1, 2].map(|k| phases[k] * gains[k] + 0.001);
             let out = balance.remove(&AlphaBeta::from_phases(measured));
-            balance.fit(&c, &AlphaBeta::from_phases(measured), measured);
+            balance.fit(&c, &AlphaBeta::from_phases(measured), measured.iter().sum());
             // The constant takes longest.
             if k > 60_000 {
                 worst = worst.max((out - i).norm_sq().sqrt());
@@ -102,8 +101,7 @@ mod tests {
     fn two_sensors_and_a_computed_third_change_nothing() {
         let mut balance = Balance::<f64>::default();
         let i = AlphaBeta::new(0.4, -0.3);
-        let [i_a, i_b, _] = i.to_phases();
-        balance.fit(&BalanceConfig { step: 1e-3, step_offset: 1e-5 }, &i, [i_a, i_b, -i_a - i_b]);
+        balance.fit(&BalanceConfig { step: 1e-3, step_offset: 1e-5 }, &i, 0.0);
         assert_eq!(balance.remove(&i), i);
     }
 
@@ -113,11 +111,11 @@ mod tests {
         let i = AlphaBeta::new(1.0, 0.5);
         for sign in [1.0, -1.0] {
             let mut balance = Balance::<f64>::default();
-            balance.fit(&c, &i, [5.0 * sign, 0.0, 0.0]);
+            balance.fit(&c, &i, 5.0 * sign);
             let x = balance.image.map(|x| 3.0 * x.value());
             assert!((x[0] - 0.001 * sign).abs() < 1e-12 && (x[1] - 0.0005 * sign).abs() < 1e-12, "{x:?}");
             for _ in 0..100_000 {
-                balance.fit(&c, &i, [5.0 * sign, 0.0, 0.0]);
+                balance.fit(&c, &i, 5.0 * sign);
             }
             assert_eq!(balance.image.map(|x| x.value() * sign), [IMAGE_MAX; 2]);
             assert_eq!(balance.offset.value() * sign, 0.2);

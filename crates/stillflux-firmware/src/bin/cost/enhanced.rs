@@ -97,8 +97,9 @@ impl<R: Word> Blocks<R> {
         let x = kalman::Input { u_s: e.u_s, loss: &loss, i_m, i_ref: before.i_dq_ref, omega_s: before.speed.omega_s };
         if drive.period() % BALANCE_PERIODS == 2 {
             // The offsets read at rest differ in their sum only, which the fit takes for its constant.
-            let i_abc = input.measured.i_abc;
-            costs.balance_fit.call(|| balance_fit(&mut self.balance, c.balance_config(), i_s, i_abc));
+            let [i_a, i_b, i_c] = input.measured.i_abc;
+            let sum = i_a + i_b + i_c;
+            costs.balance_fit.call(|| balance_fit(&mut self.balance, c.balance_config(), i_s, sum));
         }
         let n = costs.filter.sum;
         costs.filter.call(|| predict(&mut self.filter, f, &x));
@@ -121,6 +122,6 @@ fn balance<R: Word>(s: &Balance<R>, i: &AlphaBeta<R>) -> AlphaBeta<R> {
     s.remove(i)
 }
 #[inline(never)]
-fn balance_fit<R: Word>(s: &mut Balance<R>, c: &BalanceConfig<R>, i: &AlphaBeta<R>, i_abc: [R; 3]) {
-    s.fit(c, i, i_abc);
+fn balance_fit<R: Word>(s: &mut Balance<R>, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) {
+    s.fit(c, i, sum);
 }
