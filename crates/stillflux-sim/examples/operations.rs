@@ -128,6 +128,10 @@ impl Real for Counted {
         book(1);
         Self(self.0.recip())
     }
+    fn over_64(self, y: Self) -> Self {
+        book(1);
+        Self(self.0 / (64.0 * y.0))
+    }
     fn rsqrt(self) -> Self {
         book(1);
         Self(self.0.max(1e-24).sqrt().recip())
