@@ -97,6 +97,7 @@ use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
+use crate::estimate::priors::Priors;
 use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Integrator, Real, likely};
@@ -106,6 +107,8 @@ use crate::words::words;
 /// Length of a block, s: long against the control period, short against the rotor time constant.
 const BLOCK_TIME: f64 = 1e-3;
 
+/// Largest magnitude of the rotor flux, per unit.
+const M_MAX: f64 = 3.0;
 /// Limits of the identified states: offset per unit, `v`, knee and `γ` relative to the parameters.
 const B_MAX: f64 = 0.2;
 const V_MAX: f64 = 0.8;
@@ -187,6 +190,12 @@ impl<R: Real> FilterConfig<R> {
         let most = 0.1 * machine.L_M / Self::block(inverter).1;
         check("R_R", machine.R_R, 0.0, most, "ohm")
             .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
+    }
+
+    /// The same with other standard deviations of the parameters at the start.
+    #[must_use]
+    pub fn with_priors(self, priors: &Priors) -> Self {
+        Self { noise: self.noise.with_priors(priors), ..self }
     }
 }
 
@@ -339,10 +348,12 @@ impl<R: Real> Filter<R> {
     /// Correction of flux, `m`, offset and leakage by gain times innovation `z`, each state within its limits.
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
+        let r = R::from_f64;
         if self.holds != Holds::Innovation {
+            // The rotor equation alone; where the curve is steep a block is too long a step for it to be stable.
+            self.m.add_clamped(R::ZERO, R::ZERO, R::ZERO, r(M_MAX));
             return;
         }
-        let r = R::from_f64;
         let z = z * self.inv_s;
         self.weighted = z;
         let (z_psi, z_b) = (z * r(SCALE_PSI), z * r(SCALE_B));
@@ -354,7 +365,7 @@ impl<R: Real> Filter<R> {
         // Its error is logarithmic: the correction acts on the factor.
         let z_l = z * r(SCALE_LEAKAGE) * leakage;
         correct_state(&mut self.leakage, of_leakage, z_l, r(LEAKAGE_RANGE.0), r(LEAKAGE_RANGE.1));
-        correct_state(&mut self.m, p_m, z_psi, R::ZERO, r(3.0));
+        correct_state(&mut self.m, p_m, z_psi, R::ZERO, r(M_MAX));
         correct_state(&mut self.b[0], b_a, z_b, r(-B_MAX), r(B_MAX));
         correct_state(&mut self.b[1], b_b, z_b, r(-B_MAX), r(B_MAX));
     }
