@@ -317,10 +317,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         if let Some(at) = start_up {
             let catch_periods = c.enhanced.catch.block * BLOCKS;
             if at.stage <= catch_periods {
-                return PeriodOutput { field: self.catch_flux(c, &x.u_s, at.stage), complete: false };
+                let u_s = x.u_s;
+                return PeriodOutput { field: self.catch_flux(c, &u_s, at.stage), complete: false };
             }
             let i;
-            (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods, ..at });
+            (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods });
             i_dq = Dq::new(i.re(), i.im());
         }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
