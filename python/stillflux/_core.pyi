@@ -17,6 +17,7 @@ __all__ = [
     "FluxEstimator",
     "Plant",
     "PlantState",
+    "RecordEstimator",
     "Run",
     "Status",
     "Trace",
@@ -180,7 +181,31 @@ class FluxEstimator:
         omega_s: float | NDArray[np.float64] | None = None,
         R_s: float | NDArray[np.float64] | None = None,
         psi_s0: complex | None = None,
+        u_dc: float | NDArray[np.float64] | None = None,
     ) -> Trace: ...
+
+@final
+class RecordEstimator:
+    def __new__(
+        cls,
+        motor: Motor,
+        inverter: Inverter,
+        scheme: str = "enhanced",
+        **settings: Unpack[DriveSettings],
+    ) -> RecordEstimator: ...
+    def run(
+        self,
+        u_s: NDArray[np.complex128],
+        i_s: NDArray[np.complex128],
+        i_sum: NDArray[np.float64],
+        u_dc: NDArray[np.float64],
+        psi_ref: NDArray[np.float64],
+        psi_s0: complex,
+        deviation: float,
+        omega_m: float,
+        settled: bool = False,
+        R_s: float | None = None,
+    ) -> dict[str, NDArray[Any]]: ...
 
 @final
 class PlantState:

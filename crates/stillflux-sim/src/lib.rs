@@ -12,6 +12,7 @@ mod machine;
 mod mechanics;
 mod nodes;
 mod plant;
+pub mod replay;
 mod rng;
 pub mod simulate;
 mod thermal;

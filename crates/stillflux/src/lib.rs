@@ -37,6 +37,9 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+#[cfg(test)]
+extern crate std;
+
 #[cfg(not(any(feature = "paper", feature = "enhanced")))]
 compile_error!("a drive needs a scheme: enable the feature `paper`, `enhanced` or both");
 
@@ -47,9 +50,12 @@ pub mod counts;
 pub mod drive;
 pub mod estimate;
 pub mod inverter;
+pub mod page;
 pub mod params;
 pub mod scalar;
 pub mod si;
 pub mod space;
 pub mod supervision;
+pub mod telemetry;
+pub mod trace;
 pub mod words;

@@ -124,6 +124,17 @@ pub struct MemorySi {
     pub L_M: f64,
 }
 
+impl MemorySi {
+    /// What a drive that has not run yet remembers: the parameters.
+    #[must_use]
+    #[allow(non_snake_case)]
+    pub fn of(machine: &Machine, inverter: &Inverter) -> Self {
+        let Machine { L_sigma, L_M, .. } = *machine;
+        let R_s = machine.R_s + inverter.r_d;
+        Self { u_off: [0.0; 2], R_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
+    }
+}
+
 /// A latched fault with what was measured, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -10,7 +10,7 @@ use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
 
-/// Duration of a block in which the induced voltage is measured at the beginning of a start, s.
+/// Duration of a block in which the induced voltage is measured at the beginning of a start, s; at least 0.05 per unit.
 const CATCH_BLOCK: f64 = 1e-3;
 /// Duration of the speed search at the beginning of a start, s.
 const PROBE_TIME: f64 = 0.01;
@@ -47,11 +47,13 @@ impl<R: Real> EnhancedConfig<R> {
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
-        // At rest the rotor flux rises as r_R i τ.
+        // At rest the rotor flux rises as r_R i τ, up to l_M i.
         let tau = pu.base.omega * PROBE_TIME;
-        let built_up = pu.r_r * BOOST * p.psi_ref / pu.l_s * tau;
+        let built_up = (pu.r_r * tau).min(pu.l_m) * BOOST * p.psi_ref / pu.l_s;
         // ψ² (1 - σ)/(2 σl_s).
         let pull_out = p.psi_ref * p.psi_ref * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s);
+        // Machines of a low rated frequency turn less in the same time.
+        let catch_block = inverter.periods(CATCH_BLOCK.max(0.05 / pu.base.omega));
         let identified = {
             let EnhancedParams { identify_offset, identify_resistance, apply_innovation, .. } = p.enhanced;
             Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
@@ -73,10 +75,11 @@ impl<R: Real> EnhancedConfig<R> {
                 step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
             },
             catch: CatchConfig {
-                block: inverter.periods(CATCH_BLOCK),
-                t_block: rounded(f64::from(inverter.periods(CATCH_BLOCK)) * pu.t_s),
-                inv_t_block: rounded(1.0 / (f64::from(inverter.periods(CATCH_BLOCK)) * pu.t_s)),
-                leakage: rounded(pu.sigma_l_s / pu.t_s),
+                block: catch_block,
+                t_block: rounded(f64::from(catch_block) * pu.t_s),
+                inv_t_block: rounded(1.0 / (f64::from(catch_block) * pu.t_s)),
+                // Less than the whole feeds less forward: a larger surge at very high switching frequencies.
+                leakage: rounded((pu.sigma_l_s / pu.t_s).min(100.0)),
             },
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
             probe_periods: inverter.periods(PROBE_TIME),

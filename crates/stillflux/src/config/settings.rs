@@ -301,7 +301,9 @@ impl DriveParams {
         check("i_max", self.i_max, 1.1 * i_0, 5.0 * i_n, "A")?;
         check("torque_max", self.torque_max, 0.05 * machine.T_N, 5.0 * machine.T_N, "N m")?;
         let omega_n = machine.omega_sR() / f64::from(machine.n_p);
-        check("omega_max", self.omega_max, 0.01 * omega_n, 3.0 * omega_n, "rad/s")?;
+        // Nine control periods a turn of the field at the least.
+        let fastest = f_s * 0.7 / f64::from(machine.n_p);
+        check("omega_max", self.omega_max, 0.01 * omega_n, (3.0 * omega_n).min(fastest), "rad/s")?;
         check("i_trip", self.i_trip, self.i_max, 8.0 * i_n, "A")?;
         check("i_range", self.i_range, self.i_trip, 20.0 * i_n, "A")?;
         check("u_dc_min", self.u_dc_min, 0.0, inverter.u_dc, "V")?;
