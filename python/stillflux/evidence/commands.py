@@ -50,13 +50,15 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         metavar="TARGET",
         help="such as plane, plane-drift, mismatch; none: all of them; or alone one of the campaigns over "
-        "installations drawn at random, tolerance and consistency",
+        "installations drawn at random, tolerance, consistency and guarantee",
     )
     _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES])))
-    drawn = parser.add_argument_group("tolerance and consistency")
+    drawn = parser.add_argument_group("tolerance, consistency and guarantee")
     drawn.add_argument("--draws", type=_count, metavar="N", help="draws of each drive (and course)")
     drawn.add_argument("--draw", type=int, action="append", metavar="K", help="only this draw")
-    drawn.add_argument("--course", choices=COURSES, action="append", help="only this course (tolerance)")
+    drawn.add_argument(
+        "--course", choices=COURSES, action="append", help="only this course (tolerance, guarantee)"
+    )
     parser.add_argument("--scheme", choices=[*SCHEMES, "all"], default="all")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every run there as JSON")
     _metrics(parser)
@@ -307,6 +309,31 @@ def _consistency(options: argparse.Namespace) -> int:
     return _ended(path, journal, stopped)
 
 
+def _guarantee(options: argparse.Namespace) -> int:
+    from stillflux.evidence import guarantee
+    from stillflux.evidence.courses import COURSES
+    from stillflux.evidence.journal import Journal
+    from stillflux.parallel import Stopped, run_jobs
+
+    if options.json or options.metrics:
+        raise ValueError("--json and --metrics: not of guarantee")
+    machines, courses = _drives(options), options.course or tuple(COURSES)
+    draws = _draws(options, guarantee.DRAWS)
+    journal = Journal(options.journal) if options.journal else None
+    try:
+        found = guarantee.run_all(
+            machines, courses, draws, guarantee.progress, journal.run if journal else run_jobs
+        )
+    except Stopped as stop:
+        print(guarantee.table(stop.results))
+        print(f"stillflux: {stop}", file=sys.stderr)
+        return 130
+    print(guarantee.table(found))
+    if journal:
+        journal.remove()
+    return int(any(x.violated for x in found))
+
+
 def _ended(path: Path, journal: Journal | None, stopped: str) -> int:
     """Where the report is; a journal has served once all is done."""
     print(f"report: {path}", file=sys.stderr)
@@ -320,6 +347,7 @@ def _ended(path: Path, journal: Journal | None, stopped: str) -> int:
 _CAMPAIGNS: Mapping[str, Callable[[argparse.Namespace], int]] = {
     "tolerance": _tolerance,
     "consistency": _consistency,
+    "guarantee": _guarantee,
 }
 """Over installations drawn at random; they have machines and options of their own."""
 
