@@ -75,8 +75,8 @@ def capacitance_range(drive: TypicalDrive) -> tuple[float, float]:
 
 
 def drawn(drive: TypicalDrive, seed: int, scale: float = 1.0) -> Installation:
-    """One installation. Its numbers follow from the seed alone, whatever the processor. `scale`: of the standard
-    deviations; a factor is at least 0.3 then."""
+    """One installation. Its numbers follow from the seed alone, whatever the processor. `scale`: of the
+    standard deviations; a factor is at least 0.3 then."""
     random = Random(seed)
     uniform = random.random
 
