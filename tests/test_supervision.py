@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+
 import stillflux as sf
 from stillflux.evidence import guarantee
 
@@ -40,7 +41,8 @@ def test_a_doubled_call_changes_nothing(drive: sf.Drive) -> None:
     assert drive.status == "starting"
     before = drive.estimate.psi_s
     again = drive.step(i_abc, u_dc, omega_ref=0.0, cycle=(65_000 + 1499) % 65_536)
-    assert np.array_equal(again, duty) and drive.estimate.psi_s == before
+    assert np.array_equal(again, duty)
+    assert drive.estimate.psi_s == before
 
 
 def test_missed_calls_stop_a_drive_that_switches(drive: sf.Drive) -> None:
@@ -63,5 +65,7 @@ def test_held_is_the_longest_uninterrupted_time() -> None:
 
 def test_a_draw_of_the_guarantee_is_run_again_alone_if_it_faults() -> None:
     outcome = guarantee.run("2.2kW", "start", 0, 1.0)
-    assert not outcome.violated and not outcome.fault and not outcome.needless
+    assert not outcome.violated
+    assert not outcome.fault
+    assert not outcome.needless
     assert "runs that go on lost: 0" in guarantee.table([outcome])
