@@ -142,6 +142,17 @@ impl<R: Real> Drive<R> {
         self.estimators.restore(&self.config, memory);
     }
 
+    /// Duty of the brake chopper at a link voltage, 0 to 1, in every state of the drive; 0 without the setting.
+    #[cfg(feature = "dclink")]
+    pub fn chopper(&self, u_dc: R) -> R {
+        self.config.dclink.chopper(u_dc)
+    }
+
+    /// Heat of machine and bridge in units of that at their continuous currents; 0 without the settings.
+    pub fn overload(&self) -> [R; 2] {
+        self.common.control.overload()
+    }
+
     /// Leaves a fault; the drive is stopped then.
     pub fn reset(&mut self) {
         if matches!(self.status(), Status::Faulted { .. }) {
@@ -237,7 +248,7 @@ impl<R: Real> Common<R> {
         let start_up = (!running).then(|| StartUp { stage: self.sequence.stage(), period });
         let PeriodOutput { field, complete } = estimators.period(c, &x, &mut self.control.i_dq_ref, start_up);
         if complete {
-            self.control.start(c);
+            self.control.start(c, estimators.speed().omega_m);
             self.sequence.enter(Status::Running);
         }
         field
@@ -314,7 +325,7 @@ impl<R: Real> Common<R> {
         if likely(running) {
             let (omega_m, omega_s) = (estimators.speed().omega_m, estimators.speed().omega_s);
             let speed_deviation = match *reference {
-                Reference::Speed(omega) => omega.limit(c.omega_max) - omega_m,
+                Reference::Speed(omega) => omega.clamp(c.omega_least, c.omega_most) - omega_m,
                 _ => R::ZERO,
             };
             let course = Course {

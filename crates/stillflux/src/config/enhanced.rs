@@ -6,11 +6,12 @@ use crate::control::shift::ShiftConfig;
 use crate::drive::catch::CatchConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
+use crate::estimate::priors::Priors;
 use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
 
-/// Duration of a block in which the induced voltage is measured at the beginning of a start, s; at least 0.05 per unit.
+/// Duration of a block in which the induced voltage is measured at the beginning of a start, s.
 const CATCH_BLOCK: f64 = 1e-3;
 /// Duration of the speed search at the beginning of a start, s.
 const PROBE_TIME: f64 = 0.01;
@@ -44,6 +45,7 @@ words!(EnhancedConfig: filter, balance, shift, catch, decay, probe_periods, prob
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
+    #[allow(non_snake_case)]
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
@@ -52,14 +54,19 @@ impl<R: Real> EnhancedConfig<R> {
         let built_up = (pu.r_r * tau).min(pu.l_m) * BOOST * p.psi_ref / pu.l_s;
         // ψ² (1 - σ)/(2 σl_s).
         let pull_out = p.psi_ref * p.psi_ref * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s);
-        // Machines of a low rated frequency turn less in the same time.
-        let catch_block = inverter.periods(CATCH_BLOCK.max(0.05 / pu.base.omega));
         let identified = {
             let EnhancedParams { identify_offset, identify_resistance, apply_innovation, .. } = p.enhanced;
             Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
         };
+        let priors = {
+            let EnhancedParams { prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M, .. } = p.enhanced;
+            Priors { r_s: prior_R_s, loss: prior_loss, knee: prior_c_out, leakage: prior_L_sigma, l_m: prior_L_M }
+        };
+        let filter = FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified);
+        // At least 0.0125 of normalised time, whose reciprocal fits fixed point.
+        let catch_block = inverter.periods(CATCH_BLOCK).max(libm::ceil(0.0125 / pu.t_s) as u32);
         Self {
-            filter: FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified),
+            filter: filter.with_priors(&priors),
             balance: BalanceConfig {
                 step: rounded(BALANCE_RATE / inverter.f_s),
                 step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),
@@ -78,7 +85,7 @@ impl<R: Real> EnhancedConfig<R> {
                 block: catch_block,
                 t_block: rounded(f64::from(catch_block) * pu.t_s),
                 inv_t_block: rounded(1.0 / (f64::from(catch_block) * pu.t_s)),
-                // Less than the whole feeds less forward: a larger surge at very high switching frequencies.
+                // Limited for fixed point: with periods shorter than a hundredth of the leakage the surge ends later.
                 leakage: rounded((pu.sigma_l_s / pu.t_s).min(100.0)),
             },
             decay: rounded(64.0 * pu.t_s / pu.tau_r),

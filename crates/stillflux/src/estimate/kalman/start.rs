@@ -181,7 +181,7 @@ impl<R: Real> Filter<R> {
     pub fn join(&mut self, c: &FilterConfig<R>, i_s: &AlphaBeta<R>, psi_s: AlphaBeta<R>, deviation: R) {
         self.start(c, i_s);
         self.psi_s.set(psi_s);
-        self.m = Integrator::new((psi_s - self.i_s * c.model.sigma_l_s).norm_sq().sqrt());
+        self.m = Integrator::new((psi_s - self.i_s * self.sigma_l_s(c)).norm_sq().sqrt());
         let scaled = deviation * R::from_f64(1.0 / SCALE_PSI);
         for k in [PSI, PSI + 1, M] {
             self.p.add_at(k, k, scaled * scaled);
