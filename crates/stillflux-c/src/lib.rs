@@ -460,6 +460,7 @@ pub extern "C" fn stillflux_telemetry_read(drive: &stillflux_drive, telemetry: &
         R_s,
         angle_deviation,
         confidence,
+        ..
     } = drive.get().map_or(Telemetry::default(), CountsDrive::telemetry);
     *telemetry = stillflux_telemetry {
         status,

@@ -121,6 +121,7 @@ fn read(command: &Command, t: &Telemetry) -> [u32; 16] {
         R_s,
         angle_deviation,
         confidence,
+        ..
     } = *t;
     let [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence] =
         [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence].map(f32::to_bits);

@@ -22,6 +22,7 @@ use crate::words::words;
 /// Bits of a converter's result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 #[repr(u8)]
 pub enum Resolution {
     /// 6 bits.
@@ -42,6 +43,7 @@ pub enum Resolution {
 /// management of the converters); F3, H7, L4 and U5 lie the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Layout {
     /// `ALIGN` = 0, no offset: `D11…D0` in bits 11 to 0. So are oversampled results, whatever `ALIGN` says, and those of
     /// an offset with `SATEN`.

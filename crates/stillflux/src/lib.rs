@@ -37,6 +37,11 @@
 #[cfg(test)]
 extern crate std;
 
+/// The example of the README is compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 #[cfg(not(any(feature = "paper", feature = "enhanced")))]
 compile_error!("a drive needs a scheme: enable the feature `paper`, `enhanced` or both");
 

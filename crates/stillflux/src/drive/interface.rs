@@ -60,6 +60,7 @@ pub struct Output<R: Real> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+#[non_exhaustive]
 #[repr(u8)]
 pub enum Fault {
     /// Current above the trip level.
@@ -179,6 +180,7 @@ words!(Memory: u_off, r_s, i_off, loss_error, knee, leakage, inv_l_m);
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+#[non_exhaustive]
 pub struct Estimate<R: Real> {
     /// Flux estimator outputs.
     pub flux: FluxEstimate<R>,
