@@ -11,8 +11,9 @@ use core::panic::PanicInfo;
 use core::{ptr, slice};
 
 use drive::config::{DriveParams, Scheme};
-use drive::counts::{Converters, Counts, CountsDrive, Layout, Resolution};
+use drive::counts::{Converters, Counts, Layout, Resolution};
 use drive::drive::{Fault, Status};
+use drive::interrupt::CountsDrive;
 use drive::page::{Page, Ready, WORDS};
 use drive::params::{Inverter, Machine, ParamError, Saturation};
 use drive::si::MemorySi;

@@ -5,8 +5,8 @@ use std::error::Error;
 use std::path::Path;
 
 use cbindgen::{Builder, Config, DocumentationStyle, ExportConfig, FunctionConfig, Language, Style};
-use stillflux::counts::CountsDrive;
 use stillflux::drive::Fault;
+use stillflux::interrupt::CountsDrive;
 
 #[cfg(not(feature = "q"))]
 type Arithmetic = f32;
