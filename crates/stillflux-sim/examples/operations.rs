@@ -10,7 +10,7 @@ use std::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 use stillflux::control::current::CurrentController;
-use stillflux::control::flux::FluxController;
+use stillflux::control::flux::{FluxController, Range};
 use stillflux::control::modulator::{applied, modulate};
 use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Measurement, Reference, Status};
@@ -263,7 +263,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("speed_control", operations(|| speed_control.step(config.speed_control_config(), r(0.05), r(0.049), r(1.0)))),
         (
             "flux_control",
-            operations(|| flux_control.step(config.flux_control_config(), r(1.0), r(0.99), r(0.3), r(0.05))),
+            operations(|| {
+                flux_control.step(config.flux_control_config(), r(1.0), r(0.99), r(0.3), r(0.05), Range::Low)
+            }),
         ),
         (
             "current_control",

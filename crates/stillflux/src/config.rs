@@ -24,6 +24,7 @@ use crate::control::flux::FluxControlConfig;
 #[cfg(feature = "enhanced")]
 use crate::control::shift::ShiftConfig;
 use crate::control::speed::SpeedControlConfig;
+use crate::control::weakening::WeakeningConfig;
 #[cfg(feature = "enhanced")]
 use crate::estimate::balance::BalanceConfig;
 #[cfg(feature = "paper")]
@@ -39,6 +40,14 @@ use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Real, Timer};
 use crate::space::Dq;
+use crate::supervision::SupervisionConfig;
+#[cfg(feature = "supervision")]
+use crate::supervision::channels::ChannelConfig;
+#[cfg(feature = "supervision")]
+use crate::supervision::phases::PhaseConfig;
+use crate::supervision::plausibility::PlausibilityConfig;
+#[cfg(feature = "supervision")]
+use crate::supervision::stall::StallConfig;
 use crate::words::{Words, words};
 #[cfg(feature = "enhanced")]
 pub(crate) use enhanced::EnhancedConfig;
@@ -47,6 +56,15 @@ pub(crate) use paper::PaperConfig;
 
 /// Largest offset of a current channel at rest, per unit.
 pub(crate) const I_OFF_MAX: f64 = 0.15;
+
+/// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
+pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
+/// Flux control in field weakening ([`crate::control::flux`]): gain by the leakage, and crossing frequency of its integral
+/// part in parts of the bandwidth of current control. Largest correction at high frequency in units of the magnetising
+/// current: the flux of the largest machines falls over some tenths of a second only by a current against it.
+const WEAK_GAIN: f64 = 0.15;
+const WEAK_RATE: f64 = 0.05;
+const LIMIT_HIGH: f64 = 2.0;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,7 +82,9 @@ pub struct DriveConfig<R: Real> {
     pub(crate) speed: SpeedConfig<R>,
     pub(crate) current: CurrentConfig<R>,
     pub(crate) flux_control: FluxControlConfig<R>,
+    pub(crate) weakening: WeakeningConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
+    pub(crate) supervision: SupervisionConfig<R>,
     pub(crate) low_confidence: LowConfidence,
     /// From a sample to the middle of the period in which its duties act.
     pub(crate) t_ahead: R,
@@ -72,14 +92,16 @@ pub struct DriveConfig<R: Real> {
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.
     pub(crate) i_plain_sq: R,
     pub(crate) i_trip: R,
+    /// Square of the largest current, the largest direct current (97 % of it), and the largest torque current.
+    pub(crate) i_max_sq: R,
+    pub(crate) i_d_max: R,
     pub(crate) i_q_max: R,
     pub(crate) pull_out_use: R,
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
     pub(crate) omega_max: R,
-    pub(crate) omega_trip: R,
-    pub(crate) psi_deviation: R,
-    pub(crate) implausible_max: u32,
+    /// Periods after a sample that could not be used in which another one is a fault.
+    pub(crate) bridged_periods: u32,
     pub(crate) calibrate_offset: bool,
     pub(crate) offset_periods: u32,
     pub(crate) inv_offset_periods: R,
@@ -91,9 +113,9 @@ words! {
     t_s, inverter, timer, scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, speed_control, low_confidence, t_ahead, i_range, i_plain_sq,
-    i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max, omega_trip, psi_deviation,
-    implausible_max, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
+    speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
+    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max,
+    bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
 impl<R: Real> DriveConfig<R> {
@@ -184,15 +206,20 @@ impl<R: Real> DriveConfig<R> {
 
         let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));
         let slow_periods = |t: f64| periods(t / f64::from(SLOW_PERIODS));
+        #[cfg(feature = "supervision")]
+        let watched = |t: f64| if p.supervision { slow_periods(t) } else { u32::MAX };
         let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
         let i_q_max = libm::sqrt(i_max * i_max - i_0 * i_0);
         let i_trip = p.i_trip / b.i;
+        // The highest code of a 12-bit converter is a 2048th below full scale.
+        let i_range = (1.0 - 1.0 / 512.0) * p.i_range / b.i;
         // Readings are within their range if the currents are, less the largest offset taken off them.
-        let plain = (p.i_range / b.i - I_OFF_MAX).max(0.0);
+        let plain = (i_range - I_OFF_MAX).max(0.0);
 
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
+        let u_max = U_UTILISATION * pu.u_dc;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
         let omega_n = pu.hz(p.pll_bandwidth);
@@ -245,7 +272,6 @@ impl<R: Real> DriveConfig<R> {
             flux_control: FluxControlConfig {
                 psi_rated: r(p.psi_ref),
                 inv_psi_rated: r(1.0 / p.psi_ref),
-                psi_min: r(0.2 * p.psi_ref),
                 l_sum: r(l_s + sigma_l_s),
                 root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
                 root_i_q: r(4.0 * l_product * l_product),
@@ -253,25 +279,57 @@ impl<R: Real> DriveConfig<R> {
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
                 limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
+                limit_high: r(LIMIT_HIGH * i_0),
+                k_p_weak: r(WEAK_GAIN / sigma_l_s),
+                k_i_weak: r(t_slow * WEAK_RATE * pu.hz(p.current_bandwidth) / sigma_l_s),
+            },
+            weakening: WeakeningConfig {
+                psi_rated: r(p.psi_ref),
+                psi_min: r(0.2 * p.psi_ref),
+                // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
+                resistance: r(pu.r_s + pu.r_r * (l_s / pu.l_m) * (l_s / pu.l_m) / 0.8),
+                k: r(t_slow * pu.hz(p.flux_bandwidth) / 2.0),
+                inv_u_max_sq: r(1.0 / (u_max * u_max)),
             },
             speed_control: SpeedControlConfig {
                 k_p: r(speed_gain),
                 k_i: r(speed_k_i),
                 torque_max: r(p.torque_max / b.torque),
             },
+            supervision: SupervisionConfig {
+                plausibility: PlausibilityConfig {
+                    psi_deviation: r(0.4 * p.psi_ref),
+                    omega_max: r(1.3 * p.omega_max / b.omega_m),
+                    calls: slow_periods(0.05),
+                    confidence: p.low_confidence == LowConfidence::Fault,
+                },
+                #[cfg(feature = "supervision")]
+                phases: PhaseConfig {
+                    floor_sq: r(0.05 * 0.05),
+                    small_floor_sq: r(0.02 * 0.02),
+                    calls_open: watched(0.004),
+                    calls_control: watched(0.25),
+                    calls_zero: watched(0.008),
+                },
+                #[cfg(feature = "supervision")]
+                channels: ChannelConfig { limit: r(0.05 * i_range + 0.08), calls: watched(0.004) },
+                #[cfg(feature = "supervision")]
+                stall: StallConfig { calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX } },
+            },
             low_confidence: p.low_confidence,
             t_ahead: r(1.5 * t_s),
-            i_range: r(p.i_range / b.i),
+            i_range: r(i_range),
             i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
             i_trip: r(i_trip),
+            i_max_sq: r(i_max * i_max),
+            // Leaves a quarter of the current to the torque.
+            i_d_max: r(libm::sqrt(15.0 / 16.0) * i_max),
             i_q_max: r(i_q_max),
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
             omega_max: r(p.omega_max / b.omega_m),
-            omega_trip: r(1.3 * p.omega_max / b.omega_m),
-            psi_deviation: r(0.4 * p.psi_ref),
-            implausible_max: slow_periods(0.05),
+            bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
             offset_periods: periods(p.offset_time),
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),

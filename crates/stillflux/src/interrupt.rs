@@ -128,8 +128,11 @@ mod tests {
             (ok.0, ok.1, None),
         ] {
             let mut drive = CountsDrive::new(&page);
-            let command = drive.period(&Counts::from_raw(i, u, &converters), &SetPoint::Speed(0.0));
-            assert!(!command.gates_on);
+            // One reading is bridged, a second one is a fault.
+            for _ in 0..2 {
+                let command = drive.period(&Counts::from_raw(i, u, &converters), &SetPoint::Speed(0.0));
+                assert!(!command.gates_on);
+            }
             let cause = match drive.status() {
                 Status::Faulted { cause, .. } => Some(cause),
                 _ => None,

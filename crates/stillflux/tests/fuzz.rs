@@ -144,6 +144,8 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         magnetise_time: (3.0 * tau_r).max(1e-6),
         low_confidence: [LowConfidence::Keep, LowConfidence::LimitTorque, LowConfidence::Fault]
             [(rng.bits() % 3) as usize],
+        supervision: !rng.chance(4),
+        stall_time: if rng.chance(4) { 0.0 } else { rng.ratio(0.1, 60.0) },
         paper: if scheme == Scheme::Paper { paper } else { d.paper },
         enhanced: if scheme == Scheme::Enhanced { enhanced } else { d.enhanced },
     }

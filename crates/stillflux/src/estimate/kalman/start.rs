@@ -164,6 +164,21 @@ impl<R: Real> Filter<R> {
         self.p.add_at(M, GAMMA, -per_gamma * gamma);
     }
 
+    /// Begins in a machine in operation, at a flux `psi_s` whose components and whose rotor flux are known to a standard
+    /// deviation `deviation`, per unit: for records that begin under way. The identified parameters stay as in
+    /// [`Filter::start`].
+    #[cold]
+    #[inline(never)]
+    pub fn join(&mut self, c: &FilterConfig<R>, i_s: &AlphaBeta<R>, psi_s: AlphaBeta<R>, deviation: R) {
+        self.start(c, i_s);
+        self.psi_s.set(psi_s);
+        self.m = Integrator::new((psi_s - self.i_s * c.model.sigma_l_s).norm_sq().sqrt());
+        let scaled = deviation * R::from_f64(1.0 / SCALE_PSI);
+        for k in [PSI, PSI + 1, M] {
+            self.p.add_at(k, k, scaled * scaled);
+        }
+    }
+
     /// Covariance after a loss of the angle: the prior, with the flux at [`SIGMA_AGAIN`]. The states stay.
     #[cold]
     #[inline(never)]
