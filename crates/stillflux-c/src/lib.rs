@@ -73,7 +73,7 @@ pub const STILLFLUX_ENHANCED: u32 = 1;
 
 /// A drive: state of known size, without pointers; it may be copied and moved. All zero is no drive, which blocks the
 /// bridge.
-#[repr(C)]
+#[repr(C, align(8))]
 pub struct stillflux_drive {
     open: u32,
     drive: MaybeUninit<CountsDrive<Arithmetic>>,

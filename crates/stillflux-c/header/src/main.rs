@@ -13,8 +13,8 @@ type Arithmetic = f32;
 #[cfg(feature = "q")]
 type Arithmetic = stillflux::scalar::Q;
 
-/// As the library lays the state out: a word, then the drive.
-#[repr(C)]
+/// As the library lays the state out: a word, then the drive. Aligned as the union of the header in every arithmetic.
+#[repr(C, align(8))]
 struct State {
     open: u32,
     drive: CountsDrive<Arithmetic>,
