@@ -22,7 +22,7 @@ build: .venv/built
 	touch $@
 
 .venv/built: .venv/installed $(SOURCES)
-	$(BIN)/maturin develop --release --quiet >/dev/null
+	$(BIN)/maturin develop --release --locked --quiet >/dev/null
 	touch $@
 
 test-rust: .venv/installed
@@ -37,8 +37,8 @@ test-slow: test-rust build
 lint: build
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff format --check python tests benches
-	$(BIN)/ruff check python tests benches
+	$(BIN)/ruff format --check python tests benches examples
+	$(BIN)/ruff check python tests benches examples
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest stillflux._core
 

@@ -96,6 +96,7 @@ use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
+use crate::estimate::priors::Priors;
 use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Integrator, Real, likely};
@@ -188,6 +189,12 @@ impl<R: Real> FilterConfig<R> {
         let most = 0.1 * machine.L_M / Self::block(inverter).1;
         check("R_R", machine.R_R, 0.0, most, "ohm")
             .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
+    }
+
+    /// The same with other standard deviations of the parameters at the start.
+    #[must_use]
+    pub fn with_priors(self, priors: &Priors) -> Self {
+        Self { noise: self.noise.with_priors(priors), ..self }
     }
 }
 
