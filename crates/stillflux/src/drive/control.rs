@@ -152,7 +152,9 @@ impl<R: Real> Control<R> {
             psi_ff = psi_ref;
             range = Range::Weakened;
         }
-        let mut i_q_max = (c.pull_out_use * psi).min(self.i_q_room);
+        // Where flux is missing the torque gives way to it, lest it collapses at a pull-out that comes before the expected.
+        let there = (psi * c.flux_control.reciprocal(psi_ref)).min(R::ONE);
+        let mut i_q_max = (c.pull_out_use * psi * (there * there)).min(self.i_q_room);
         if !likely(u_sq <= u_max * u_max) {
             i_q_max = i_q_max.min(self.i_q_at_voltage_limit(speed.omega_s));
         }
