@@ -50,28 +50,20 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         assert re.search(expected, error)
         assert error.count("\n") == 1
     assert main(["simulate", str(tmp_path / "none.toml")]) == 2
+    path.write_text(SCENARIO)
+    capsys.readouterr()
+    for output, expected in [
+        (["--save", "run.csv"], "run.csv: .csv is not one of .npz"),
+        (["--plot", str(tmp_path / "none" / "x.png")], "there is no folder"),
+        (["--plot", "run"], "no suffix"),
+    ]:
+        assert main(["simulate", str(path), *output]) == 2
+        assert expected in capsys.readouterr().err
 
 
-def test_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
-    run = sf.Scenario(motor=motor, inverter=inverter, duration=1.9, omega_ref=10.0, record_every=1)
-    result = sf.simulate(run).window(1.8)
-    u, i = result["estimate.u_s"], result["estimate.i_s"]
-    log, out = tmp_path / "log.csv", tmp_path / "out.csv"
-    columns = np.column_stack([result.t, u.real, u.imag, i.real, i.imag])
-    np.savetxt(log, columns, delimiter=",", header="t,u_alpha,u_beta,i_alpha,i_beta", comments="")
-    assert main(["replay", str(log), "--out", str(out)]) == 0
-    estimates = np.genfromtxt(out, delimiter=",", names=True)
-    assert len(estimates) == len(result.t)
-    log.write_text("u_alpha,u_beta,i_alpha\n1,2,3\n")
-    assert main(["replay", str(log), "--out", str(out)]) == 2
-    assert "i_beta is missing" in capsys.readouterr().err
-    log.write_text("u_alpha,u_beta,i_alpha,i_beta\n1,2,3,x\n")
-    assert main(["replay", str(log), "--out", str(out)]) == 2
-    assert "line 2" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("command", [[], ["demo"], ["reproduce"], ["beyond"], ["simulate"], ["replay"]])
+@pytest.mark.parametrize(
+    "command", [[], ["demo"], ["reproduce"], ["beyond"], ["simulate"], ["sweep"], ["replay"]]
+)
 def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main([*command, "--help"])

@@ -113,7 +113,7 @@ def test_sequence_and_estimate(motor: sf.Motor, inverter: sf.Inverter) -> None:
     other = sf.Drive(motor, inverter, calibrate_offset=False)
     other.restore(memory)
     assert other.memory()["u_off"] == pytest.approx(memory["u_off"], rel=1e-5)
-    for key in ("loss_error", "L_M"):
+    for key in ("loss_error", "L_sigma", "L_M"):
         assert other.memory()[key] == pytest.approx(memory[key], rel=1e-6)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ def record(motor: sf.Motor, inverter: sf.Inverter, offset: complex, n: int) -> t
     psi = motor.base["psi"] * np.exp(1j * OMEGA * t)
     i = (3.0 + 1.0j) * np.exp(1j * OMEGA * t)
     u = np.zeros(n, complex)
-    u[1:] = np.diff(psi) * inverter.f_s + (motor.R_s + inverter.r_d) * (i[1:] + i[:-1]) / 2
+    u[1:] = np.diff(psi) * inverter.f_s + motor.R_s * (i[1:] + i[:-1]) / 2
     return u + offset, i, psi
 
 
@@ -50,3 +52,19 @@ def test_series_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     i[7] = np.nan
     with pytest.raises(ValueError, match=r"i_s\[7\]"):
         estimator.run(u, i)
+
+
+def test_with_the_inverter_model_the_voltage_is_that_of_the_bridge(motor: sf.Motor) -> None:
+    inverter = sf.Inverter(c_out=0.0)
+    u, i, psi = record(motor, inverter, 0j, 20_000)
+    # Of every phase threshold and dead time are lost in the direction of its current, and r_d i.
+    mean = np.concatenate((i[:1], (i[1:] + i[:-1]) / 2))
+    axes = np.exp(2j * np.pi / 3 * np.arange(3))
+    volts = inverter.u_th + inverter.u_dc * inverter.dead_time * inverter.f_s
+    lost = sum(2 / 3 * axis * volts * np.sign((mean * np.conj(axis)).real) for axis in axes)
+    bridge = u + lost + inverter.r_d * mean
+    off: Any = {"offset_estimator": False, "noise_compensator": False}
+    modelled = sf.FluxEstimator(motor, inverter, inverter_model=True, **off).run(bridge, i, psi_s0=psi[0])
+    assert np.abs(modelled.psi_s - psi).max() < 0.02 * np.abs(psi[0])
+    ignored = sf.FluxEstimator(motor, inverter, inverter_model=False, **off).run(bridge, i, psi_s0=psi[0])
+    assert np.abs(ignored.psi_s - psi).max() > 0.2 * np.abs(psi[0])

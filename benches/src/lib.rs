@@ -107,7 +107,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
     let enhanced: &'static DriveConfig<R> = Box::leak(Box::new(configuration(Scheme::Enhanced)));
     let filter_config = enhanced.filter_config();
     let model = InverterModel::<R>::new(&PerUnit::new(&machine, &inverter).expect("valid"));
-    let timer = Timer::new(8500);
+    let timer = Timer::new(8500).expect("within its range");
     let (u, i) = (AlphaBeta::new(r(0.05), r(0.03)), AlphaBeta::new(r(0.6), r(0.4)));
     let (i_dq, i_ref) = (Dq::new(r(0.6), r(0.4)), Dq::new(r(0.61), r(0.42)));
     let psi = AlphaBeta::new(r(0.9), r(0.4));

@@ -6,11 +6,14 @@ a `Scenario` of both.
 """
 
 from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
+from stillflux.machine_file import Machine, load_machine
 from stillflux.parameters import Inverter, Motor
+from stillflux.replay import Replay, replay
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
 from stillflux.status import StatusCode
+from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, normal, sweep, uniform
 
 __all__ = [
     "Drive",
@@ -18,13 +21,25 @@ __all__ = [
     "FluxEstimator",
     "Interrupted",
     "Inverter",
+    "Machine",
     "Motor",
     "Plant",
     "PlantState",
+    "Replay",
     "Result",
     "Scenario",
     "Status",
     "StatusCode",
+    "Sweep",
+    "SweepInterrupted",
     "Trace",
+    "draws",
+    "factors",
+    "grid",
+    "load_machine",
+    "normal",
+    "replay",
     "simulate",
+    "sweep",
+    "uniform",
 ]

@@ -17,6 +17,7 @@ __all__ = [
     "FluxEstimator",
     "Plant",
     "PlantState",
+    "RecordEstimator",
     "Run",
     "Status",
     "Trace",
@@ -45,7 +46,14 @@ def signals() -> dict[str, str]: ...
 
 @final
 class Status:
-    def __new__(cls, state: str, fault: str | None = None, time: float | None = None) -> Status: ...
+    def __new__(
+        cls,
+        state: str,
+        fault: str | None = None,
+        time: float | None = None,
+        value: float | None = None,
+        limit: float | None = None,
+    ) -> Status: ...
     @property
     def state(self) -> str: ...
     @property
@@ -53,11 +61,19 @@ class Status:
     @property
     def time(self) -> float | None: ...
     @property
+    def value(self) -> float | None: ...
+    @property
+    def limit(self) -> float | None: ...
+    @property
     def fault_code(self) -> int | None: ...
+    @property
+    def unit(self) -> str | None: ...
     def __eq__(self, other: object, /) -> bool: ...
     def __ne__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
-    def __getnewargs__(self) -> tuple[str, str | None, float | None]: ...
+    def __getnewargs__(
+        self,
+    ) -> tuple[str, str | None, float | None, float | None, float | None]: ...
 
 @final
 class Estimate:
@@ -120,6 +136,7 @@ class Drive:
         u_dc: float,
         omega_ref: float | None = None,
         torque_ref: float | None = None,
+        cycle: int | None = None,
     ) -> NDArray[np.float64]: ...
     @property
     def gates_on(self) -> bool: ...
@@ -164,7 +181,31 @@ class FluxEstimator:
         omega_s: float | NDArray[np.float64] | None = None,
         R_s: float | NDArray[np.float64] | None = None,
         psi_s0: complex | None = None,
+        u_dc: float | NDArray[np.float64] | None = None,
     ) -> Trace: ...
+
+@final
+class RecordEstimator:
+    def __new__(
+        cls,
+        motor: Motor,
+        inverter: Inverter,
+        scheme: str = "enhanced",
+        **settings: Unpack[DriveSettings],
+    ) -> RecordEstimator: ...
+    def run(
+        self,
+        u_s: NDArray[np.complex128],
+        i_s: NDArray[np.complex128],
+        i_sum: NDArray[np.float64],
+        u_dc: NDArray[np.float64],
+        psi_ref: NDArray[np.float64],
+        psi_s0: complex,
+        deviation: float,
+        omega_m: float,
+        settled: bool = False,
+        R_s: float | None = None,
+    ) -> dict[str, NDArray[Any]]: ...
 
 @final
 class PlantState:

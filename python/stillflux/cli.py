@@ -1,28 +1,24 @@
-"""Command line: `stillflux demo`, `reproduce`, `beyond`, `simulate`, `replay`."""
+"""Command line: `stillflux demo`, `reproduce`, `beyond`, `simulate`, `sweep`, `replay`."""
 
 from __future__ import annotations
 
 import argparse
-import csv
+import os
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from stillflux._core import FluxEstimator
-from stillflux.parameters import PRESETS, Inverter, Motor
+from stillflux import sweep_file
+from stillflux.machine_file import load_machine, read_toml
+from stillflux.parameters import PRESETS
+from stillflux.replay import replay
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from stillflux.sweep import SweepInterrupted, sweep
 
 __all__ = ["main"]
 
@@ -34,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.command_line = shlex.join(["stillflux", *given])
     try:
         status: int = options.run(options)
-    except (ValueError, TypeError, OSError) as error:
+    except (ValueError, TypeError, ImportError, OSError) as error:
         print(f"stillflux: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as error:
@@ -81,33 +77,89 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
 
     run = commands.add_parser("simulate", help="run a scenario from a TOML file")
     run.add_argument(
-        "file", type=Path, help="fields of stillflux.Scenario; motor and inverter by preset or table"
+        "file",
+        type=Path,
+        help="fields of stillflux.Scenario; motor and inverter by preset, motor file or table",
     )
+    _motor_option(run, None)
     run.add_argument("--plot", type=Path, help="write the overview plot there (png, svg, pdf)")
     run.add_argument("--save", type=Path, help="write the record there (npz)")
     run.set_defaults(run=_simulate)
 
-    replay = commands.add_parser("replay", help="run the flux estimator over a recorded CSV log")
-    replay.add_argument(
+    log = commands.add_parser("replay", help="run the estimators over a recorded log")
+    log.add_argument(
         "log",
         type=Path,
-        help="CSV sampled at f_s with header and columns u_alpha, u_beta in V, i_alpha, i_beta in A",
+        help="CSV, Parquet, NPZ or MAT: currents (i_a, i_b, i_c; i_alpha, i_beta; i_d, i_q, angle), voltages "
+        "(the same with u_, u_ab, u_bc) or duties (d_a, d_b, d_c) with u_dc; t in s",
     )
-    replay.add_argument("--machine", choices=PRESETS, default="2.2kW")
-    replay.add_argument("--f-s", type=float, metavar="HZ", help="sampling frequency of the log")
-    replay.add_argument("--out", type=Path, required=True, help="write the estimates there (CSV)")
-    replay.set_defaults(run=_replay)
+    _motor_option(log, "2.2kW")
+    log.add_argument("--scheme", choices=["enhanced", "paper"], default="enhanced")
+    log.add_argument(
+        "--column",
+        action="append",
+        default=[],
+        metavar="QUANTITY=NAME[:UNIT]",
+        help="a quantity's column in the log, such as i_a=Iu:mA",
+    )
+    log.add_argument("--rate", type=float, metavar="HZ", help="sampling rate of a log without t")
+    log.add_argument(
+        "--voltage",
+        choices=["terminal", "bridge", "compensated"],
+        help="at the machine's terminals (default), commanded at the bridge (default for duties), or a "
+        "reference without the inverter compensation",
+    )
+    log.add_argument("--delay", type=float, metavar="ROWS", help="rows until a voltage's interval ends")
+    log.add_argument("--max-gap", type=float, default=0.0, metavar="S", help="longest gap that is bridged")
+    log.add_argument("--out", type=Path, help="write the estimates there (CSV, NPZ, Parquet)")
+    log.add_argument("--plot", type=Path, help="write the plot there (png, svg, pdf)")
+    log.set_defaults(run=_replay)
+
+    many = commands.add_parser("sweep", help="run many scenarios of a TOML file and keep numbers of each")
+    many.add_argument("file", type=Path, help="a sweep file, see stillflux.sweep_file")
+    _motor_option(many, None)
+    many.add_argument("--out", type=Path, help="write the rows there (CSV)")
+    many.add_argument("--plot", type=Path, help="write the map of [plot], or the distributions, there")
+    many.add_argument("--resume", type=Path, metavar="FILE", help="keep rows there; if killed, go on with it")
+    many.set_defaults(run=_sweep)
     return parser
 
 
+def _motor_option(parser: argparse.ArgumentParser, default: str | None) -> None:
+    parser.add_argument(
+        "--motor",
+        metavar="FILE",
+        default=default,
+        help=f"motor file (TOML) or preset ({', '.join(PRESETS)})"
+        + (f"; default: {default}" if default else ""),
+    )
+
+
+_PLOTS = (".png", ".svg", ".pdf")
+
+
+def _check_outputs(path: Path | None, *suffixes: str) -> None:
+    """Before a run: whether its output can be written. Raises ValueError or OSError."""
+    if path is None:
+        return
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: {path.suffix or 'no suffix'} is not one of {', '.join(suffixes)}")
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        reason = "is a folder" if path.is_dir() else f"there is no folder {path.parent}"
+        raise ValueError(f"{path}: {reason}")
+    if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
+        raise ValueError(f"{path} cannot be written")
+
+
 def _simulate(options: argparse.Namespace) -> int:
-    with options.file.open("rb") as file:
-        scenario = Scenario.from_dict(tomllib.load(file))
+    _check_outputs(options.save, ".npz")
+    _check_outputs(options.plot, *_PLOTS)
+    scenario = Scenario.from_dict(_with_motor(read_toml(options.file), options.motor))
     try:
         result, status = simulate(scenario, progress=True), 0
     except Interrupted as stop:
         result, status = stop.result, 130
-    print(f"status: {result.status}, {result.t[-1] if len(result.t) else 0.0:.3f} s simulated")
+    print(result.summary())
     if options.save:
         result.save(options.save)
         print(f"record: {options.save}")
@@ -118,46 +170,67 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    inverter = Inverter.preset(options.machine)
-    if options.f_s is not None:
-        inverter = inverter.replace(f_s=options.f_s)
-    log = _columns(options.log, ("u_alpha", "u_beta", "i_alpha", "i_beta"))
-    estimator = FluxEstimator(Motor.preset(options.machine), inverter)
-    trace = estimator.run(log[0] + 1j * log[1], log[2] + 1j * log[3])
-    columns: dict[str, Any] = {
-        "t": trace.t,
-        "psi_alpha": trace.psi_s.real,
-        "psi_beta": trace.psi_s.imag,
-        "angle": trace.angle,
-        "u_off_alpha": trace.u_off.real,
-        "u_off_beta": trace.u_off.imag,
-        "omega_s": trace.omega_s,
-        "omega_m": trace.omega_m,
-    }
-    np.savetxt(
-        options.out,
-        np.column_stack(list(columns.values())),
-        delimiter=",",
-        header=",".join(columns),
-        comments="",
+    _check_outputs(options.out, ".csv", ".npz", ".parquet")
+    _check_outputs(options.plot, *_PLOTS)
+    columns: dict[str, Any] = {}
+    for text in options.column:
+        quantity, equals, name = text.partition("=")
+        if not equals or not name:
+            raise ValueError(f"--column {text}: write QUANTITY=NAME or QUANTITY=NAME:UNIT")
+        name, colon, unit = name.rpartition(":") if ":" in name else (name, "", "")
+        columns[quantity] = (name, unit) if colon else name
+    machine = load_machine(options.motor)
+    found = replay(
+        options.log,
+        machine.motor,
+        machine.inverter,
+        options.scheme,
+        columns,
+        voltage=options.voltage,
+        rate=options.rate,
+        delay=options.delay,
+        max_gap=options.max_gap,
     )
-    print(f"{len(trace.t)} samples: {options.out}")
+    print(found.summary())
+    if options.out:
+        found.save(options.out)
+        print(f"estimates: {options.out}")
+    if options.plot:
+        found.plot().savefig(options.plot, dpi=110)
+        print(f"plot: {options.plot}")
     return 0
 
 
-def _columns(path: Path, names: Sequence[str]) -> Any:
-    """The named columns of a CSV file with header, shape (len(names), samples)."""
-    with path.open(newline="") as file:
-        rows = csv.reader(file)
-        header = [name.strip() for name in next(rows, [])]
-        missing = [name for name in names if name not in header]
-        if missing:
-            raise ValueError(f"{path}: column {', '.join(missing)} is missing; there are {', '.join(header)}")
-        at = [header.index(name) for name in names]
-        try:
-            return np.array([[float(row[k]) for k in at] for row in rows if row]).reshape(-1, len(names)).T
-        except (ValueError, IndexError) as error:
-            raise ValueError(f"{path}, line {rows.line_num}: {error}") from error
+def _sweep(options: argparse.Namespace) -> int:
+    _check_outputs(options.out, ".csv")
+    _check_outputs(options.plot, *_PLOTS)
+    asked = sweep_file.parse(_with_motor(read_toml(options.file), options.motor, "scenario"))
+    status = 0
+    try:
+        found = sweep(asked.points, list(asked.metrics), resume=options.resume, progress=True)
+    except SweepInterrupted as stop:
+        found, status = stop.result, 130
+        print(f"stillflux: {stop}", file=sys.stderr)
+    print(found.summary())
+    for row in found.failed[:5]:
+        print(f"failed: {row['error']}")
+    if options.out:
+        found.save(options.out)
+        print(f"rows: {options.out}")
+    if options.plot and len(found):
+        plot = found.map(**asked.plot) if asked.plot else found.spread()
+        plot.savefig(options.plot, dpi=110)
+        print(f"plot: {options.plot}")
+    return status
+
+
+def _with_motor(data: dict[str, Any], motor: str | None, table: str = "") -> dict[str, Any]:
+    """The tables of a file with the motor and inverter of `--motor` instead of those in it."""
+    if motor is None:
+        return data
+    machine = load_machine(motor)
+    own = {"motor": asdict(machine.motor), "inverter": asdict(machine.inverter)}
+    return {**data, table: {**data.get(table, {}), **own}} if table else {**data, **own}
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +15,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "angle_error",
+    "fault_time",
     "faulted",
     "flux_ripple",
+    "last_resistance_error",
+    "last_speed_error",
+    "least_confidence",
     "offset_voltage",
+    "rms_angle",
     "running",
     "settled_after",
     "smoothed",
@@ -25,6 +31,8 @@ __all__ = [
     "start_time",
     "stays_within",
     "turns",
+    "worst_angle",
+    "worst_speed_error",
 ]
 
 
@@ -115,6 +123,46 @@ def start_time(result: Result) -> float:
     """Time at which the drive began to run, s; inf if it did not."""
     begun = np.flatnonzero(running(result))
     return float(result.t[begun[0]]) if len(begun) else float("inf")
+
+
+def worst_angle(result: Result) -> float:
+    """Largest field angle error, degrees; inf if the drive never ran."""
+    return float(np.abs(angle_error(result)).max()) if running(result).any() else math.inf
+
+
+def rms_angle(result: Result) -> float:
+    """Root mean square of the field angle error while the drive runs, degrees; inf if it never did."""
+    judged = angle_error(result)[running(result)]
+    return float(np.sqrt(np.mean(judged**2))) if len(judged) else math.inf
+
+
+def least_confidence(result: Result) -> float:
+    """Smallest confidence while the drive runs; 0 if it never did."""
+    confidence = result["estimate.confidence"][running(result)]
+    return float(confidence.min()) if len(confidence) else 0.0
+
+
+def last_speed_error(result: Result) -> float:
+    """True speed minus reference at the end, per unit."""
+    return float(speed_error(result)[-1])
+
+
+def worst_speed_error(result: Result) -> float:
+    """Largest magnitude of true speed minus reference while the drive runs, per unit; inf if it never did."""
+    error = np.abs(speed_error(result)[running(result)])
+    return float(error.max()) if len(error) else math.inf
+
+
+def last_resistance_error(result: Result) -> float:
+    """Estimated over true resistance (with the inverter's r_d) minus one at the end."""
+    r_d = (result.scenario.plant_inverter or result.scenario.inverter).r_d
+    return float(result["estimate.R_s"][-1] / (result["R_s"][-1] + r_d) - 1.0)
+
+
+def fault_time(result: Result) -> float:
+    """Time of the fault, s; inf without one."""
+    time = result.status.time
+    return math.inf if time is None else float(time)
 
 
 def _base(result: Result) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from stillflux import _core
@@ -177,12 +177,3 @@ class Inverter:
     def replace(self, **changes: Any) -> Self:
         """A copy with changed fields; TypeError for an unknown one."""
         return replace(self, **changes)
-
-
-def from_table(cls: type[Any], table: str | dict[str, Any]) -> Any:
-    """A `Motor` or `Inverter` from a preset's name or a dict, in which `preset` may name one to change."""
-    if isinstance(table, str):
-        return cls.preset(table)
-    fields = dict(table)
-    preset = fields.pop("preset", None)
-    return cls(**fields) if preset is None else cls(**{**asdict(cls.preset(preset)), **fields})

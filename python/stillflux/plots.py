@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,11 +15,57 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from stillflux.replay import Replay
     from stillflux.result import Result
+    from stillflux.sweep import Sweep
 
-__all__ = ["flux_trajectory", "overview", "thin"]
+__all__ = [
+    "flux_trajectory",
+    "new_figure",
+    "overview",
+    "panels",
+    "replayed",
+    "sweep_map",
+    "sweep_spread",
+    "thin",
+]
 
 _MOST = 1200
+
+
+def new_figure(**how: Any) -> Figure:
+    """A figure that a notebook shows by itself; no window, no global state."""
+    from matplotlib.figure import Figure
+
+    class Shown(Figure):
+        def _repr_png_(self) -> bytes:
+            image = io.BytesIO()
+            self.savefig(image, format="png", dpi=90)
+            return image.getvalue()
+
+    return Shown(**how)
+
+
+def panels(runs: Mapping[str, Result], signals: Sequence[str]) -> Figure:
+    """Signals over the time, a panel each, of one run or several. Space vectors by magnitude, angles in
+    degrees."""
+    figure = new_figure(figsize=(9, 1.0 + 2.0 * len(signals)), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(len(signals), 1, sharex=True))
+    for panel, name in zip(axes, signals, strict=True):
+        for label, run in runs.items():
+            values, unit = run[name], run.units[name]
+            if np.iscomplexobj(values):
+                values = np.abs(values)
+            if unit == "rad":
+                values, unit = np.degrees(values), "°"
+            panel.plot(*thin(run.t, values), linewidth=0.9, label=label or None)
+            text = f"|{name}|" if np.iscomplexobj(run[name]) else name
+            panel.set_ylabel(f"{text}, {unit}" if unit else text)
+        panel.grid(alpha=0.3)
+    axes[-1].set_xlabel("time, s")
+    if len(runs) > 1:
+        axes[0].legend(loc="upper right", fontsize="small")
+    return figure
 
 
 def thin(t: NDArray[Any], x: NDArray[Any], most: int = _MOST) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -36,9 +84,7 @@ def thin(t: NDArray[Any], x: NDArray[Any], most: int = _MOST) -> tuple[NDArray[A
 
 def overview(result: Result) -> Figure:
     """Speed, torque, currents, field-angle error, offset voltage and resistance over time."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 12), layout="constrained")
+    figure = new_figure(figsize=(9, 12), layout="constrained")
     axes = figure.subplots(6, 1, sharex=True)
     speed, torque, currents, angle, offset, resistance = axes
     current = result["estimate.i_dq"]
@@ -79,9 +125,7 @@ def overview(result: Result) -> Figure:
 
 def flux_trajectory(result: Result) -> Figure:
     """True and estimated stator flux in the complex plane, while the drive runs."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.5, 4.5), layout="constrained")
+    figure = new_figure(figsize=(4.5, 4.5), layout="constrained")
     panel = figure.subplots()
     begun = np.flatnonzero(running(result))
     for signal, label in (("psi_s", "true"), ("estimate.psi_s", "estimated")):
@@ -94,6 +138,82 @@ def flux_trajectory(result: Result) -> Figure:
     panel.set(xlabel=r"$\psi_\alpha$, V·s", ylabel=r"$\psi_\beta$, V·s", aspect="equal", title="stator flux")
     panel.grid(alpha=0.3)
     panel.legend(loc="upper right", fontsize="small")
+    return figure
+
+
+def replayed(found: Replay) -> Figure:
+    """Estimates of a replayed log over time: speed, torque with a band of two standard deviations, flux,
+    resistance, deviation of the angle with the confidence."""
+    figure = new_figure(figsize=(9, 11), layout="constrained")
+    speed, torque, flux, resistance, angle = axes = figure.subplots(5, 1, sharex=True)
+    known = found.angle_deviation < np.pi
+
+    def line(panel: Axes, values: NDArray[Any], label: str, **style: Any) -> None:
+        panel.plot(*thin(found.t, np.where(known, values, np.nan)), linewidth=0.9, label=label, **style)
+
+    line(speed, found.omega_m, "speed")
+    speed.set_ylabel("speed, rad/s")
+    band = np.where(known, 2.0 * found.torque_deviation, np.nan)
+    t, low = thin(found.t, found.torque - band)
+    at = np.searchsorted(found.t, t)
+    torque.fill_between(t, low, (found.torque + band)[at], alpha=0.25, linewidth=0.0, label="± 2 σ")
+    line(torque, found.torque, "torque")
+    torque.set_ylabel("torque, N·m")
+    line(flux, np.abs(found.psi_s), r"$|\hat\psi_s|$")
+    flux.set_ylabel("flux, V·s")
+    line(resistance, found.R_s, r"$\hat R_s$")
+    resistance.set_ylabel(r"resistance, $\Omega$")
+    line(angle, np.degrees(found.angle_deviation), "σ of the field angle")
+    angle.set_ylabel("σ, °")
+    right = angle.twinx()
+    line(right, found.confidence, "confidence", color="C1")
+    right.set_ylim(-0.02, 1.05)
+    right.set_ylabel("confidence", color="C1")
+    axes[-1].set_xlabel("time, s")
+    figure.suptitle(f"{found.source}, scheme {found.scheme}")
+    for panel in axes:
+        panel.grid(alpha=0.3)
+        panel.legend(loc="upper right", fontsize="small")
+    return figure
+
+
+def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
+    """A metric of a sweep over two parameters: the largest value of each cell; a cross where a row failed or
+    faulted, or the value is not finite."""
+    from matplotlib.figure import Figure
+
+    xs, ys, values = (found[name] for name in (x, y, metric))
+    columns, rows = np.unique(xs), np.unique(ys)
+    cells = np.full((len(rows), len(columns)), np.nan)
+    lost = np.zeros(cells.shape, bool)
+    for at_x, at_y, value, row in zip(xs, ys, values, found.rows, strict=True):
+        k, j = np.searchsorted(rows, at_y), np.searchsorted(columns, at_x)
+        cells[k, j] = np.fmax(cells[k, j], value if np.isfinite(value) else np.nan)
+        lost[k, j] |= bool(row["error"]) or str(row["status"]).startswith("fault") or not np.isfinite(value)
+    figure = Figure(figsize=(6.4, 4.8), layout="constrained")
+    panel = figure.subplots()
+    mesh = panel.pcolormesh(np.arange(len(columns)), np.arange(len(rows)), cells, shading="nearest")
+    figure.colorbar(mesh, ax=panel, label=metric)
+    at = np.argwhere(lost)
+    if len(at):
+        panel.plot(at[:, 1], at[:, 0], "x", color="C3", label="fault or failure")
+        panel.legend(loc="upper right", fontsize="small")
+    for axis, ticks, name in ((panel.xaxis, columns, x), (panel.yaxis, rows, y)):
+        every = max(1, len(ticks) // 10)
+        axis.set_ticks(np.arange(len(ticks))[::every], [f"{tick:.4g}" for tick in ticks[::every]])
+        axis.set_label_text(name)
+    return figure
+
+
+def sweep_spread(found: Sweep, metrics: Sequence[str]) -> Figure:
+    """Distribution of metrics over the rows of a sweep; rows that failed count as not reached."""
+    figure = new_figure(figsize=(1.0 + 3.2 * len(metrics), 3.4), layout="constrained")
+    for panel, name in zip(np.atleast_1d(figure.subplots(1, len(metrics))), metrics, strict=True):
+        values = np.sort(found[name].astype(float))
+        values = values[np.isfinite(values)]
+        panel.step(values, np.arange(1, len(values) + 1) / max(1, len(found)), where="post")
+        panel.set(xlabel=name, ylabel="part of the rows", ylim=(0.0, 1.02))
+        panel.grid(alpha=0.3)
     return figure
 
 

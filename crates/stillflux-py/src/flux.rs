@@ -83,13 +83,17 @@ struct Columns {
 
 /// The stator flux estimator of Fig. 7 alone, with offset estimator and noise compensator, offline.
 ///
-/// Takes motor and inverter as `Drive` does, and its settings (those about the flux estimator matter).
+/// Takes motor and inverter as `Drive` does, and its settings (those about the flux estimator matter), with one
+/// difference: `inverter_model` is off unless it is given. Without it `u_s` is the voltage at the machine's terminals
+/// and the resistance the motor's. With `inverter_model=True` `u_s` is what an ideal bridge would have applied
+/// (duties times dc link): threshold, dead time and `r_d` of the inverter are taken into account.
 #[pyclass(frozen, module = "stillflux")]
 pub struct FluxEstimator {
     config: DriveConfig<f64>,
     base: Base,
     psi_ref: f64,
     r_s: f64,
+    u_dc: f64,
     f_s: f64,
 }
 
@@ -99,12 +103,15 @@ impl FluxEstimator {
     #[pyo3(signature = (motor, inverter, **settings))]
     fn new(motor: Motor, inverter: Inverter, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let (machine, inverter) = (motor.machine()?, inverter.params()?);
-        let params = drive_params(&machine, &inverter, "paper", settings)?;
+        let mut params = drive_params(&machine, &inverter, "paper", settings)?;
+        let modelled = settings.map_or(Ok(None), |s| s.get_item("inverter_model"))?.is_some() && params.inverter_model;
+        params.inverter_model = modelled;
         let pu = PerUnit::new(&machine, &inverter).map_err(value_error)?;
         Ok(Self {
             config: DriveConfig::new(&machine, &inverter, &params).map_err(value_error)?,
             psi_ref: params.psi_ref,
-            r_s: pu.r_s,
+            r_s: if modelled { pu.r_s } else { machine.R_s / pu.base.z },
+            u_dc: pu.u_dc,
             f_s: inverter.f_s,
             base: pu.base,
         })
@@ -115,18 +122,23 @@ impl FluxEstimator {
     /// Parameters
     /// ----------
     /// u_s
-    ///     Stator voltage in V, complex, shape (n,): `u_s[k]` was applied between samples k - 1 and k.
+    ///     Voltage in V, complex, shape (n,): `u_s[k]` was applied between samples k - 1 and k. At the terminals, or
+    ///     with `inverter_model=True` that of an ideal bridge.
     /// i_s
     ///     Stator current in A, complex, shape (n,).
     /// omega_s
     ///     Known stator frequency, electrical rad/s, a number or shape (n,); None: the estimated one.
     /// R_s
-    ///     Stator resistance with r_d in Ω, a number or shape (n,); None: motor's plus inverter's.
+    ///     Resistance in series with the stator flux in Ω, a number or shape (n,); None: the motor's, with
+    ///     `inverter_model=True` plus the inverter's r_d.
     /// psi_s0
     ///     Flux at the first sample, V·s, complex; None: rated flux on the a-axis.
+    /// u_dc
+    ///     dc-link voltage in V for the inverter model, a number or shape (n,); None: the inverter's rated one.
     ///
     /// Raises ValueError for lengths that differ and for samples that are not finite.
-    #[pyo3(signature = (u_s, i_s, omega_s=None, R_s=None, psi_s0=None))]
+    #[pyo3(signature = (u_s, i_s, omega_s=None, R_s=None, psi_s0=None, u_dc=None))]
+    #[allow(clippy::too_many_arguments)]
     fn run(
         &self,
         py: Python<'_>,
@@ -135,14 +147,21 @@ impl FluxEstimator {
         omega_s: Option<Series<'_>>,
         R_s: Option<Series<'_>>,
         psi_s0: Option<Complex64>,
+        u_dc: Option<Series<'_>>,
     ) -> PyResult<Trace> {
         let b = &self.base;
-        let u = vectors("u_s", &u_s, b.u)?;
+        let mut u = vectors("u_s", &u_s, b.u)?;
         let i = vectors("i_s", &i_s, b.i)?;
         let n = u.len();
         same_length("i_s", i.len(), n)?;
         let omega = omega_s.map(|s| s.values("omega_s", n, b.omega)).transpose()?;
         let r_s = R_s.map_or_else(|| Ok(vec![self.r_s; n]), |s| s.values("R_s", n, b.z))?;
+        let u_dc = u_dc.map_or_else(|| Ok(vec![self.u_dc; n]), |s| s.values("u_dc", n, b.u))?;
+        let model = self.config.inverter_model();
+        for k in 1..n {
+            let i_mean = (i[k - 1] + i[k]) * 0.5;
+            u[k] = u[k] - model.distortion(model.nominal(), &i_mean, u_dc[k], 1.0).vector();
+        }
         let start = psi_s0.map_or(AlphaBeta::new(self.psi_ref, 0.0), |z| AlphaBeta::new(z.re / b.psi, z.im / b.psi));
 
         let c = py.detach(|| self.estimate(&u, &i, omega.as_deref(), &r_s, start));
@@ -179,14 +198,15 @@ impl FluxEstimator {
         for k in 0..u.len() {
             if k == 0 {
                 flux.start(start, i[0]);
-                speed.start(&(start - i[0] * self.config.speed_config().sigma_l_s), 0.0);
+                speed.start(&self.config.speed_config().rotor_flux(&start, &i[0]), 0.0);
             } else {
                 flux.step(self.config.flux_config(), &u[k], &i[k], r_s[k], self.psi_ref);
             }
             let psi_s = flux.value();
             // As often as in the drive.
             if k % SPEED_PERIODS as usize == 0 {
-                estimate = speed.step(self.config.speed_config(), &psi_s, &i[k]);
+                let c = self.config.speed_config();
+                estimate = speed.step(c, &c.rotor_flux(&psi_s, &i[k]), &i[k]);
                 flux.set_stator_frequency(self.config.flux_config(), omega.map_or(estimate.omega_s, |w| w[k]));
             }
             let u_hf = flux.estimate().u_hf;

@@ -11,6 +11,7 @@ mod drive;
 mod flux;
 mod parameters;
 mod plant;
+mod replay;
 mod run;
 
 use pyo3::prelude::*;
@@ -29,6 +30,8 @@ mod core_module {
     };
     #[pymodule_export]
     use crate::plant::{Plant, PlantState};
+    #[pymodule_export]
+    use crate::replay::RecordEstimator;
     #[pymodule_export]
     use crate::run::{Run, signals};
 }

@@ -222,7 +222,7 @@ drive_settings! {
     common:
     psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
-    inverter_model, calibrate_offset, offset_time, magnetise_time,
+    inverter_model, calibrate_offset, offset_time, magnetise_time, supervision, stall_time,
     field_weakening, acceleration, jerk, torque_limits, speed_limits, machine_overload, bridge_overload,
     u_dc_brake, u_dc_buffer, u_dc_chopper;
     paper:

@@ -13,11 +13,12 @@ mod machine;
 mod mechanics;
 mod nodes;
 mod plant;
+pub mod replay;
 mod rng;
 pub mod simulate;
 mod thermal;
 
-pub use adc::Adc;
+pub use adc::{Adc, ChannelFault};
 pub use branches::{DeepBar, IronLoss};
 pub use bridge::GateDelays;
 pub use dclink::{DcLink, LinkEnergy};

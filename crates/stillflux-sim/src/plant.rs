@@ -8,7 +8,7 @@
 //! zero, a node reaches a rail.
 #![allow(non_snake_case)]
 
-use crate::adc::{Adc, Converter};
+use crate::adc::{Adc, ChannelFault, Converter};
 use crate::branches::{DeepBar, IronLoss};
 use crate::bridge::{Bridge, Feed, GateDelays, phase};
 use crate::dclink::{DcLink, Link, LinkEnergy};
@@ -389,6 +389,22 @@ impl Plant {
     #[must_use]
     pub fn link_energy(&self) -> Option<&LinkEnergy> {
         self.link.as_ref().map(|link| &link.energy)
+    }
+
+    /// Disconnects phase `phase` (0 to 2) from its leg, or connects it again: its current flows on to its next zero. Of
+    /// the switching model; capacitances of the nodes are neglected from then on.
+    pub fn set_open_phase(&mut self, phase: usize, open: bool) {
+        if let Some(state) = self.bridge.open.get_mut(phase) {
+            *state = open;
+            self.nodes = None;
+            self.h_taylor = 0.0;
+            self.stale = true;
+        }
+    }
+
+    /// Lets a current channel (0 to 2) fail, or heals it.
+    pub fn set_channel(&mut self, channel: usize, fault: Option<ChannelFault>) {
+        self.adc.set_fault(channel, fault);
     }
 
     /// Sets the dc-link voltage, V; of a link with a capacitor the no-load voltage of its supply.

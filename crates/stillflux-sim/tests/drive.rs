@@ -287,6 +287,8 @@ fn other_machines_hold_torque_at_low_speed_in_every_quadrant() {
     for (machine, inverter) in others().into_iter().flat_map(|(m, i)| [(m, i), (m, Inverter { c_out: 0.0, ..i })]) {
         // On nodes with capacitance a slow field turns by some degrees at each zero of a phase current, and that is speed.
         let speed_max = if inverter.c_out > 0.0 { 0.008 } else { 0.003 };
+        // What the inverter model leaves of the voltage lost at current zero turns the field in proportion to that loss.
+        let angle_max = 1.0 + 60.0 * inverter.dead_time * inverter.f_s;
         let base = Base::new(&machine);
         let torque = machine.T_N / base.torque;
         let slip = torque * (machine.R_R / base.z) * (machine.L_s() / machine.L_M).powi(2);
@@ -297,7 +299,7 @@ fn other_machines_hold_torque_at_low_speed_in_every_quadrant() {
                 .load(&[(0.0, 0.0), (4.0, 0.0), (5.0, load)])
                 .run();
             o.assert_running();
-            assert!(o.angle(7.0, 12.0) < 3.0, "{omega}, {load}: {}", o.angle(7.0, 12.0));
+            assert!(o.angle(7.0, 12.0) < angle_max, "{omega}, {load}: {}", o.angle(7.0, 12.0));
             assert!(
                 o.speed_error(7.0, 12.0, omega) < speed_max,
                 "{omega}, {load}: {}",

@@ -11,7 +11,7 @@
 
 use crate::base::Base;
 use crate::config::{DriveConfig, DriveParams};
-use crate::drive::{Drive, Estimate, Measurement, Memory, Reference, Status};
+use crate::drive::{Drive, Estimate, Fault, FaultReport, Measurement, Memory, Quantity, Reference, Status};
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Q, Real};
 use crate::space::{AlphaBeta, Space};
@@ -118,8 +118,35 @@ pub struct MemorySi {
     pub loss_error: f64,
     /// Knee of the inverter model, relative to that of the parameters; 1 in the published scheme.
     pub knee: f64,
+    /// Leakage inductance, H; the parameter in the published scheme.
+    pub L_sigma: f64,
     /// Magnetising inductance, H; the parameter in the published scheme.
     pub L_M: f64,
+}
+
+impl MemorySi {
+    /// What a drive that has not run yet remembers: the parameters.
+    #[must_use]
+    #[allow(non_snake_case)]
+    pub fn of(machine: &Machine, inverter: &Inverter) -> Self {
+        let Machine { L_sigma, L_M, .. } = *machine;
+        let R_s = machine.R_s + inverter.r_d;
+        Self { u_off: [0.0; 2], R_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
+    }
+}
+
+/// A latched fault with what was measured, SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FaultSi {
+    /// What happened.
+    pub cause: Fault,
+    /// Control period in which it happened, since power-up.
+    pub period: u32,
+    /// What was measured, in the unit of the cause's quantity ([`Fault::quantity`]).
+    pub value: f64,
+    /// The limit that it violated, in the same unit; zero where there is none.
+    pub limit: f64,
 }
 
 /// Conversion between SI and per unit for one machine.
@@ -128,13 +155,15 @@ pub struct SiUnits {
     base: Base,
     /// The parameter `L_M`, H: the estimated inductance is relative to it.
     l_m: f64,
+    /// The parameter `L_sigma`, H, likewise.
+    l_sigma: f64,
 }
 
 impl SiUnits {
     /// Units of a machine's rating.
     #[must_use]
     pub fn new(machine: &Machine) -> Self {
-        Self { base: Base::new(machine), l_m: machine.L_M }
+        Self { base: Base::new(machine), l_m: machine.L_M, l_sigma: machine.L_sigma }
     }
 
     /// Base quantities.
@@ -192,6 +221,21 @@ impl SiUnits {
         }
     }
 
+    /// A fault report in SI.
+    #[must_use]
+    pub fn fault<R: Real>(&self, report: &FaultReport<R>) -> FaultSi {
+        let (b, trip) = (&self.base, &report.trip);
+        let base = match trip.cause.quantity() {
+            Quantity::Current => b.i,
+            Quantity::Voltage => b.u,
+            Quantity::Flux => b.psi,
+            Quantity::Speed => b.omega_m,
+            Quantity::Nothing | Quantity::Number | Quantity::Channel => 1.0,
+        };
+        let (value, limit) = (trip.value.to_f64() * base, trip.limit.to_f64() * base);
+        FaultSi { cause: trip.cause, period: report.period, value, limit }
+    }
+
     /// Stored data in SI.
     #[must_use]
     pub fn memory<R: Real>(&self, m: &Memory<R>) -> MemorySi {
@@ -202,6 +246,7 @@ impl SiUnits {
             i_off: m.i_off.map(|i| i.to_f64() * b.i),
             loss_error: m.loss_error.to_f64(),
             knee: m.knee.to_f64(),
+            L_sigma: self.l_sigma * m.leakage.to_f64(),
             L_M: self.l_m / m.inv_l_m.to_f64(),
         }
     }
@@ -216,6 +261,7 @@ impl SiUnits {
             i_off: m.i_off.map(|i| R::from_f64(i / b.i)),
             loss_error: R::from_f64(m.loss_error),
             knee: R::from_f64(m.knee),
+            leakage: R::from_f64(m.L_sigma / self.l_sigma),
             inv_l_m: R::from_f64(self.l_m / m.L_M),
         }
     }
@@ -298,10 +344,32 @@ impl SiDrive {
         with!(&self.inner, d => d.overload().map(Real::to_f64))
     }
 
+    /// One control period with the stamp of its PWM period ([`Drive::step_at`]). `None`: it has been computed before, its
+    /// duties stay.
+    #[cfg(feature = "supervision")]
+    pub fn step_at(
+        &mut self,
+        stamp: u16,
+        measured: &MeasurementSi,
+        reference: &ReferenceSi,
+    ) -> Option<([f64; 3], bool)> {
+        let units = &self.units;
+        with!(&mut self.inner, d => {
+            let out = d.step_at(stamp, &units.measurement(measured), &units.reference(reference))?;
+            Some((out.duty.map(Real::to_f64), out.gates_on))
+        })
+    }
+
     /// State of the sequence.
     #[must_use]
     pub fn status(&self) -> Status {
         with!(&self.inner, d => d.status())
+    }
+
+    /// The latched fault: cause, period, and what was measured; `None` unless the drive is in a fault.
+    #[must_use]
+    pub fn fault(&self) -> Option<FaultSi> {
+        with!(&self.inner, d => d.fault().map(|report| self.units.fault(&report)))
     }
 
     /// Control periods since power-up.
@@ -349,14 +417,25 @@ mod tests {
     #[test]
     fn memory_comes_back_in_every_arithmetic() {
         let units = SiUnits::new(&Machine::preset_11k());
-        let m =
-            MemorySi { u_off: [0.5, -0.25], R_s: 0.3, i_off: [0.2, -0.1, 0.05], loss_error: 0.1, knee: 1.5, L_M: 0.06 };
+        let m = MemorySi {
+            u_off: [0.5, -0.25],
+            R_s: 0.3,
+            i_off: [0.2, -0.1, 0.05],
+            loss_error: 0.1,
+            knee: 1.5,
+            L_sigma: 2e-3,
+            L_M: 0.06,
+        };
         fn back<R: Real>(units: &SiUnits, m: &MemorySi) -> MemorySi {
             units.memory(&units.memory_per_unit::<R>(m))
         }
         for got in [back::<f32>(&units, &m), back::<f64>(&units, &m), back::<Q>(&units, &m)] {
             assert!((got.u_off[0] - m.u_off[0]).abs() < 1e-4 && (got.u_off[1] - m.u_off[1]).abs() < 1e-4);
-            assert!((got.R_s - m.R_s).abs() < 1e-5 && (got.L_M - m.L_M).abs() < 1e-7);
+            assert!(
+                (got.R_s - m.R_s).abs() < 1e-5
+                    && (got.L_M - m.L_M).abs() < 1e-7
+                    && (got.L_sigma - m.L_sigma).abs() < 1e-8
+            );
             assert!((got.i_off[0] - m.i_off[0]).abs() < 1e-5 && (got.loss_error - m.loss_error).abs() < 1e-6);
         }
     }
@@ -368,9 +447,11 @@ mod tests {
         for arithmetic in [Arithmetic::F32, Arithmetic::F64, Arithmetic::Q] {
             let mut drive = SiDrive::new(&machine, &inverter, &params, arithmetic).unwrap();
             let measured = MeasurementSi { i_abc: [f64::NAN, 0.0, 0.0], u_dc: 540.0 };
+            drive.step(&measured, &ReferenceSi::Speed(0.0));
             let (duty, gates_on) = drive.step(&measured, &ReferenceSi::Speed(0.0));
             assert!(!gates_on && duty == [0.5; 3]);
-            assert!(matches!(drive.status(), Status::Faulted { .. }));
+            let fault = drive.fault().unwrap();
+            assert!(fault.cause == Fault::Measurement && fault.value == 1.0, "channel a: {fault:?}");
         }
     }
 }

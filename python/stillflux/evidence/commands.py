@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stillflux.evidence.machines import ALL_MACHINES, MACHINES
+from stillflux.evidence.machines import ALL_MACHINES, MACHINES, OwnMachine
+from stillflux.parameters import PRESETS
 
 if TYPE_CHECKING:
     from stillflux.evidence.journal import Journal
@@ -82,7 +83,13 @@ def docs(parser: argparse.ArgumentParser) -> None:
 
 
 def _where(parser: argparse.ArgumentParser, machines: Sequence[str]) -> None:
-    parser.add_argument("--machine", choices=[*machines, "all"], default="all")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--machine", choices=[*machines, "all"], default="all")
+    which.add_argument(
+        "--motor",
+        metavar="FILE",
+        help=f"your machine instead: a motor file (TOML) or a preset ({', '.join(PRESETS)})",
+    )
     parser.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
     parser.add_argument("--out", type=Path, default=Path("reports"), help="folder for report and plots")
 
@@ -99,14 +106,25 @@ def _metrics(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _chosen(machine: str, machines: Sequence[str]) -> Sequence[str]:
-    return machines if machine == "all" else (machine,)
+def _chosen(choice: str, choices: Sequence[str]) -> Sequence[str]:
+    return choices if choice == "all" else (choice,)
+
+
+def _machines(options: argparse.Namespace, machines: Sequence[str]) -> Sequence[str]:
+    """The machines of a command line: those of the project, or the user's own."""
+    if options.motor is None:
+        return _chosen(options.machine, machines)
+    if options.motor in PRESETS:
+        return (options.motor,)
+    if getattr(options, "metrics", None):
+        raise ValueError("--metrics: the table holds the project's machines, not those of --motor")
+    return (OwnMachine.load(options.motor),)
 
 
 def _demo(options: argparse.Namespace) -> int:
     from stillflux.evidence import demo
 
-    machines = _chosen(options.machine, MACHINES)
+    machines = _machines(options, MACHINES)
     return 0 if demo.run(machines, options.out, options.command_line, options.arithmetic) else 1
 
 
@@ -120,7 +138,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     from stillflux.evidence.table import of_margin, of_outcome, of_summary, update
     from stillflux.parallel import run_jobs
 
-    machines = _chosen(options.machine, MACHINES)
+    machines = _machines(options, MACHINES)
     figures = choose_figures(options.figures)
     options.out.mkdir(parents=True, exist_ok=True)
     journal = Journal(options.journal) if options.journal else None
@@ -134,7 +152,7 @@ def _reproduce(options: argparse.Namespace) -> int:
         margins = sensitivity.run_all(figures, machines, arithmetic, sensitivity.progress, runner=runner)
     section, found = "", []
     if options.beyond:
-        wanted = _chosen(options.machine, ALL_MACHINES)
+        wanted = _machines(options, ALL_MACHINES)
         rows = beyond.run_all(choose_targets(()), wanted, SCHEMES, arithmetic, beyond.progress, runner=runner)
         section, found = plane.section(rows, options.out), beyond.summaries(rows)
     if options.metrics:
@@ -180,7 +198,7 @@ def _beyond(options: argparse.Namespace) -> int:
         raise ValueError(
             f"--draws, --draw, --course and --operation: only with one of {', '.join(_CAMPAIGNS)}"
         )
-    machines = _chosen(options.machine, ALL_MACHINES)
+    machines = _machines(options, ALL_MACHINES)
     schemes = _chosen(options.scheme, SCHEMES)
     chosen = choose_targets(options.targets)
     journal = Journal(options.journal) if options.journal else None
@@ -215,6 +233,10 @@ def _drives(options: argparse.Namespace) -> Sequence[str]:
     """Drives of a campaign over drawn installations."""
     from stillflux.evidence.drives import DRIVES
 
+    if options.motor is not None:
+        raise ValueError(
+            "--motor: the campaigns over drawn installations have drives of their own (--machine)"
+        )
     if options.machine not in ("all", *DRIVES):
         raise ValueError(f"--machine {options.machine}: admissible here are {', '.join(DRIVES)}, all")
     return _chosen(options.machine, tuple(DRIVES))

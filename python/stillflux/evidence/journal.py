@@ -6,17 +6,16 @@ and of all Python code, and one that was begun by another build is begun anew.
 
 from __future__ import annotations
 
-import hashlib
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from stillflux import _core
+from stillflux.build import fingerprint
 from stillflux.parallel import Stopped, run_jobs
 
-__all__ = ["Journal", "Runner", "fingerprint"]
+__all__ = ["Journal", "Runner"]
 
 T = TypeVar("T")
 
@@ -33,15 +32,6 @@ class Runner(Protocol):
         show: Callable[[int, int, T], None] | None = None,
     ) -> list[T]:
         """`function(*job, *common)` of every job, in the order of `jobs`."""
-
-
-def fingerprint() -> str:
-    """Of the build: the compiled part and every Python file of the package."""
-    digest = hashlib.sha256()
-    compiled = Path(_core.__file__)
-    for path in [compiled, *sorted(compiled.parent.rglob("*.py"))]:
-        digest.update(path.name.encode("utf-8") + path.read_bytes())
-    return digest.hexdigest()
 
 
 class Journal:

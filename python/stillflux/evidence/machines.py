@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+
+from stillflux.machine_file import Machine, load_machine
 from stillflux.parameters import PRESETS, Inverter, Motor
 from stillflux.scenario import Profile
 
@@ -10,6 +13,7 @@ __all__ = [
     "ALL_MACHINES",
     "LEAKY",
     "MACHINES",
+    "OwnMachine",
     "inverter_of",
     "motor_of",
     "ramp",
@@ -27,8 +31,35 @@ ADC_NOISE = 0.004
 """Noise of the 12-bit current sensors, rms per unit of rated rms current."""
 
 
+class OwnMachine(str):
+    """Name of a user's machine that carries its parameters: to processes that run jobs, too, which know none
+    but the machines of this file."""
+
+    machine: Machine
+
+    def __new__(cls, machine: Machine) -> OwnMachine:
+        """The name of a machine."""
+        name = super().__new__(cls, machine.name)
+        name.machine = machine
+        return name
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> OwnMachine:
+        """The machine of a motor file, see `stillflux.machine_file`."""
+        return cls(load_machine(path))
+
+    def __getnewargs__(self) -> tuple[Machine]:  # type: ignore[override]
+        return (self.machine,)
+
+    def __repr__(self) -> str:
+        """With all parameters: what was done for a machine counts for no other of the same name."""
+        return repr(self.machine)
+
+
 def motor_of(machine: str) -> Motor:
-    """Motor of one of `ALL_MACHINES`."""
+    """Motor of one of `ALL_MACHINES`, or of a user's machine."""
+    if isinstance(machine, OwnMachine):
+        return machine.machine.motor
     if machine != LEAKY:
         return Motor.preset(machine)
     motor = Motor.preset("11kW")
@@ -38,7 +69,9 @@ def motor_of(machine: str) -> Motor:
 
 
 def inverter_of(machine: str) -> Inverter:
-    """Inverter of one of `ALL_MACHINES`."""
+    """Inverter of one of `ALL_MACHINES`, or of a user's machine."""
+    if isinstance(machine, OwnMachine):
+        return machine.machine.inverter
     return Inverter.preset("11kW" if machine == LEAKY else machine)
 
 

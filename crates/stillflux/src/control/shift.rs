@@ -62,9 +62,9 @@ impl<R: Real> Default for FluxShift<R> {
 }
 
 impl<R: Real> FluxShift<R> {
-    /// One call at a speed and a torque reference; returns `κ`, the flux reference in units of the rated one.
+    /// One call at a speed, a torque reference and the leakage inductance relative to the parameter; returns `κ`, the flux reference in units of the rated one.
     #[inline(never)]
-    pub fn step(&mut self, c: &ShiftConfig<R>, omega_m: R, torque: R) -> R {
+    pub fn step(&mut self, c: &ShiftConfig<R>, omega_m: R, torque: R, leakage: R) -> R {
         let a = c.omega_s_min;
         let load = torque.abs();
         let slip = c.slip * load;
@@ -77,7 +77,7 @@ impl<R: Real> FluxShift<R> {
             // The divisor lies between ω_r0 and ω_r0 + 2a, and the quotient is needed where it exceeds `least`.
             let square =
                 if likely(slip > (a + slip - omega_s) * least) { slip * (a + slip - omega_s).recip() } else { least };
-            let square = square.max(load * c.inv_pull_out).min(R::ONE);
+            let square = square.max(load * (c.inv_pull_out * leakage)).min(R::ONE);
             square.sqrt().max((load * c.inv_torque).min(R::ONE))
         } else {
             R::ONE
@@ -105,9 +105,9 @@ mod tests {
     /// Factor and stator frequency once they stand.
     fn settled(shift: &mut FluxShift<f64>, omega_m: f64, torque: f64) -> (f64, f64) {
         for _ in 0..1000 {
-            shift.step(&CONFIG, omega_m, torque);
+            shift.step(&CONFIG, omega_m, torque, 1.0);
         }
-        let factor = shift.step(&CONFIG, omega_m, torque);
+        let factor = shift.step(&CONFIG, omega_m, torque, 1.0);
         (factor, omega_m + SLIP * torque / (factor * factor))
     }
 
@@ -143,7 +143,7 @@ mod tests {
         let off = ShiftConfig { omega_s_min: 0.0, ..CONFIG };
         let mut shift = FluxShift::default();
         for k in -50..50 {
-            assert_eq!(shift.step(&off, f64::from(k) * 1e-3, 1.0), 1.0);
+            assert_eq!(shift.step(&off, f64::from(k) * 1e-3, 1.0, 1.0), 1.0);
         }
     }
 
@@ -169,7 +169,7 @@ mod tests {
         let mut shift = FluxShift::default();
         let mut last = 1.0;
         for _ in 0..1000 {
-            let factor = shift.step(&wide, -SLIP, 1.0);
+            let factor = shift.step(&wide, -SLIP, 1.0, 1.0);
             assert!(last - factor < CONFIG.step + 1e-12);
             last = factor;
         }
@@ -179,10 +179,13 @@ mod tests {
     #[test]
     fn the_flux_keeps_its_distance_to_pull_out() {
         let near = ShiftConfig { inv_pull_out: 0.8, ..CONFIG };
-        let mut shift = FluxShift::default();
-        for _ in 0..1000 {
-            shift.step(&near, -SLIP, 1.0);
+        for leakage in [1.0, 1.1] {
+            let mut shift = FluxShift::default();
+            for _ in 0..1000 {
+                shift.step(&near, -SLIP, 1.0, leakage);
+            }
+            let factor = shift.step(&near, -SLIP, 1.0, leakage);
+            assert!((factor - (0.8 * leakage).sqrt()).abs() < 1e-9, "{factor}");
         }
-        assert!((shift.step(&near, -SLIP, 1.0) - 0.8_f64.sqrt()).abs() < 1e-9);
     }
 }

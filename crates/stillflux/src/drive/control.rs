@@ -2,12 +2,12 @@
 //!
 //! ```text
 //! ψ* = min(κ ψ_N, ψ*_u),    i_q* = T*/ψ,    i_d* by (12) at ψ and i_q*, with the flux controller's correction
-//! |T*| ≤ ψ min(0.8 i_q,pull-out, √(i_max² - i_0²), √(i_max² - i_d*²), i_q,u)
+//! |T*| ≤ ψ min(0.8 i_q,pull-out(ψ_p), √(i_max² - i_0²), √(i_max² - i_d*²), i_q,u)
 //! ```
 //!
-//! `ψ` is the flux of [`Estimators::present_flux`], `κ` that of the flux shift, `ψ*_u` that of field weakening
-//! ([`crate::control::weakening`]), `u_max = 0.98 u_dc/√3`. The limit keeps 20 % of distance to pull-out at the flux
-//! `ψ`; a true flux below `ψ` reduces it. `i_q,u` is the torque current for which there is voltage: where the voltage is
+//! `ψ` is the flux of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`], `κ` that of the flux
+//! shift, `ψ*_u` that of field weakening ([`crate::control::weakening`]), `u_max = 0.98 u_dc/√3`. The limit keeps 20 %
+//! of distance to pull-out. `i_q,u` is the torque current for which there is voltage: where the voltage is
 //! at its limit while the drive is motoring it is the one that flows, and a little more so that the limit is felt again
 //! as soon as there is voltage. The speed controller does not integrate what it limits.
 
@@ -57,6 +57,8 @@ pub(super) struct Control<R: Real> {
     ramp: Ramp<R>,
     overload: Overload<R>,
     pub voltage: Voltage<R>,
+    /// The torque reference is at its limit, under speed control.
+    pub torque_limited: bool,
 }
 
 impl<R: Real> Control<R> {
@@ -76,6 +78,7 @@ impl<R: Real> Control<R> {
             ramp: Ramp::default(),
             overload: Overload::default(),
             voltage: Voltage::new(),
+            torque_limited: false,
         }
     }
 
@@ -152,9 +155,7 @@ impl<R: Real> Control<R> {
             psi_ff = psi_ref;
             range = Range::Weakened;
         }
-        // Where flux is missing the torque gives way to it, lest it collapses at a pull-out that comes before the expected.
-        let there = (psi * c.flux_control.reciprocal(psi_ref)).min(R::ONE);
-        let mut i_q_max = (c.pull_out_use * psi * (there * there)).min(self.i_q_room);
+        let mut i_q_max = (c.pull_out_use * estimators.pull_out_flux(psi)).min(self.i_q_room);
         if !likely(u_sq <= u_max * u_max) {
             i_q_max = i_q_max.min(self.i_q_at_voltage_limit(speed.omega_s));
         }
@@ -166,11 +167,15 @@ impl<R: Real> Control<R> {
         let (lo, hi) = c.speed_control.limits(torque_max);
         #[cfg(feature = "dclink")]
         let (lo, hi) = c.dclink.limit(u_dc, speed.omega_m, (lo, hi));
+        self.torque_limited = false;
         let torque_ref = match *reference {
             Reference::Speed(omega) => {
                 let omega = omega.clamp(c.omega_least, c.omega_most);
                 let omega = self.ramp.step(&c.ramp, omega, speed.omega_m, self.limited);
-                self.speed.step(&c.speed_control, omega, speed.omega_m, (lo, hi))
+                let torque = self.speed.step(&c.speed_control, omega, speed.omega_m, (lo, hi));
+                let near = R::from_f64(0.98);
+                self.torque_limited = torque >= hi * near || torque <= lo * near;
+                torque
             }
             Reference::Torque(torque) => {
                 let torque_ref = torque.clamp(lo, hi);

@@ -130,7 +130,7 @@ impl<R: Real> EnhancedEstimators<R> {
         } else if stage == c.magnetise_periods / 2 && !self.search.found_rotation() {
             // At standstill the settled flux follows from the current.
             self.filter.settle(&c.enhanced.filter, c.flux_control.psi_rated);
-            self.speed_estimator.start(&self.filter.value(), R::ZERO);
+            self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), R::ZERO);
         }
         i_ref
     }
@@ -146,7 +146,7 @@ impl<R: Real> EnhancedEstimators<R> {
             self.knee = c.inverter.knee(self.filter.knee());
         }
         let i_s = self.filter.i_s();
-        let psi_r = self.filter.value() - i_s * c.speed.sigma_l_s;
+        let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         let (mut field, mut periods) = (Rotator::default(), c.magnetise_periods);
         if searching {
             self.search_speed(c, &psi_r, &i_s, at.stage);
@@ -220,7 +220,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
 
     #[inline(never)]
     fn update_speed(&mut self, c: &DriveConfig<R>) {
-        self.speed = self.speed_estimator.step(&c.speed, &self.filter.value(), &self.filter.i_s());
+        self.speed =
+            self.speed_estimator.step(&c.speed, &self.filter.rotor_flux(&c.enhanced.filter), &self.filter.i_s());
     }
 
     #[inline(always)]
@@ -231,7 +232,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
 
     #[inline(always)]
     fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R {
-        self.shift.step(&c.enhanced.shift, self.speed.omega_m, torque)
+        self.shift.step(&c.enhanced.shift, self.speed.omega_m, torque, self.filter.leakage())
     }
 
     #[inline(always)]
@@ -257,6 +258,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let gain = if regenerating { weight_by_frequency(omega_s).max(R::from_f64(REGENERATING)) } else { R::ONE };
         let psi = self.filter.magnitude().clamp(psi_ref.half(), psi_ref * R::from_f64(1.5));
         (psi_ref + weight * (psi - psi_ref), weight * gain)
+    }
+
+    /// `|ψ̂_s|` over the relative leakage. A flux below `psi` counts with its full amount: taken too small it costs
+    /// torque, taken too large the flux collapses.
+    #[inline(always)]
+    fn pull_out_flux(&self, psi: R) -> R {
+        psi.min(self.filter.magnitude()).max(psi.half()) * self.filter.leakage().recip()
     }
 
     #[inline(always)]
@@ -288,15 +296,15 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     fn memory(&self, i_off: [R; 3]) -> Memory<R> {
-        let Learned { b, r_s, v: loss_error, knee, gamma: inv_l_m } = self.filter.learned();
-        Memory { u_off: b * -r_s, r_s, i_off, loss_error, knee, inv_l_m }
+        let Learned { b, r_s, v: loss_error, knee, leakage, gamma: inv_l_m } = self.filter.learned();
+        Memory { u_off: b * -r_s, r_s, i_off, loss_error, knee, leakage, inv_l_m }
     }
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
         // The offset of the filter is that beyond the offsets read at standstill: a new reading replaces both.
         let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -memory.r_s.recip() };
-        let Memory { r_s, loss_error: v, knee, inv_l_m: gamma, .. } = *memory;
-        self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, gamma });
+        let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
+        self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
         self.knee = c.inverter.knee(self.filter.knee());
     }
 }

@@ -129,7 +129,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
 
     #[inline(never)]
     fn update_speed(&mut self, c: &DriveConfig<R>) {
-        self.speed = self.speed_estimator.step(&c.speed, &self.flux.value(), &self.i_s);
+        self.speed = self.speed_estimator.step(&c.speed, &c.speed.rotor_flux(&self.flux.value(), &self.i_s), &self.i_s);
         self.flux.set_stator_frequency(&c.paper.flux, self.speed.omega_s);
     }
 
@@ -169,6 +169,11 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     }
 
     #[inline(always)]
+    fn pull_out_flux(&self, psi: R) -> R {
+        psi
+    }
+
+    #[inline(always)]
     fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>) {
         (R::ONE, c.inverter.nominal())
     }
@@ -197,7 +202,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     /// Inverter and inductance are not estimated.
     fn memory(&self, i_off: [R; 3]) -> Memory<R> {
         let (u_off, r_s) = (self.flux.offset.u_off(), self.resistance.r_s());
-        Memory { u_off, r_s, i_off, loss_error: R::ZERO, knee: R::ONE, inv_l_m: R::ONE }
+        Memory { u_off, r_s, i_off, loss_error: R::ZERO, knee: R::ONE, leakage: R::ONE, inv_l_m: R::ONE }
     }
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {

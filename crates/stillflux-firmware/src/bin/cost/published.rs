@@ -17,6 +17,8 @@ use stillflux_firmware::exchange::Word;
 
 /// Name of the step in the report.
 pub const STEP: &str = "drive_step";
+/// Name of the whole interrupt in the report.
+pub const INTERRUPT: &str = "interrupt";
 
 /// What is measured.
 #[derive(Clone, Copy, Default)]
@@ -184,7 +186,8 @@ fn speed_estimator<R: Word>(
     psi_s: &AlphaBeta<R>,
     i_s: &AlphaBeta<R>,
 ) -> SpeedEstimate<R> {
-    s.step(c.speed_config(), psi_s, i_s)
+    let c = c.speed_config();
+    s.step(c, &c.rotor_flux(psi_s, i_s), i_s)
 }
 #[inline(never)]
 fn resistance_adaptation<R: Word>(

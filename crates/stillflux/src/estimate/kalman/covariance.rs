@@ -12,7 +12,7 @@
 use crate::scalar::Real;
 
 /// Number of states.
-pub(super) const N: usize = 10;
+pub(super) const N: usize = 11;
 /// Elements of the lower triangle.
 const PACKED: usize = N * (N + 1) / 2;
 
@@ -24,8 +24,8 @@ pub(super) type Column<R> = [R; N];
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Covariance<R: Real> {
-    /// Row after row of the lower triangle, cut into pieces of `N + 1`.
-    p: [[R; N + 1]; N / 2],
+    /// Row after row of the lower triangle, cut into pieces of `N`.
+    p: [[R; N]; N.div_ceil(2)],
 }
 
 /// Position of element `(i, j)` or `(j, i)`.
@@ -39,7 +39,7 @@ const fn at(i: usize, j: usize) -> usize {
 
 impl<R: Real> Default for Covariance<R> {
     fn default() -> Self {
-        Self { p: [[R::ZERO; N + 1]; N / 2] }
+        Self { p: [[R::ZERO; N]; N.div_ceil(2)] }
     }
 }
 
@@ -94,7 +94,7 @@ impl<R: Real> Covariance<R> {
     /// The same for one of the first two states, a vector whose components have rows of the same shape:
     /// `x_0 ← x_0 + own x_O + Σ c_j x_j`, or with `x_1` and `x_(O+1)` (`second`). One code for both.
     #[inline(always)]
-    pub fn advance_pair<const O: usize>(&mut self, second: bool, own: R, terms: &[(usize, R); 3]) {
+    pub fn advance_pair<const O: usize>(&mut self, second: bool, own: R, terms: &[(usize, R); 4]) {
         let from = usize::from(second);
         // Written out: in a loop, fixed point would compute the position of every element at run time.
         let row: Column<R> = [
@@ -108,6 +108,7 @@ impl<R: Real> Covariance<R> {
             self.pair_row::<O>(from, own, terms, 7),
             self.pair_row::<O>(from, own, terms, 8),
             self.pair_row::<O>(from, own, terms, 9),
+            self.pair_row::<O>(from, own, terms, 10),
         ];
         let (before, of_self, of_own) =
             if second { (self.get(1, 1), row[1], row[O + 1]) } else { (self.get(0, 0), row[0], row[O]) };
@@ -125,11 +126,14 @@ impl<R: Real> Covariance<R> {
 
     /// Element of the row that [`Covariance::advance_pair`] adds.
     #[inline(always)]
-    fn pair_row<const O: usize>(&self, from: usize, own: R, terms: &[(usize, R); 3], k: usize) -> R {
+    fn pair_row<const O: usize>(&self, from: usize, own: R, terms: &[(usize, R); 4], k: usize) -> R {
         // Row O + 1 begins O + 1 elements behind row O; columns O and O + 1 lie side by side.
         let of_own = self.p.as_flattened()[at(O, k) + if k <= O { (O + 1) * from } else { from }];
-        let [(a, by_a), (b, by_b), (c, by_c)] = *terms;
-        R::sum_of_products([own, by_a, by_b, by_c], [of_own, self.get(a, k), self.get(b, k), self.get(c, k)])
+        let [(a, by_a), (b, by_b), (c, by_c), (d, by_d)] = *terms;
+        R::sum_of_products(
+            [own, by_a, by_b, by_c, by_d],
+            [of_own, self.get(a, k), self.get(b, k), self.get(c, k), self.get(d, k)],
+        )
     }
 
     /// `P h` for a sparse `h`.
@@ -181,7 +185,7 @@ mod tests {
     /// A covariance with every element in use.
     fn sample() -> Covariance<f64> {
         let mut p = Covariance::default();
-        p.set_diagonal(&[1.0, 2.0, 0.5, 3.0, 1.5, 0.7, 0.9, 1.1, 0.4, 0.8]);
+        p.set_diagonal(&[1.0, 2.0, 0.5, 3.0, 1.5, 0.7, 0.9, 1.1, 0.6, 0.4, 0.8]);
         for i in 0..N {
             for j in 0..i {
                 p.add_at(i, j, 0.02 * (i as f64 - 0.7 * j as f64));

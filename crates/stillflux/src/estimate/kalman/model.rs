@@ -7,16 +7,16 @@
 //! ```text
 //! f:   ψ_s⁺ = ψ_s + Δ (u_s - ε_v u_l - ε_k u_k - r_s i)             stator voltage equation
 //!      m⁺   = m + r_R Δ (i·n - i_μ(m)),    i_μ(m) = γ m g(m)/l_M    rotor equation along n
-//!      b, r_s, ε_v = ln ((1 + v)/(1 + v̂)), ε_k = ln (k/k̂), γ, c     random walks
-//! h:   |ψ_R| - m = 0,    ψ_R = ψ_s - σl_s i,    n = ψ_R/|ψ_R|
+//!      b, r_s, ε_v = ln ((1 + v)/(1 + v̂)), ε_k = ln (k/k̂), ε_l = ln (l/l̂), γ, c     random walks
+//! h:   |ψ_R| - m = 0,    ψ_R = ψ_s - l i,    n = ψ_R/|ψ_R|
 //! ```
 //!
 //! `g(m) = 1 - c + c (m/m_N)^S` is the magnetising curve: `c` is the saturated part of the magnetising current at
 //! the rated rotor flux `m_N`, `S` the exponent of the machine's curve. It is followed up to `(m/m_N)^S = 8`; `g` is
-//! constant beyond. With `t = jn` and the current components `i_d = i·n`, `i_q = i·t` the derivatives are
+//! constant beyond. `l` is the leakage inductance `σl_s`, `Δi` the change of the current over the block. With `t = jn` and the current components `i_d = i·n`, `i_q = i·t` the derivatives are
 //!
 //! ```text
-//! F:   ∂χ⁺/∂b = Δ r_s I,   ∂χ⁺/∂r_s = -Δ i,   ∂χ⁺/∂ε_v = -Δ u_l,   ∂χ⁺/∂ε_k = -Δ u_k
+//! F:   ∂χ⁺/∂b = Δ r_s I,   ∂χ⁺/∂r_s = -Δ i,   ∂χ⁺/∂ε_v = -Δ u_l,   ∂χ⁺/∂ε_k = -Δ u_k,   ∂χ⁺/∂ε_l = -l̂ Δi
 //!      ∂m⁺/∂χ = r_R Δ (i_q/|ψ_R|) tᵀ                                rotation of n in i·n
 //!      ∂m⁺/∂b = -r_R Δ nᵀ
 //!      ∂m⁺/∂m = 1 - (r_R Δ/l_M) γ d(m g)/dm,   d(m g)/dm = g + S c (m/m_N)^S
@@ -24,15 +24,16 @@
 //! H:   ∂h/∂χ  = nᵀ,   ∂h/∂m = -1
 //! ```
 //!
-//! `|i_q|/|ψ_R|` is limited to 2 there. `i` in `∂χ⁺/∂r_s` is the current *reference*: noise of a measured regressor
-//! would act as excitation. `1 + v̂` and `k̂` act within the inverter model, so `ε_v` and `ε_k` are errors about the
-//! present estimates: a correction `δε` multiplies `1 + v̂` or `k̂` by `1 + δε`, after which `ε` is zero again. Above
+//! `|i_q|/|ψ_R|` is limited to 2 there. `i` in `∂χ⁺/∂r_s` and `Δi` are those of the current *reference*: noise of a
+//! measured regressor would act as excitation. `1 + v̂`, `k̂` and `l̂` are factors, and `ε_v`, `ε_k` and `ε_l` errors about
+//! the present estimates: a correction `δε` multiplies `1 + v̂`, `k̂` or `l̂` by `1 + δε`, after which `ε` is zero again. Above
 //! `|ω_s| = 0.2` the derivatives by `r_s`, `ε_v` and `ε_k` are zero (consider states, [`super::schedule`]).
 //!
-//! The covariance is not that of `ψ_s` but of `χ = ψ_s + σl_s b = ψ_R + σl_s i_m`, the stator flux computed from `ψ_R`
-//! with the measured current. `ψ_R = ψ_s - σl_s (i_m - b)` depends on the offset, `ψ_R = χ - σl_s i_m` does not: with
-//! `χ` as state `b` is neither in `H` nor in `∂m⁺/∂χ`, and since `b` is constant `dχ = dψ_s`. A correction is converted
-//! by `δψ_s = δχ - σl_s δb` ([`super::Filter`]).
+//! The covariance is not that of `ψ_s` but of `χ = ψ_R + l̂ i_m`, the stator flux computed from `ψ_R` with the measured
+//! current and the present estimate of the leakage. `ψ_R = ψ_s - l (i_m - b)` depends on offset and leakage, `ψ_R = χ -
+//! l̂ i_m` on neither: with `χ` as state they are neither in `H` nor in `∂m⁺/∂χ`. From `ψ_s = χ + (l - l̂) i_m - l b`
+//! follows `dχ = dψ_s - ε_l l̂ di_m`: an error of the leakage becomes visible where the current changes, with the load or
+//! with the rotation of the field. A correction is converted by `δψ_s = δχ + l̂ i δε_l - l̂ δb` ([`super::Filter`]).
 //!
 //! The covariance is that of *scaled* states, each in units of a typical deviation ([`Model::scale`]), so that it
 //! fits fixed point; the rows below are scaled accordingly.
@@ -46,7 +47,7 @@ use crate::scalar::Real;
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
 
-/// `χ = ψ_s + σl_s b`, two components.
+/// `χ = ψ_R + l̂ i_m`, two components.
 pub(super) const PSI: usize = 0;
 /// Magnitude `m` of the rotor flux by the current model.
 pub(super) const M: usize = 2;
@@ -58,10 +59,12 @@ pub(super) const RS: usize = 5;
 pub(super) const V: usize = 6;
 /// Knee of the inverter model: `ε_k`.
 pub(super) const KNEE: usize = 7;
+/// Leakage inductance `σl_s`: `ε_l`.
+pub(super) const LEAKAGE: usize = 8;
 /// Reciprocal of the magnetising inductance, relative to the parameter: `γ`.
-pub(super) const GAMMA: usize = 8;
+pub(super) const GAMMA: usize = 9;
 /// Saturated part `c` of the magnetising current.
-pub(super) const C: usize = 9;
+pub(super) const C: usize = 10;
 
 /// Largest saturated part of the magnetising current.
 pub(super) const C_MAX: f64 = 0.5;
@@ -70,20 +73,22 @@ pub(super) const C_MAX: f64 = 0.5;
 /// state. Allowance.
 pub(super) const TRANSIENT: f64 = 0.1;
 
-/// Scales of the states: fluxes and offset per unit; `r_s` relative to its parameter; `v`, knee, `γ`, `c` as they are.
+/// Scales of the states: fluxes and offset per unit; `r_s` relative to its parameter; the others as they are.
 pub(super) const SCALE_PSI: f64 = 0.05;
 pub(super) const SCALE_B: f64 = 0.01;
 pub(super) const SCALE_R: f64 = 0.05;
 pub(super) const SCALE_V: f64 = 0.1;
 pub(super) const SCALE_K: f64 = 0.2;
+pub(super) const SCALE_LEAKAGE: f64 = 0.1;
 pub(super) const SCALE_GAMMA: f64 = 0.05;
 pub(super) const SCALE_C: f64 = 0.1;
 
 /// A value for each state; both components of a vector have the same.
 #[inline(always)]
-pub(super) fn by_state<T: Copy>([psi, m, b, r_s, v, knee, gamma, c]: [T; 8]) -> [T; N] {
+pub(super) fn by_state<T: Copy>([psi, m, b, r_s, v, knee, leakage, gamma, c]: [T; 9]) -> [T; N] {
     let mut x = [psi; N];
-    (x[M], x[B], x[B + 1], x[RS], x[V], x[KNEE], x[GAMMA], x[C]) = (m, b, b, r_s, v, knee, gamma, c);
+    (x[M], x[B], x[B + 1], x[RS], x[V], x[KNEE], x[LEAKAGE], x[GAMMA], x[C]) =
+        (m, b, b, r_s, v, knee, leakage, gamma, c);
     x
 }
 
@@ -92,7 +97,7 @@ pub(super) fn by_state<T: Copy>([psi, m, b, r_s, v, knee, gamma, c]: [T; 8]) -> 
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Model<R: Real> {
-    /// Leakage inductance.
+    /// Leakage inductance of the parameters.
     pub sigma_l_s: R,
     /// Stator resistance of the parameters, with `r_d`: scale of its state.
     pub r_s: R,
@@ -181,8 +186,9 @@ pub(super) struct BlockMeans<R: Real> {
     /// Mean current in coordinates of the rotor flux.
     pub i_d: R,
     pub i_q: R,
-    /// Current reference, stator coordinates.
+    /// Current reference, stator coordinates, and its change over the block times `l̂`.
     pub i_s: AlphaBeta<R>,
+    pub d_leakage_flux: AlphaBeta<R>,
     /// Voltage of the inverter model.
     pub loss: Distortion<R>,
     /// Stator frequency.
@@ -200,6 +206,8 @@ pub(super) struct OperatingPoint<R: Real> {
     pub inv_psi_r: R,
     /// Current reference, stator coordinates: noise of a measured current as regressor would act as excitation.
     pub i_s: AlphaBeta<R>,
+    /// Its change over the block, times `l̂`.
+    pub d_leakage_flux: AlphaBeta<R>,
     /// Voltage of the inverter model.
     pub loss: Distortion<R>,
     /// `r_R Δ i_q/|ψ_R|`: `∂m⁺/∂χ` along `t`.
@@ -234,8 +242,9 @@ impl<R: Real> Model<R> {
     pub fn scale(&self) -> Column<R> {
         let r = R::from_f64;
         let r_s = self.r_s * r(SCALE_R);
-        let [psi, b, v, k, gamma, c] = [SCALE_PSI, SCALE_B, SCALE_V, SCALE_K, SCALE_GAMMA, SCALE_C].map(r);
-        by_state([psi, psi, b, r_s, v, k, gamma, c])
+        let [psi, b, v, k, l, gamma, c] =
+            [SCALE_PSI, SCALE_B, SCALE_V, SCALE_K, SCALE_LEAKAGE, SCALE_GAMMA, SCALE_C].map(r);
+        by_state([psi, psi, b, r_s, v, k, l, gamma, c])
     }
 
     /// The magnetising curve at flux `m` and saturation `c`.
@@ -284,6 +293,7 @@ impl<R: Real> Model<R> {
             n: x.n,
             inv_psi_r: x.inv_psi_r,
             i_s: x.i_s,
+            d_leakage_flux: x.d_leakage_flux,
             loss: x.loss,
             turn: self.r_r_block * (x.i_q * x.inv_psi_r).limit(R::TWO),
             magnetisation,
@@ -317,16 +327,16 @@ impl<R: Real> Model<R> {
         ]
     }
 
-    /// Row of one component of `χ` in `F`, given that component of `i`, `u_l` and `u_k`: coefficients of the same
-    /// component of `b`, of `r_s`, `ε_v` and `ε_k`; that of the component itself is one.
+    /// Row of one component of `χ` in `F`, given that component of `i`, `u_l`, `u_k` and `l̂ Δi`: coefficients of the
+    /// same component of `b`, of `r_s`, `ε_v`, `ε_k` and `ε_l`; that of the component itself is one.
     #[inline(always)]
-    pub fn flux_row(&self, i: R, u_l: R, u_k: R, r_s: R) -> [R; 4] {
+    pub fn flux_row(&self, i: R, u_l: R, u_k: R, d_leakage_flux: R, r_s: R) -> [R; 5] {
         let r = R::from_f64;
         let by_b = self.delta * r(SCALE_B / SCALE_PSI);
         let by_r_s = self.delta * self.r_s * r(SCALE_R / SCALE_PSI);
         let by_v = self.delta * r(SCALE_V / SCALE_PSI);
         let by_k = self.delta * r(SCALE_K / SCALE_PSI);
-        [by_b * r_s, -by_r_s * i, -by_v * u_l, -by_k * u_k]
+        [by_b * r_s, -by_r_s * i, -by_v * u_l, -by_k * u_k, -r(SCALE_LEAKAGE / SCALE_PSI) * d_leakage_flux]
     }
 
     /// `H`, the row of the measurement `h = |ψ_R| - m`.

@@ -20,6 +20,7 @@
 //! | `r_s` | 0.2 relative | 3e-3 relative | physical: winding temperature (50 K; overload) |
 //! | `ε_v` | 0.15 | 3e-3 | `σ_0` physical: tolerance of dead time and threshold. `σ_w` allowance: temperature of the switches |
 //! | `ε_k` | 0.7 with a capacitance among the parameters, else 0 | 3e-3 | `σ_0` physical: capacitance of devices, cable, motor. `σ_w` allowance |
+//! | `ε_l` | 0.1 | 2e-3 | `σ_0` physical: tolerance of `L_σ`. `σ_w` allowance: saturation of the leakage paths with the load |
 //! | `γ` | 0.07 | 1e-4 | `σ_0` physical: tolerance of `L_M`. `σ_w` allowance |
 //! | `c` | 0.05 with a saturation curve, 0.15 without | 1e-4 | allowance |
 //!
@@ -37,8 +38,8 @@
 
 use super::covariance::Column;
 use super::model::{
-    B, C, GAMMA, KNEE, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_PSI, SCALE_R, SCALE_V, TRANSIENT, V,
-    by_state,
+    B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R,
+    SCALE_V, TRANSIENT, V, by_state,
 };
 use crate::base::{PerUnit, rounded};
 use crate::scalar::Real;
@@ -46,6 +47,8 @@ use crate::words::words;
 
 /// Standard deviations at the start. Flux, per unit. Physical: remanence.
 const PRIOR_PSI: f64 = 5e-3;
+/// `ε_l`. Physical: tolerance of the leakage inductance.
+const PRIOR_LEAKAGE: f64 = 0.1;
 /// `γ`, relative. Physical: tolerance of the magnetising inductance.
 const PRIOR_GAMMA: f64 = 0.07;
 /// `r_s`, relative. Physical: temperature of the winding, 50 K at 0.39 %/K.
@@ -60,13 +63,14 @@ const PRIOR_C: (f64, f64) = (0.05, 0.15);
 /// Offset of the current sensors, per unit, after a reading with gates off and without one. Physical.
 const PRIOR_B: (f64, f64) = (5e-4, 0.05);
 
-/// Random walks, per √s: flux, `m`, offset (per unit), `r_s` (relative), `ε_v`, `ε_k`, `γ`, `c`. See the table above.
+/// Random walks, per √s: flux, `m`, offset (per unit), `r_s` (relative), `ε_v`, `ε_k`, `ε_l`, `γ`, `c`. See the table above.
 const WALK_PSI: f64 = 2e-3;
 const WALK_M: f64 = 1e-3;
 const WALK_B: f64 = 5e-4;
 const WALK_R_S: f64 = 3e-3;
 const WALK_V: f64 = 3e-3;
 const WALK_K: f64 = 3e-3;
+const WALK_LEAKAGE: f64 = 2e-3;
 const WALK_GAMMA: f64 = 1e-4;
 const WALK_C: f64 = 1e-4;
 /// Random walk of the flux per unit of stator frequency, per √s: at rated frequency and blocks of 1 ms as 0.5 % of the
@@ -75,7 +79,7 @@ const INDUCED: f64 = 0.05;
 
 /// Measurement noise of a block, per unit. Allowance, larger than the noise of the converters (the NIS of an
 /// undisturbed drive is 0.001 to 0.04, docs/tolerance.md): it covers model errors that last longer than a block
-/// (leakage inductance, gains of the current sensors) and are therefore not white.
+/// (gains of the current sensors, leakage that depends on the current) and are therefore not white.
 const MEASUREMENT_PU: f64 = 0.01;
 /// The same as scaled variance: `R`.
 pub(super) const MEASUREMENT: f64 = scaled(MEASUREMENT_PU, SCALE_PSI);
@@ -130,8 +134,8 @@ pub(super) struct Noise<R: Real> {
     /// Whether the offsets are read before each start, and whether the saturation is that of the machine's curve.
     calibrated: bool,
     c_known: bool,
-    /// Variance that each block adds: flux, `m`, offset, resistance, inverter error, knee, `γ`, `c`.
-    walk: [R; 8],
+    /// Variance that each block adds: flux, `m`, offset, resistance, inverter error, knee, leakage, `γ`, `c`.
+    walk: [R; 9],
     /// Added to the flux per squared stator frequency.
     induced: R,
     /// Current of a phase, per unit, below which its voltage is uncertain.
@@ -145,8 +149,19 @@ impl<R: Real> Noise<R> {
     pub fn new(pu: &PerUnit, seconds: f64, calibrated: bool, c_known: bool, identified: Identified) -> Self {
         let r = rounded::<R>;
         let r_s = pu.r_s;
-        let scale = by_state([SCALE_PSI, SCALE_PSI, SCALE_B, SCALE_R * r_s, SCALE_V, SCALE_K, SCALE_GAMMA, SCALE_C]);
-        let walk = by_state([WALK_PSI, WALK_M, WALK_B, WALK_R_S * r_s, WALK_V, WALK_K, WALK_GAMMA, WALK_C]);
+        let scale = by_state([
+            SCALE_PSI,
+            SCALE_PSI,
+            SCALE_B,
+            SCALE_R * r_s,
+            SCALE_V,
+            SCALE_K,
+            SCALE_LEAKAGE,
+            SCALE_GAMMA,
+            SCALE_C,
+        ]);
+        let walk =
+            by_state([WALK_PSI, WALK_M, WALK_B, WALK_R_S * r_s, WALK_V, WALK_K, WALK_LEAKAGE, WALK_GAMMA, WALK_C]);
         let Identified { offset, resistance, .. } = identified;
         let knee = resistance && pu.knee > 0.0;
         let on = |k: usize| match k {
@@ -162,7 +177,7 @@ impl<R: Real> Noise<R> {
             knee,
             calibrated,
             c_known,
-            walk: [PSI, M, B, RS, V, KNEE, GAMMA, C].map(variance),
+            walk: [PSI, M, B, RS, V, KNEE, LEAKAGE, GAMMA, C].map(variance),
             induced: r(INDUCED * INDUCED * seconds / (SCALE_PSI * SCALE_PSI)),
             zero: r(pu.dead_time_swing.max(ZERO_MIN)),
         }
@@ -181,19 +196,20 @@ impl<R: Real> Noise<R> {
         let r_s = r(self.resistance, const { scaled(PRIOR_R_S, SCALE_R) });
         let v = r(self.resistance, const { scaled(PRIOR_V, SCALE_V) });
         let knee = r(self.knee, const { scaled(PRIOR_K, SCALE_K) });
+        let leakage = R::from_f64(const { scaled(PRIOR_LEAKAGE, SCALE_LEAKAGE) });
         let gamma = R::from_f64(const { scaled(PRIOR_GAMMA, SCALE_GAMMA) });
-        by_state([psi, psi, b, r_s, v, knee, gamma, either(self.c_known, PRIOR_C, SCALE_C)])
+        by_state([psi, psi, b, r_s, v, knee, leakage, gamma, either(self.c_known, PRIOR_C, SCALE_C)])
     }
 
     /// Variances that each block adds; `excess`: of the NIS over its threshold.
     #[inline(always)]
     pub fn walk(&self, excess: R) -> Column<R> {
-        let [psi, m, b, r_s, v, knee, gamma, c] = self.walk;
+        let [psi, m, b, r_s, v, knee, leakage, gamma, c] = self.walk;
         let step = |on: bool, variance: f64| if on { R::from_f64(variance) * excess } else { R::ZERO };
         let of_psi = step(true, const { scaled(STEP_PSI, SCALE_PSI) });
         let of_b = step(self.offset, const { scaled(STEP_B, SCALE_B) });
         let of_r_s = step(self.resistance, const { scaled(STEP_R_S, SCALE_R) });
-        by_state([psi + of_psi, m, b + of_b, r_s + of_r_s, v, knee, gamma, c])
+        by_state([psi + of_psi, m, b + of_b, r_s + of_r_s, v, knee, leakage, gamma, c])
     }
 
     /// Variance added to each component of the flux at a stator frequency.

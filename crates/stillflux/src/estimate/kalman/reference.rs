@@ -3,12 +3,12 @@
 //! The scheduled filter must agree with it, and the derivatives in the model with central differences of its equations.
 
 use super::model::{
-    B, BlockMeans, C, C_MAX, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K,
-    SCALE_PSI, SCALE_R, SCALE_V, V,
+    B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA,
+    SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
 };
 use super::{
-    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, N, NIS_CORNER, NIS_THRESHOLD, R_S_RANGE,
-    SIGMA_LOST, V_MAX, noise,
+    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, N, NIS_CORNER,
+    NIS_THRESHOLD, R_S_RANGE, SIGMA_LOST, V_MAX, noise,
 };
 use crate::base::{Base, PerUnit};
 use crate::inverter::Distortion;
@@ -43,27 +43,37 @@ fn scale(model: &Model<f64>) -> State {
         SCALE_R * model.r_s,
         SCALE_V,
         SCALE_K,
+        SCALE_LEAKAGE,
         SCALE_GAMMA,
         SCALE_C,
     ])
 }
 
-/// `ψ_s`, `m` and `b` of a state whose first components are `χ`.
-fn parts(model: &Model<f64>, x: &State) -> (Vector2<f64>, f64, Vector2<f64>) {
-    let b = Vector2::new(x[B], x[B + 1]);
-    (Vector2::new(x[PSI], x[PSI + 1]) - b * model.sigma_l_s, x[M], b)
+/// `ψ_R = χ - l̂ i_m`, `m` and `b` of a state whose first components are `χ`. The present estimate `l̂` of the leakage is
+/// that of the parameters.
+fn parts(model: &Model<f64>, x: &State, i_m: Vector2<f64>) -> (Vector2<f64>, f64, Vector2<f64>) {
+    (Vector2::new(x[PSI], x[PSI + 1]) - i_m * model.sigma_l_s, x[M], Vector2::new(x[B], x[B + 1]))
 }
 
-/// `f` of the model: a state after a block with the measured current `i_m`, the voltage `u_s` and the inverter model's
-/// loss. `V` and `KNEE` hold the logarithmic errors.
-fn f(model: &Model<f64>, x: &State, i_m: Vector2<f64>, u_s: Vector2<f64>, loss: &Distortion<f64>) -> State {
+/// Inputs of a block: measured current and its change, voltage, and the inverter model's loss.
+struct Block {
+    i_m: Vector2<f64>,
+    d_i: Vector2<f64>,
+    u_s: Vector2<f64>,
+    loss: Distortion<f64>,
+}
+
+/// `f` of the model: a state after a block. `V`, `KNEE` and `LEAKAGE` hold the logarithmic errors.
+fn f(model: &Model<f64>, x: &State, &Block { i_m, d_i, u_s, ref loss }: &Block) -> State {
     let (u_l, u_k) = (vector(&loss.vector()), -vector(&AlphaBeta::from_phases(loss.by_knee())));
-    let (psi_s, m, b) = parts(model, x);
-    let i = i_m - b;
-    let n = (psi_s - i * model.sigma_l_s).normalize();
+    let (psi_r, m, b) = parts(model, x, i_m);
+    let (i, n) = (i_m - b, psi_r.normalize());
+    let leakage = model.sigma_l_s * x[LEAKAGE].exp();
     let mut next = *x;
+    let psi_s = psi_r + i * leakage;
     let psi_next = psi_s + (u_s - u_l * x[V] - u_k * x[KNEE] - i * x[RS]) * model.delta;
-    let chi = psi_next + b * model.sigma_l_s;
+    let psi_r_next = psi_next - (i + d_i) * leakage;
+    let chi = psi_r_next + (i_m + d_i) * model.sigma_l_s;
     (next[PSI], next[PSI + 1]) = (chi.x, chi.y);
     next[M] = m + model.r_r_block * i.dot(&n) - model.decay * x[GAMMA] * model.curve(m, x[C]).m_g;
     next
@@ -71,15 +81,14 @@ fn f(model: &Model<f64>, x: &State, i_m: Vector2<f64>, u_s: Vector2<f64>, loss: 
 
 /// `h` of the model.
 fn h(model: &Model<f64>, x: &State, i_m: Vector2<f64>) -> f64 {
-    let (psi_s, m, b) = parts(model, x);
-    (psi_s - (i_m - b) * model.sigma_l_s).norm() - m
+    let (psi_r, m, _) = parts(model, x, i_m);
+    psi_r.norm() - m
 }
 
 /// The operating point of a state.
-fn point(model: &Model<f64>, x: &State, i_m: Vector2<f64>, loss: Distortion<f64>, omega_s: f64) -> OperatingPoint<f64> {
-    let (psi_s, m, b) = parts(model, x);
-    let i = i_m - b;
-    let psi_r = psi_s - i * model.sigma_l_s;
+fn point(model: &Model<f64>, x: &State, block: &Block, omega_s: f64) -> OperatingPoint<f64> {
+    let (psi_r, m, b) = parts(model, x, block.i_m);
+    let i = block.i_m - b;
     let n = psi_r.normalize();
     let means = BlockMeans {
         n: Rotator { cos: n.x, sin: n.y },
@@ -87,7 +96,8 @@ fn point(model: &Model<f64>, x: &State, i_m: Vector2<f64>, loss: Distortion<f64>
         i_d: i.dot(&n),
         i_q: n.x * i.y - n.y * i.x,
         i_s: AlphaBeta::new(i.x, i.y),
-        loss,
+        d_leakage_flux: AlphaBeta::new(block.d_i.x, block.d_i.y) * model.sigma_l_s,
+        loss: block.loss,
         omega_s,
     };
     model.operating_point(&means, model.magnetisation(m, x[GAMMA], x[C]), x[GAMMA]).0
@@ -104,8 +114,9 @@ fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, r_s: f64, gamma: f64
     for k in 0..2 {
         let seen = if held { 0.0 } else { 1.0 };
         let (u_l, u_k) = (vector(&at.loss.vector()), -vector(&AlphaBeta::from_phases(at.loss.by_knee())));
-        let row = model.flux_row(vector(&at.i_s)[k] * seen, u_l[k] * seen, u_k[k] * seen, r_s);
-        for (j, x) in [B + k, RS, V, KNEE].into_iter().zip(row) {
+        let row =
+            model.flux_row(vector(&at.i_s)[k] * seen, u_l[k] * seen, u_k[k] * seen, vector(&at.d_leakage_flux)[k], r_s);
+        for (j, x) in [B + k, RS, V, KNEE, LEAKAGE].into_iter().zip(row) {
             big_f[(PSI + k, j)] = x;
         }
     }
@@ -158,22 +169,25 @@ fn transition_and_measurement_rows_are_the_derivatives_of_the_model() {
         let (c, _) = config(&machine, &inverter);
         let (model, scale) = (&c.model, scale(&c.model));
         for _ in 0..200 {
-            let i_m = Vector2::new(r(), r());
-            let u_s = Vector2::new(r(), r()) * 0.1;
-            let loss = Distortion { phases: [r() * 0.03, r() * 0.03, r() * 0.03], least: 0.003, full: 0.033 };
+            let block = Block {
+                i_m: Vector2::new(r(), r()),
+                d_i: Vector2::new(r(), r()) * 0.1,
+                u_s: Vector2::new(r(), r()) * 0.1,
+                loss: Distortion { phases: [r() * 0.03, r() * 0.03, r() * 0.03], least: 0.003, full: 0.033 },
+            };
             let mut x = State::zeros();
             (x[PSI], x[PSI + 1]) = (0.8 + 0.2 * r(), 0.6 + 0.2 * r());
             (x[M], x[B], x[B + 1]) = (0.9 + 0.2 * r(), 0.01 * r(), 0.01 * r());
             (x[RS], x[V], x[KNEE]) = (model.r_s * (1.0 + 0.2 * r()), 0.1 * r(), 0.2 * r());
             (x[GAMMA], x[C]) = (1.0 + 0.1 * r(), 0.2 + 0.1 * r());
-            let at = point(model, &x, i_m, loss, 0.05);
+            let at = point(model, &x, &block, 0.05);
 
             let exact = transition(model, &at, x[RS], x[GAMMA]);
-            let numeric = differences(&x, &scale, |x| f(model, x, i_m, u_s, &loss).component_div(&scale));
+            let numeric = differences(&x, &scale, |x| f(model, x, &block).component_div(&scale));
             assert!((exact - numeric).amax() < 1e-6, "F is off by {}", exact - numeric);
 
             let exact = measurement(&at);
-            let numeric = differences(&x, &scale, |x| SVector::from([h(model, x, i_m) / SCALE_PSI]));
+            let numeric = differences(&x, &scale, |x| SVector::from([h(model, x, block.i_m) / SCALE_PSI]));
             assert!((exact - numeric).amax() < 1e-6, "H is off by {}", exact - numeric);
         }
     }
@@ -182,6 +196,7 @@ fn transition_and_measurement_rows_are_the_derivatives_of_the_model() {
 /// The dense filter.
 struct Reference {
     c: FilterConfig<f64>,
+    /// With the factors `1 + v̂`, `k̂` and `l̂` instead of their logarithmic errors.
     x: State,
     p: Matrix,
     /// `P Hᵀ/S`, of the scaled states; zero where the block corrects nothing.
@@ -190,6 +205,8 @@ struct Reference {
     /// Direction of the rotor flux when the gain was computed.
     n: Vector2<f64>,
     i_s: Vector2<f64>,
+    /// Current reference at the end of the last block.
+    i_ref: Vector2<f64>,
     sum: Vector2<f64>,
     period: u32,
     nis: f64,
@@ -202,7 +219,7 @@ impl Reference {
     /// A copy of a scheduled filter, all of whose work of a block is done.
     fn of(c: &FilterConfig<f64>, filter: &Filter<f64>) -> Self {
         let b = filter.b();
-        let chi = filter.value() + b * c.model.sigma_l_s;
+        let chi = filter.value() + b * filter.sigma_l_s(c);
         let value = |x: &crate::scalar::Integrator<f64>| x.value();
         Self {
             c: *c,
@@ -213,8 +230,9 @@ impl Reference {
                 b.re(),
                 b.im(),
                 filter.r_s(),
-                filter.v(),
+                1.0 + filter.v(),
                 filter.knee(),
+                filter.leakage(),
                 value(&filter.gamma),
                 value(&filter.c),
             ]),
@@ -223,6 +241,7 @@ impl Reference {
             inv_s: filter.inv_s,
             n: Vector2::new(filter.point.n.cos, filter.point.n.sin),
             i_s: vector(&filter.i_s),
+            i_ref: vector(&filter.point.i_s),
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),
             period: filter.period.into(),
             nis: filter.nis,
@@ -240,10 +259,12 @@ impl Reference {
 
     fn step(&mut self, input: &Input<f64>) {
         let (model, t_s) = (self.c.model, self.c.t_s);
-        let (psi, _, b) = parts(&model, &self.x);
+        let b = Vector2::new(self.x[B], self.x[B + 1]);
+        let leakage = model.sigma_l_s * self.x[LEAKAGE];
         let i_s = vector(&input.i_m) - b;
+        let psi = Vector2::new(self.x[PSI], self.x[PSI + 1]) - b * leakage;
         let psi = psi + (vector(&input.u_s) - (self.i_s + i_s) * (0.5 * self.x[RS])) * t_s;
-        let chi = psi + b * model.sigma_l_s;
+        let chi = psi + b * leakage;
         (self.x[PSI], self.x[PSI + 1], self.i_s) = (chi.x, chi.y, i_s);
         let (d, psi_s) = self.polar(0, psi);
         self.sum += Vector2::new(d.dot(&i_s), d.x * i_s.y - d.y * i_s.x);
@@ -255,19 +276,23 @@ impl Reference {
         let i_dq = self.sum / f64::from(self.c.block);
         self.sum = Vector2::zeros();
 
-        let psi_r = psi - i_s * model.sigma_l_s;
+        let psi_r = psi - i_s * leakage;
         let (n, magnitude) = self.polar(1, psi_r);
         let inv = self.inv_psi[1];
         // ψ_R·i and ψ_R×i of the mean current, which is given in coordinates of the stator flux.
-        let along = psi_s * i_dq.x - model.sigma_l_s * i_dq.norm_squared();
+        let along = psi_s * i_dq.x - leakage * i_dq.norm_squared();
         let across = psi_s * i_dq.y;
         let gamma = self.x[GAMMA];
+        let i_ref = Rotator { cos: d.x, sin: d.y }.to_stator(&input.i_ref);
+        let d_i = vector(&i_ref) - self.i_ref;
+        self.i_ref = vector(&i_ref);
         let means = BlockMeans {
             n: Rotator { cos: n.x, sin: n.y },
             inv_psi_r: inv,
             i_d: along * inv,
             i_q: across * inv,
-            i_s: Rotator { cos: d.x, sin: d.y }.to_stator(&input.i_ref),
+            i_s: i_ref,
+            d_leakage_flux: AlphaBeta::new(d_i.x, d_i.y) * leakage,
             loss: input.loss,
             omega_s: input.omega_s,
         };
@@ -286,8 +311,11 @@ impl Reference {
         }
         self.n = n;
         let mut by = (self.gain * z).component_mul(&scale(&model));
-        by[V] *= 1.0 + self.x[V];
-        by[KNEE] *= self.x[KNEE];
+        let psi =
+            psi + Vector2::new(by[PSI], by[PSI + 1]) + (i_s * by[LEAKAGE] - Vector2::new(by[B], by[B + 1])) * leakage;
+        for factor in [V, KNEE, LEAKAGE] {
+            by[factor] *= self.x[factor];
+        }
         self.x += by;
         let r_s = model.r_s;
         for (k, (low, high)) in [
@@ -295,13 +323,16 @@ impl Reference {
             (B, (-B_MAX, B_MAX)),
             (B + 1, (-B_MAX, B_MAX)),
             (RS, (R_S_RANGE.0 * r_s, R_S_RANGE.1 * r_s)),
-            (V, (-V_MAX, V_MAX)),
+            (V, (1.0 - V_MAX, 1.0 + V_MAX)),
             (KNEE, KNEE_RANGE),
+            (LEAKAGE, LEAKAGE_RANGE),
             (GAMMA, GAMMA_RANGE),
             (C, (0.0, C_MAX)),
         ] {
             self.x[k] = self.x[k].clamp(low, high);
         }
+        let chi = psi + Vector2::new(self.x[B], self.x[B + 1]) * (model.sigma_l_s * self.x[LEAKAGE]);
+        (self.x[PSI], self.x[PSI + 1]) = (chi.x, chi.y);
         self.update_covariance(&at, self.x[RS], self.x[GAMMA]);
     }
 
@@ -371,8 +402,9 @@ struct ClosedLoop {
     r_r: f64,
     inv_tau_r: f64,
     i_d: f64,
-    /// Resistance of the winding, relative to the parameter.
+    /// Resistance and leakage inductance of the winding, relative to the parameters.
     r_s: f64,
+    leakage: f64,
     offset: Vector2<f64>,
 }
 
@@ -398,6 +430,7 @@ impl ClosedLoop {
             inv_tau_r: 1.0 / pu.tau_r,
             i_d,
             r_s: 1.05,
+            leakage: 1.1,
             offset: Vector2::new(3e-4, -2e-4),
             c,
         }
@@ -408,7 +441,7 @@ impl ClosedLoop {
         let (c, t_s) = (&self.c, self.c.t_s);
         let i_ref = Dq::new(self.i_d, i_q);
         let next = vector(&self.filter.field().to_stator(&i_ref));
-        let sigma = c.model.sigma_l_s;
+        let sigma = c.model.sigma_l_s * self.leakage;
         let before = self.psi_r + self.i * sigma;
         for k in 0..10 {
             let i = self.i + (next - self.i) * ((f64::from(k) + 0.5) / 10.0);
@@ -431,7 +464,7 @@ impl ClosedLoop {
 
     fn angle(&self) -> f64 {
         let psi = vector(&self.filter.value());
-        let truth = self.psi_r + self.i * self.c.model.sigma_l_s;
+        let truth = self.psi_r + self.i * (self.c.model.sigma_l_s * self.leakage);
         (truth.x * psi.y - truth.y * psi.x).atan2(truth.dot(&psi)).to_degrees()
     }
 }

@@ -17,7 +17,7 @@
 //! | 6 | angle deviation, `S`, `P Hᵀ` |
 //! | 7 | update of rows 0 to 3, magnetising curve at the end of the block |
 //! | 8 | update of rows 4 to 6 |
-//! | 9 | update of rows 7 to 9, `K` in units of the states |
+//! | 9 | update of rows 7 to 10, `K` in units of the states |
 //! | 10 … | none |
 //!
 //! The flux is integrated in every period. A block has at least [`SLOTS`] periods; its gain is one block old,
@@ -27,7 +27,7 @@
 //! within a block the covariance stays what it was set to, and the block ends without a correction.
 
 use super::covariance::{Column, N};
-use super::model::{B, C, GAMMA, KNEE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
+use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
 use super::noise::{FLOOR, MEASUREMENT, Noise, SECOND_ORDER};
 use super::{Filter, FilterConfig, NIS_THRESHOLD};
 use crate::scalar::Real;
@@ -92,7 +92,7 @@ pub(super) enum Holds {
     Nothing,
     /// `F_m P` without the element of `m` itself.
     Row,
-    /// Current, loss and its derivative by the knee, as [`OperatingPoint::regressors`] has them.
+    /// Current, loss, its derivative by the knee, and change of the leakage flux, as [`OperatingPoint::regressors`] has them.
     Regressors,
     /// `P Hᵀ`: with `1/S` the gain of this block's update.
     Innovation,
@@ -107,15 +107,17 @@ impl<R: Real> OperatingPoint<R> {
         self.omega_s.abs() > R::from_f64(OMEGA_HELD)
     }
 
-    /// Regressors of resistance, inverter error and knee: `i`, `u_l` and `u_k`, two components each; zero where those
-    /// states are held.
+    /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each;
+    /// the first three are zero where their states are held.
     #[inline(always)]
     fn regressors(&self) -> Column<R> {
         let mut column = Column::default();
+        (column[6], column[7]) = (self.d_leakage_flux.re(), self.d_leakage_flux.im());
         if !self.held() {
             // by_knee is -∂u_l/∂ln k.
             let (i, u_l, u_k) = (self.i_s, self.loss.vector(), -AlphaBeta::from_phases(self.loss.by_knee()));
-            column = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im(), R::ZERO, R::ZERO, R::ZERO, R::ZERO];
+            let seen = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im()];
+            column[..6].copy_from_slice(&seen);
         }
         column
     }
@@ -164,8 +166,8 @@ impl<R: Real> Filter<R> {
             return;
         }
         let of = |k: usize| self.column[k + usize::from(second)];
-        let [by_b, by_r_s, by_v, by_k] = c.model.flux_row(of(0), of(2), of(4), self.r_s());
-        self.p.advance_pair::<B>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k)]);
+        let [by_b, by_r_s, by_v, by_k, by_l] = c.model.flux_row(of(0), of(2), of(4), of(6), self.r_s());
+        self.p.advance_pair::<B>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k), (LEAKAGE, by_l)]);
     }
 
     /// Process noise `Q`, and decorrelation of consider states.

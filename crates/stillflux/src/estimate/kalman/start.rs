@@ -2,7 +2,7 @@
 //! a direct current, and after a loss of the angle.
 //!
 //! ```text
-//! start:    ψ_s = 0, m = 0;    P = diag(σ_0²), but b, r_s, v, k, γ with min(max(P_kk, ρ_k σ_0²), σ_0²)
+//! start:    ψ_s = 0, m = 0;    P = diag(σ_0²), but b, r_s, v, k, l, γ with min(max(P_kk, ρ_k σ_0²), σ_0²)
 //! settle:   ψ_s = ψ_0 ∠0, m = ψ_0 - σl_s i_α;    δψ_sα = δm = -m/(1 + S c) δγ
 //! ```
 //!
@@ -10,10 +10,12 @@
 //! for the others. `settle` holds for a machine at standstill whose flux has reached the steady state of its current.
 //! Every initialisation goes through one reset of the covariance.
 
-use super::model::{B, C, GAMMA, KNEE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
+use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
 use super::noise::SIGMA_AGAIN;
 use super::schedule::Holds;
-use super::{B_MAX, Column, Covariance, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, Learned, R_S_RANGE, V_MAX};
+use super::{
+    B_MAX, Column, Covariance, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, Learned, R_S_RANGE, V_MAX,
+};
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
 
@@ -32,8 +34,8 @@ const fn least_variance(k: usize) -> f64 {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Initial<R: Real> {
     learned: Learned<R>,
-    /// Scaled variances of `b`, `r_s`, `v`, `k`, `γ`.
-    variance: [R; 5],
+    /// Scaled variances of `b`, `r_s`, `v`, `k`, `l`, `γ`.
+    variance: [R; 6],
 }
 
 impl<R: Real> Filter<R> {
@@ -44,8 +46,14 @@ impl<R: Real> Filter<R> {
         let mut filter = Self::default();
         filter.c.set(c.saturation);
         filter.p.set_diagonal(&prior);
-        filter.initial.learned =
-            Learned { b: AlphaBeta::default(), r_s: c.model.r_s, v: R::ZERO, knee: R::ONE, gamma: R::ONE };
+        filter.initial.learned = Learned {
+            b: AlphaBeta::default(),
+            r_s: c.model.r_s,
+            v: R::ZERO,
+            knee: R::ONE,
+            leakage: R::ONE,
+            gamma: R::ONE,
+        };
         filter.begin(c);
         filter
     }
@@ -63,14 +71,17 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn reset_from_initial(&mut self, c: &FilterConfig<R>) {
         *self = Self { initial: self.initial, c: self.c, trial: TRIAL, ..Self::default() };
-        let Learned { b, r_s, v, knee, gamma } = self.initial.learned;
+        let Learned { b, r_s, v, knee, leakage, gamma } = self.initial.learned;
         (self.b[0], self.b[1]) = (Integrator::new(b.re()), Integrator::new(b.im()));
         (self.r_s, self.v, self.knee, self.gamma) =
             (Integrator::new(r_s), Integrator::new(v), Integrator::new(knee), Integrator::new(gamma));
+        self.leakage = Integrator::new(leakage);
         let mut variance = c.noise.prior();
-        let [of_b, of_r_s, of_v, of_knee, of_gamma] = self.initial.variance;
+        let [of_b, of_r_s, of_v, of_knee, of_leakage, of_gamma] = self.initial.variance;
+
         (variance[B], variance[B + 1]) = (of_b, of_b);
         (variance[RS], variance[V], variance[KNEE], variance[GAMMA]) = (of_r_s, of_v, of_knee, of_gamma);
+        variance[LEAKAGE] = of_leakage;
         self.reset_covariance(&variance);
     }
 
@@ -84,6 +95,7 @@ impl<R: Real> Filter<R> {
             r_s: clamp_seldom(learned.r_s, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1)),
             v: clamp_seldom(learned.v, r(-V_MAX), r(V_MAX)),
             knee: clamp_seldom(learned.knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1)),
+            leakage: clamp_seldom(learned.leakage, r(LEAKAGE_RANGE.0), r(LEAKAGE_RANGE.1)),
             gamma: clamp_seldom(learned.gamma, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1)),
         };
         // A zero covariance is raised to the least variances.
@@ -93,7 +105,14 @@ impl<R: Real> Filter<R> {
 
     /// Identified parameters, to be kept over a stop.
     pub fn learned(&self) -> Learned<R> {
-        Learned { b: self.b(), r_s: self.r_s(), v: self.v(), knee: self.knee(), gamma: self.gamma.value() }
+        Learned {
+            b: self.b(),
+            r_s: self.r_s(),
+            v: self.v(),
+            knee: self.knee(),
+            leakage: self.leakage(),
+            gamma: self.gamma.value(),
+        }
     }
 
     /// Begins at a flux of zero. The identified parameters stay, with variances raised by what temperature may have
@@ -116,7 +135,7 @@ impl<R: Real> Filter<R> {
     fn keep_variances(&mut self, c: &FilterConfig<R>) {
         let prior = c.noise.prior();
         let kept = |k: usize| clamp_seldom(self.p.get(k, k), prior[k] * R::from_f64(least_variance(k)), prior[k]);
-        self.initial.variance = [kept(B), kept(RS), kept(V), kept(KNEE), kept(GAMMA)];
+        self.initial.variance = [kept(B), kept(RS), kept(V), kept(KNEE), kept(LEAKAGE), kept(GAMMA)];
     }
 
     /// Begins anew with the flux `psi_s` that a direct current along the a-axis has built up in a machine at
@@ -130,7 +149,7 @@ impl<R: Real> Filter<R> {
         self.reset_from_initial(c);
         self.i_s = i_s;
         self.p.add_at(C, C, variance - prior);
-        let m = psi_s - c.model.sigma_l_s * i_s.re();
+        let m = psi_s - self.sigma_l_s(c) * i_s.re();
         self.psi_s.set(AlphaBeta::new(psi_s, R::ZERO));
         self.m = Integrator::new(m);
         // At rated flux g = 1, and the slope of the curve is 1 + S c.
@@ -143,6 +162,21 @@ impl<R: Real> Filter<R> {
         }
         self.p.add_at(PSI, GAMMA, -per_gamma * gamma);
         self.p.add_at(M, GAMMA, -per_gamma * gamma);
+    }
+
+    /// Begins in a machine in operation, at a flux `psi_s` whose components and whose rotor flux are known to a standard
+    /// deviation `deviation`, per unit: for records that begin under way. The identified parameters stay as in
+    /// [`Filter::start`].
+    #[cold]
+    #[inline(never)]
+    pub fn join(&mut self, c: &FilterConfig<R>, i_s: &AlphaBeta<R>, psi_s: AlphaBeta<R>, deviation: R) {
+        self.start(c, i_s);
+        self.psi_s.set(psi_s);
+        self.m = Integrator::new((psi_s - self.i_s * c.model.sigma_l_s).norm_sq().sqrt());
+        let scaled = deviation * R::from_f64(1.0 / SCALE_PSI);
+        for k in [PSI, PSI + 1, M] {
+            self.p.add_at(k, k, scaled * scaled);
+        }
     }
 
     /// Covariance after a loss of the angle: the prior, with the flux at [`SIGMA_AGAIN`]. The states stay.

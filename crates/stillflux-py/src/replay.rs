@@ -1,0 +1,115 @@
+//! `RecordEstimator`: the estimators of both schemes over recorded signals, for `stillflux.replay`.
+
+use numpy::{Complex64, PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use stillflux_sim::replay::{Estimates, Replay, Row, Start};
+
+use crate::convert::{complex, pair, value_error};
+use crate::parameters::{Inverter, Motor, drive_params};
+
+/// Estimators of a scheme over records whose rows are one period of the inverter's `f_s` apart.
+///
+/// Takes motor, inverter and settings as `Drive` does.
+#[pyclass(module = "stillflux._core")]
+pub struct RecordEstimator {
+    replay: Replay,
+}
+
+macro_rules! columns {
+    ($py:expr, $rows:expr; complex: $($z:ident),* ; real: $($x:ident),*) => {{
+        let dict = PyDict::new($py);
+        $(dict.set_item(stringify!($z), PyArray1::from_vec($py, $rows.iter().map(|e| complex(e.$z)).collect::<Vec<_>>()))?;)*
+        $(dict.set_item(stringify!($x), PyArray1::from_vec($py, $rows.iter().map(|e| e.$x).collect::<Vec<_>>()))?;)*
+        dict
+    }};
+}
+
+#[pymethods]
+impl RecordEstimator {
+    #[new]
+    #[pyo3(signature = (motor, inverter, scheme="enhanced", **settings))]
+    fn new(motor: Motor, inverter: Inverter, scheme: &str, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let (machine, inverter) = (motor.machine()?, inverter.params()?);
+        let params = drive_params(&machine, &inverter, scheme, settings)?;
+        Ok(Self { replay: Replay::new(&machine, &inverter, &params).map_err(value_error)? })
+    }
+
+    /// Begins at the first row and runs over all; what was identified before stays.
+    ///
+    /// Parameters
+    /// ----------
+    /// u_s, i_s
+    ///     Voltage in V (mean over the interval that ends at the row) and current in A, complex, shape (n,).
+    /// i_sum, u_dc, psi_ref
+    ///     Sum of the phase currents in A, dc-link voltage in V, flux reference in V·s, shape (n,).
+    /// psi_s0
+    ///     Stator flux at the first row, V·s.
+    /// deviation
+    ///     Standard deviation of each of its components, V·s; 0: a machine without flux.
+    /// settled
+    ///     The flux is that of a direct current along the a-axis in a machine at rest.
+    /// omega_m
+    ///     Speed at the first row, mechanical rad/s.
+    /// R_s
+    ///     Resistance for the scheme "paper", Ω; None: that of the parameters.
+    ///
+    /// Returns the estimates after each row by name. Raises ValueError for lengths that differ and values that are not
+    /// finite.
+    #[pyo3(signature = (u_s, i_s, i_sum, u_dc, psi_ref, psi_s0, deviation, omega_m, settled=false, R_s=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn run<'py>(
+        &mut self,
+        py: Python<'py>,
+        u_s: PyReadonlyArray1<'_, Complex64>,
+        i_s: PyReadonlyArray1<'_, Complex64>,
+        i_sum: PyReadonlyArray1<'_, f64>,
+        u_dc: PyReadonlyArray1<'_, f64>,
+        psi_ref: PyReadonlyArray1<'_, f64>,
+        psi_s0: Complex64,
+        deviation: f64,
+        omega_m: f64,
+        settled: bool,
+        R_s: Option<f64>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let (u, i, sum) = (u_s.as_array(), i_s.as_array(), i_sum.as_array());
+        let (u_dc, psi_ref) = (u_dc.as_array(), psi_ref.as_array());
+        let n = u.len();
+        for (name, len) in [("i_s", i.len()), ("i_sum", sum.len()), ("u_dc", u_dc.len()), ("psi_ref", psi_ref.len())] {
+            if len != n {
+                return Err(PyValueError::new_err(format!("{name} has {len} rows, u_s has {n}")));
+            }
+        }
+        let rows: Vec<Row> = (0..n)
+            .map(|k| Row { u_s: pair(u[k]), i_s: pair(i[k]), i_sum: sum[k], u_dc: u_dc[k], psi_ref: psi_ref[k] })
+            .collect();
+        let finite = |r: &Row| {
+            let [a, b] = r.u_s;
+            let [c, d] = r.i_s;
+            [a, b, c, d, r.i_sum, r.u_dc, r.psi_ref].iter().all(|x| x.is_finite())
+        };
+        if let Some(k) = rows.iter().position(|r| !finite(r)) {
+            return Err(PyValueError::new_err(format!("row {k} is not finite: {:?}", rows[k])));
+        }
+        let start = Start { psi_s: pair(psi_s0), deviation, settled, omega_m, R_s };
+        let replay = &mut self.replay;
+        let found: Vec<Estimates> = py.detach(|| {
+            let mut found = Vec::with_capacity(n);
+            for (k, row) in rows.iter().enumerate() {
+                if k == 0 {
+                    replay.start(&start, row);
+                } else {
+                    replay.step(row);
+                }
+                found.push(replay.estimates());
+            }
+            found
+        });
+        Ok(columns!(
+            py, found;
+            complex: psi_s, psi_r, i_s, u_s, u_off;
+            real: omega_m, omega_s, torque, R_s, confidence, angle_deviation, nis
+        ))
+    }
+}

@@ -1,0 +1,286 @@
+//! The estimators of both schemes over a record of voltages and currents, without a drive.
+//!
+//! ```text
+//! u_s(k) = u(k) - u_l(i(k - 1/2))       u: mean over the interval that ends at sample k
+//! ```
+//!
+//! A drive evaluates the inverter model `u_l` at its current reference, which is free from noise. A record has none:
+//! here it is the current in field coordinates behind a low-pass of [`SMOOTHING`], turned to the middle of the
+//! interval. With [`InverterModel`] parameters of zero the voltage is that of the terminals.
+//!
+//! [`InverterModel`]: stillflux::inverter::InverterModel
+
+use stillflux::base::{Base, PerUnit};
+use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+use stillflux::estimate::balance::Balance;
+use stillflux::estimate::confidence::Confidence;
+use stillflux::estimate::flux::FluxEstimator;
+use stillflux::estimate::kalman::{Filter, Input};
+use stillflux::estimate::resistance::{self, ResistanceEstimator};
+use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
+use stillflux::inverter::{Distortion, Knee};
+use stillflux::params::{Inverter, Machine, ParamError};
+use stillflux::si::Vector;
+use stillflux::space::{AlphaBeta, Dq, Rotator};
+
+/// Time constant of the current at which the inverter model is evaluated, s.
+const SMOOTHING: f64 = 1e-3;
+/// Time after a start without flux in which the filter corrects nothing, s: as in a drive.
+const BLIND_TIME: f64 = 0.01;
+
+/// One row of a record, SI.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Row {
+    /// Mean voltage over the interval that ends at this sample, V.
+    pub u_s: Vector,
+    /// Current sample, A.
+    pub i_s: Vector,
+    /// Sum of the three measured phase currents, A; zero with two sensors.
+    pub i_sum: f64,
+    /// dc-link voltage, V.
+    pub u_dc: f64,
+    /// Flux reference, V·s: the published scheme holds the flux there.
+    pub psi_ref: f64,
+}
+
+/// Where the estimators begin, SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(non_snake_case)]
+pub struct Start {
+    /// Stator flux, V·s.
+    pub psi_s: Vector,
+    /// Standard deviation of each of its components, V·s; 0: a machine without flux.
+    pub deviation: f64,
+    /// The flux is that of a direct current in a machine at rest: an error of it is one of `L_M`, as in the start-up of
+    /// a drive, whose current has the direction of the a-axis.
+    pub settled: bool,
+    /// Speed, mechanical rad/s.
+    pub omega_m: f64,
+    /// Stator resistance for the published scheme, if it is known better than by the parameters, Ω.
+    pub R_s: Option<f64>,
+}
+
+/// Estimates after one row, SI.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[allow(non_snake_case)]
+pub struct Estimates {
+    /// Stator flux, V·s.
+    pub psi_s: Vector,
+    /// Rotor flux (inverse-Γ), V·s.
+    pub psi_r: Vector,
+    /// Current less the estimated offset, A.
+    pub i_s: Vector,
+    /// Voltage less the loss of the inverter model, V.
+    pub u_s: Vector,
+    /// Offset voltage, V.
+    pub u_off: Vector,
+    /// Speed, mechanical rad/s.
+    pub omega_m: f64,
+    /// Stator frequency, electrical rad/s.
+    pub omega_s: f64,
+    /// Torque, N·m.
+    pub torque: f64,
+    /// Resistance in series with the stator flux, Ω.
+    pub R_s: f64,
+    /// Confidence in the field angle, 0 to 1.
+    pub confidence: f64,
+    /// Expected standard deviation of the field angle, rad.
+    pub angle_deviation: f64,
+    /// Normalised innovation squared, low-passed; zero in the published scheme.
+    pub nis: f64,
+}
+
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)]
+enum Estimators {
+    Enhanced { filter: Filter<f64>, balance: Balance<f64> },
+    Paper { flux: FluxEstimator<f64>, resistance: ResistanceEstimator<f64>, confidence: Confidence<f64> },
+}
+
+/// Estimators of one scheme with their state.
+#[derive(Clone, Debug)]
+pub struct Replay {
+    config: DriveConfig<f64>,
+    base: Base,
+    r_s: f64,
+    f_s: f64,
+    estimators: Estimators,
+    speed_estimator: SpeedEstimator<f64>,
+    speed: SpeedEstimate<f64>,
+    knee: Knee<f64>,
+    /// Smoothed current, field coordinates.
+    i_slow: Dq<f64>,
+    i_s: AlphaBeta<f64>,
+    u_s: AlphaBeta<f64>,
+    period: u32,
+    blind: u32,
+}
+
+impl Replay {
+    /// Estimators for a record whose rows are `1/f_s` of the inverter apart.
+    ///
+    /// # Errors
+    /// The first parameter outside its admissible range.
+    pub fn new(machine: &Machine, inverter: &Inverter, params: &DriveParams) -> Result<Self, ParamError> {
+        let config = DriveConfig::new(machine, inverter, params)?;
+        let pu = PerUnit::new(machine, inverter)?;
+        let estimators = match params.scheme {
+            Scheme::Enhanced => {
+                Estimators::Enhanced { filter: Filter::new(config.filter_config()), balance: Balance::default() }
+            }
+            Scheme::Paper => Estimators::Paper {
+                flux: FluxEstimator::default(),
+                resistance: {
+                    let mut resistance = ResistanceEstimator::default();
+                    resistance.start(pu.r_s);
+                    resistance
+                },
+                confidence: Confidence::default(),
+            },
+        };
+        Ok(Self {
+            base: pu.base,
+            r_s: pu.r_s,
+            f_s: inverter.f_s,
+            estimators,
+            speed_estimator: SpeedEstimator::default(),
+            speed: SpeedEstimate::default(),
+            knee: *config.inverter_model().nominal(),
+            i_slow: Dq::default(),
+            i_s: AlphaBeta::default(),
+            u_s: AlphaBeta::default(),
+            period: 0,
+            blind: 0,
+            config,
+        })
+    }
+
+    /// Begins, or begins anew after a gap, at the sample `row`; identified parameters stay.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn start(&mut self, at: &Start, row: &Row) {
+        let b = self.base;
+        let (psi_s, i_s) = (vector(at.psi_s, b.psi), vector(row.i_s, b.i));
+        self.blind = if at.deviation > 0.0 { 0 } else { (BLIND_TIME * self.f_s) as u32 };
+        match &mut self.estimators {
+            Estimators::Enhanced { filter, .. } => {
+                let c = self.config.filter_config();
+                if at.settled {
+                    filter.start(c, &i_s);
+                    filter.settle(c, psi_s.re());
+                } else if at.deviation > 0.0 {
+                    filter.join(c, &i_s, psi_s, at.deviation / b.psi);
+                } else {
+                    filter.start(c, &i_s);
+                }
+                self.knee = self.config.inverter_model().knee(filter.knee());
+            }
+            Estimators::Paper { flux, resistance, confidence } => {
+                flux.start(psi_s, i_s);
+                if let Some(r_s) = at.R_s {
+                    let (lo, hi) = resistance::range(self.r_s);
+                    resistance.start((r_s / b.z).clamp(lo, hi));
+                }
+                confidence.start();
+            }
+        }
+        let psi_r = psi_s - i_s * self.config.speed_config().sigma_l_s;
+        self.speed_estimator.start(&psi_r, at.omega_m / b.omega_m);
+        self.speed = self.speed_estimator.step(self.config.speed_config(), &psi_s, &i_s);
+        self.i_s = i_s;
+        self.i_slow = Rotator::of(&psi_s).0.to_field(&i_s);
+        self.period = 0;
+    }
+
+    /// Loss of the inverter model in the interval that ends now.
+    fn loss(&self, u_dc: f64) -> Distortion<f64> {
+        let (field, gain) = match &self.estimators {
+            Estimators::Enhanced { filter, .. } => (filter.field(), 1.0 + filter.v()),
+            Estimators::Paper { flux, .. } => (flux.field(), 1.0),
+        };
+        let half = 0.5 * self.config.speed_config().t_s / f64::from(SPEED_PERIODS);
+        let i_s = field.ahead(self.speed.omega_s * half).to_stator(&self.i_slow);
+        self.config.inverter_model().distortion(&self.knee, &i_s, u_dc, gain)
+    }
+
+    /// One row.
+    pub fn step(&mut self, row: &Row) {
+        let b = self.base;
+        self.period = self.period.wrapping_add(1);
+        let (speed_due, slow_due) = (self.period % SPEED_PERIODS == 0, self.period % SLOW_PERIODS == 0);
+        let loss = self.loss(row.u_dc / b.u);
+        let (u_s, i_m) = (vector(row.u_s, b.u) - loss.vector(), vector(row.i_s, b.i));
+        self.u_s = u_s;
+        let (c, omega_s) = (&self.config, self.speed.omega_s);
+        let (psi_s, i_dq) = match &mut self.estimators {
+            Estimators::Enhanced { filter, balance } => {
+                let i_m = balance.step(c.balance_config(), &i_m, row.i_sum / b.i);
+                let input = Input { u_s, loss, i_m, i_ref: self.i_slow, omega_s };
+                let i_dq = filter.step(c.filter_config(), &input, self.blind > 0);
+                self.blind = self.blind.saturating_sub(1);
+                if slow_due {
+                    filter.confine(c.filter_config());
+                    self.knee = c.inverter_model().knee(filter.knee());
+                }
+                self.i_s = filter.i_s();
+                (filter.value(), i_dq)
+            }
+            Estimators::Paper { flux, resistance, confidence } => {
+                flux.step(c.flux_config(), &u_s, &i_m, resistance.r_s(), row.psi_ref / b.psi);
+                // û_off is that of an offset of the current sensors, as in the drive.
+                self.i_s = i_m + flux.offset.u_off() * (1.0 / self.r_s);
+                let i_dq = flux.field().to_field(&self.i_s);
+                if slow_due {
+                    if let Some(r) = c.resistance_config() {
+                        resistance.step(r, flux.magnitude(), &i_dq, omega_s, self.speed.omega_m);
+                    }
+                    let corrected = (flux.offset.updates() > 0).then(|| flux.offset.last_correction());
+                    confidence.step(c.confidence_config(), omega_s, flux.effort(), corrected);
+                }
+                (flux.value(), i_dq)
+            }
+        };
+        let corner = (1.0 / (SMOOTHING * self.f_s)).min(1.0);
+        self.i_slow += (i_dq - self.i_slow) * corner;
+        if speed_due {
+            self.speed = self.speed_estimator.step(c.speed_config(), &psi_s, &self.i_s);
+            if let Estimators::Paper { flux, .. } = &mut self.estimators {
+                flux.set_stator_frequency(c.flux_config(), self.speed.omega_s);
+            }
+        }
+    }
+
+    /// Estimates after the latest row.
+    #[must_use]
+    pub fn estimates(&self) -> Estimates {
+        let b = &self.base;
+        let (psi_s, u_off, r_s, confidence, sigma, nis) = match &self.estimators {
+            Estimators::Enhanced { filter: f, .. } => {
+                (f.value(), f.b() * -f.r_s(), f.r_s(), f.confidence(), f.sigma(), f.nis())
+            }
+            Estimators::Paper { flux, resistance, confidence } => {
+                let c = confidence;
+                (flux.value(), flux.offset.u_off(), resistance.r_s(), c.value(), c.sigma(), 0.0)
+            }
+        };
+        let psi_r = psi_s - self.i_s * self.config.speed_config().sigma_l_s;
+        let si = |v: AlphaBeta<f64>, base: f64| [v.re() * base, v.im() * base];
+        Estimates {
+            psi_s: si(psi_s, b.psi),
+            psi_r: si(psi_r, b.psi),
+            i_s: si(self.i_s, b.i),
+            u_s: si(self.u_s, b.u),
+            u_off: si(u_off, b.u),
+            omega_m: self.speed.omega_m * b.omega_m,
+            omega_s: self.speed.omega_s * b.omega,
+            torque: psi_s.cross(&self.i_s) * b.torque,
+            R_s: r_s * b.z,
+            confidence,
+            angle_deviation: sigma,
+            nis,
+        }
+    }
+}
+
+fn vector(v: Vector, base: f64) -> AlphaBeta<f64> {
+    AlphaBeta::new(v[0] / base, v[1] / base)
+}

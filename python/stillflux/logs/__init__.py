@@ -1,0 +1,1 @@
+"""Recorded logs: reading, checks, and what the estimators need to begin. `stillflux.replay` is made of it."""

@@ -1,0 +1,103 @@
+"""Whether currents and voltages of a log belong to the same phases."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import permutations, product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stillflux.logs.read import Log
+from stillflux.logs.signals import TURN, Rows, space
+from stillflux.logs.start import bridge_loss, fit_flux
+from stillflux.parameters import Inverter, Motor
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["check_wiring"]
+
+
+def check_wiring(log: Log, rows: Rows, motor: Motor, inverter: Inverter) -> None:
+    """Currents and voltages of the same phases, by the fit of the flux over the fastest two turns."""
+    i, step = rows.i, rows.step
+    total = np.sqrt(np.mean(rows.i_sum**2))
+    if len(rows.currents) == 3 and total > 0.3 * np.sqrt(np.mean(np.abs(i) ** 2)):
+        names = log.place(rows.currents)
+        raise ValueError(
+            f"{names}: the three currents do not add up to zero: one is inverted, or its unit another"
+        )
+    every = max(1, round(1e-3 / step))
+    slow = i[: len(i) // every * every].reshape(-1, every).mean(axis=1)
+    turned = np.unwrap(np.angle(slow + 1e-30)) / (2 * np.pi)
+    window = min(len(slow) - 1, round(1.0 / (every * step)))
+    swing = np.abs(turned[window:] - turned[:-window])
+    if not len(swing) or swing.max() < 1.0:
+        return
+    begin = int(swing.argmax())
+    two = np.flatnonzero(np.abs(turned[begin:] - turned[begin]) >= 2.0)
+    length = min(window, int(two[0]) if len(two) else window)
+    part = slice(begin * every, (begin + length) * every)
+    u, i, u_dc = rows.u[part], rows.i[part], rows.u_dc[part]
+    R = motor.R_s + inverter.r_d
+
+    def misfit(current: NDArray[np.complex128]) -> float:
+        loss = bridge_loss(current, u_dc, inverter) if inverter.dead_time or inverter.u_th else 0.0
+        fit = fit_flux(u - loss, current, step, R, motor)
+        # A flux that no machine has fits nothing, however round it is.
+        size = float(np.median(np.abs(fit.path))) / motor.base["psi"]
+        return fit.residual + max(0.0, size - 1.5) + max(0.0, 0.2 - size)
+
+    given = misfit(i)
+    if given < 0.3:
+        return
+    best, text = min(
+        ((misfit(current), text) for text, current in _rewired(i, rows.currents)), key=lambda x: x[0]
+    )
+    if best < 0.5 * given:
+        raise ValueError(
+            f"{log.place(rows.currents)}: currents and voltages are not those of the same phases; they fit "
+            f"with {text} "
+            f"(relative misfit {best:.2f} instead of {given:.2f}); check=False accepts the log as it is"
+        )
+
+
+def _rewired(
+    i: NDArray[np.complex128], names: tuple[str, ...]
+) -> Iterator[tuple[str, NDArray[np.complex128]]]:
+    """Other ways to connect the channels."""
+    phases = [(i * np.conj(axis)).real for axis in (1.0, TURN, np.conj(TURN))]
+    if names[0][2:] not in ("a", "b", "c"):
+        yield "the current inverted", -i
+        yield (
+            f"{names[-1] if len(names) > 1 else 'the β-component'} inverted (or two phases swapped)",
+            np.conj(i),
+        )
+        yield "α and β swapped", 1j * np.conj(i)
+        yield "two phases swapped and the current inverted", -np.conj(i)
+        for turn, text in ((TURN, "a third of a turn ahead"), (np.conj(TURN), "a third of a turn behind")):
+            yield f"the phases shifted by {text}", i * turn
+        return
+    at = ["abc".index(name[2:]) for name in names]
+    for order in permutations(range(len(names))):
+        signs = product((1.0, -1.0), repeat=2) if len(names) == 2 else ((s, s) for s in (1.0, -1.0))
+        for sign in signs:
+            if order == tuple(range(len(names))) and all(s > 0 for s in sign):
+                continue
+            values: list[Any] = [None, None, None]
+            for to, source in enumerate(order):
+                values[at[to]] = phases[at[source]] * sign[min(source, len(sign) - 1)]
+            if len(names) == 2:
+                last = next(k for k in range(3) if k not in at)
+                values[last] = -values[at[0]] - values[at[1]]
+            moved = [names[k] for k in range(len(names)) if order[k] != k]
+            flipped = [names[k] for k in range(len(names)) if sign[min(k, len(sign) - 1)] < 0]
+            words = []
+            if len(moved) == 2:
+                words.append(f"{moved[0]} and {moved[1]} swapped")
+            elif moved:
+                words.append("phases in the order " + ", ".join(names[k] for k in order))
+            if flipped:
+                words.append(f"{', '.join(flipped)} inverted")
+            yield " and ".join(words), space(*values)

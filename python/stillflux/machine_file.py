@@ -1,0 +1,199 @@
+"""Motor files: a machine as TOML, by its parameters, by its nameplate, or as commissioning found it.
+
+```toml
+name = "pump 3"                # optional, the file's name otherwise
+
+[motor]                        # inverse-Γ: R_s, R_R, L_sigma, L_M in Ω and H;
+R_s = 3.7                      # or Γ: R_s, R_r, L_l, L_s; or T: R_s, R_r, L_ls, L_lr, L_m
+R_R = 2.1
+L_sigma = 0.021
+L_M = 0.224
+n_p = 2
+J = 0.015
+U_N = 400.0
+I_N = 5.0
+f_N = 50.0
+T_N = 14.6
+saturation = [0.25, 0.7, 6.0]  # optional
+
+[inverter]                     # fields of stillflux.Inverter; optional
+u_dc = 540.0
+
+[deviation]                    # optional: relative standard deviation of single values
+R_s = 0.01
+```
+
+`preset = "2.2kW"` in a table names a preset whose fields the others change. A file with a `[nameplate]`
+table (`P_N`, `U_N`, `I_N`, `f_N`, `n_N`, `cos_phi`; W, V, A, Hz, r/min) instead of `[motor]` gets the
+parameters that follow from the rated point.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from stillflux.parameters import PRESETS, Inverter, Motor
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["Machine", "load_machine", "machine_to_toml", "part", "read_toml", "typical_inverter"]
+
+_TABLES = ("motor", "inverter", "deviation", "nameplate")
+_CIRCUITS = (
+    (Motor.inverse_gamma, ("R_s", "R_R", "L_sigma", "L_M")),
+    (Motor.gamma, ("R_s", "R_r", "L_l", "L_s")),
+    (Motor.t_model, ("R_s", "R_r", "L_ls", "L_lr", "L_m")),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Machine:
+    """A motor with its inverter, as a motor file or a preset describes them."""
+
+    name: str
+    """For titles and file names."""
+    motor: Motor
+    inverter: Inverter
+    deviation: Mapping[str, float] = field(default_factory=dict)
+    """Relative standard deviation of single values, where the file knows one."""
+
+
+def load_machine(source: str | os.PathLike[str]) -> Machine:
+    """The machine of a preset's name ("2.2kW", "11kW") or of a motor file.
+
+    Raises ValueError naming file, table, field, value and admissible range; OSError if the file cannot be
+    read.
+    """
+    if isinstance(source, str) and source in PRESETS:
+        return Machine(name=source, motor=Motor.preset(source), inverter=Inverter.preset(source))
+    path = Path(source)
+    if not path.suffix and not path.exists():
+        raise ValueError(
+            f"motor = {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a motor file"
+        )
+    data = read_toml(path)
+    for key, value in data.items():
+        if key not in ("name", *_TABLES, "warnings"):
+            raise ValueError(
+                f"{path}: {key} is not known in a motor file; there are {', '.join(_TABLES)}, name"
+            )
+        if key in _TABLES and not isinstance(value, dict):
+            raise ValueError(f"{path}: {key} is not a table: write [{key}] and its fields below it")
+    if ("motor" in data) == ("nameplate" in data):
+        raise ValueError(f"{path}: give one of the tables [motor] and [nameplate]")
+    deviation = dict(data.get("deviation", {}))
+    for key, value in deviation.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 10.0:
+            raise ValueError(f"{path}: [deviation] {key} = {value!r} is outside 0 … 10")
+    if "motor" in data:
+        motor = _checked(path, "motor", _motor, data["motor"])
+    else:
+        motor, assumed = _checked(path, "nameplate", _of_nameplate, data["nameplate"])
+        deviation = {**assumed, **deviation}
+    inverter = _checked(path, "inverter", lambda t: _inverter(t, motor), data.get("inverter"))
+    name = str(data.get("name", path.stem))
+    return Machine(name=name, motor=motor, inverter=inverter, deviation=deviation)
+
+
+def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The tables of a TOML file. Raises ValueError with file and line for bad syntax."""
+    try:
+        with open(path, "rb") as file:
+            return tomllib.load(file)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def machine_to_toml(
+    motor: Motor,
+    inverter: Inverter | None = None,
+    *,
+    name: str = "",
+    deviation: Mapping[str, float] | None = None,
+    warnings: Sequence[str] = (),
+) -> str:
+    """The text of a motor file, which `load_machine` reads back to equal objects."""
+    lines = [f"name = {_toml(name)}"] if name else []
+    if warnings:
+        lines.append(f"warnings = {_toml(list(warnings))}")
+    tables: list[tuple[str, Mapping[str, Any]]] = [("motor", asdict(motor))]
+    if inverter is not None:
+        tables.append(("inverter", asdict(inverter)))
+    if deviation:
+        tables.append(("deviation", deviation))
+    for title, fields in tables:
+        lines += ["", f"[{title}]"] if lines else [f"[{title}]"]
+        lines += [f"{key} = {_toml(value)}" for key, value in fields.items() if value is not None]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(_toml, value))}]"
+    # A JSON string is a TOML string; shortest digits that read back to the same number.
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)
+
+
+def part(cls: type[Motor] | type[Inverter], value: Any) -> Any:
+    """A `Motor` or `Inverter` of plain data: a preset's name, a motor file, or a table of fields."""
+    if isinstance(value, str):
+        machine = load_machine(value)
+        return machine.motor if cls is Motor else machine.inverter
+    if cls is Motor:
+        return _motor(value)
+    return Inverter(**_with_preset(Inverter, value))
+
+
+def _checked(path: Path, table: str, build: Any, fields: Any) -> Any:
+    """What `build` makes of a table; errors name file and table."""
+    try:
+        return build(fields)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: [{table}] {error}") from None
+
+
+def _motor(table: Mapping[str, Any]) -> Motor:
+    fields = _with_preset(Motor, table)
+    for build, names in _CIRCUITS:
+        if all(name in fields for name in names):
+            motor: Motor = build(**fields)
+            return motor
+    known = "; ".join(", ".join(names) for _, names in _CIRCUITS)
+    raise ValueError(f"has no complete equivalent circuit, which is one of: {known}")
+
+
+def _inverter(table: Mapping[str, Any] | None, motor: Motor) -> Inverter:
+    if table is None:
+        return typical_inverter(motor)
+    fields = _with_preset(Inverter, table)
+    return (
+        Inverter(**fields) if "preset" in table else Inverter(**{**asdict(typical_inverter(motor)), **fields})
+    )
+
+
+def typical_inverter(motor: Motor) -> Inverter:
+    """An inverter for a motor without a description of its own: the rectified rated voltage, the threshold of
+    its class of switches, a differential resistance of a twentieth of R_s, otherwise the defaults."""
+    u_dc = 1.35 * motor.U_N
+    return Inverter(u_dc=u_dc, u_th=1.0 if u_dc > 150.0 else 0.0, r_d=0.05 * motor.R_s)
+
+
+def _with_preset(cls: type[Any], table: Mapping[str, Any]) -> dict[str, Any]:
+    fields = dict(table)
+    preset = fields.pop("preset", None)
+    return fields if preset is None else {**asdict(cls.preset(preset)), **fields}
+
+
+def _of_nameplate(table: Mapping[str, Any]) -> tuple[Motor, Mapping[str, float]]:
+    plate = import_module("stillflux.nameplate").Nameplate(**table)
+    return plate.motor(), dict(plate.deviation)

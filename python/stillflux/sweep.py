@@ -1,0 +1,445 @@
+"""`sweep`: many scenarios, numbers of each, on any executor.
+
+```python
+points = sf.grid(base, {"plant_motor.R_s": sf.factors(0.9, 1.0, 1.1), "load_torque": [0.0, 7.0, 14.0]})
+found = sf.sweep(points, ["angle_max", "confidence_min"], resume="sweep.jsonl", progress=True)
+found.map("plant_motor.R_s", "load_torque", "angle_max").savefig("map.png")
+```
+
+A row belongs to its scenario, its metrics and the build, whatever ran it: the same rows, in the order of the
+scenarios, come from the processes of this machine, from a Dask `Client`, from joblib or from Ray.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import math
+import os
+import queue
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from stillflux import metrics as of_results
+from stillflux.build import fingerprint
+from stillflux.result import Result
+from stillflux.scenario import Scenario, plain
+from stillflux.simulation import progress_bar, simulate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+__all__ = [
+    "METRICS",
+    "Factors",
+    "Point",
+    "Spread",
+    "Sweep",
+    "SweepInterrupted",
+    "draws",
+    "factors",
+    "grid",
+    "normal",
+    "sweep",
+    "uniform",
+]
+
+Metric: TypeAlias = Callable[[Result], float]
+Metrics: TypeAlias = "Mapping[str, Metric] | Sequence[str | Metric]"
+
+METRICS: Mapping[str, Metric] = {
+    "angle_max": of_results.worst_angle,
+    "angle_rms": of_results.rms_angle,
+    "confidence_min": of_results.least_confidence,
+    "speed_error_end": of_results.last_speed_error,
+    "speed_error_max": of_results.worst_speed_error,
+    "R_s_error_end": of_results.last_resistance_error,
+    "fault_time": of_results.fault_time,
+}
+"""Metrics by name, from the plant's truth: angles in degrees, speeds per unit of rated frequency, resistance
+relative, times in s."""
+
+_IN_FLIGHT = 1000  # tasks handed to an executor at a time
+
+
+@dataclass(frozen=True)
+class Point:
+    """A scenario of a sweep with the parameters that single it out; without a scenario, why there is none."""
+
+    parameters: Mapping[str, Any]
+    scenario: Scenario | None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Values of a grid relative to the base scenario's."""
+
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Relative tolerance of a drawn value."""
+
+    kind: str
+    """"normal" or "uniform"."""
+    width: float
+    """Standard deviation, or largest deviation."""
+
+
+def factors(*values: float) -> Factors:
+    """Axis of a grid: the base scenario's value times each."""
+    return Factors(tuple(map(float, values)))
+
+
+def normal(deviation: float) -> Spread:
+    """Tolerance of `draws`: normal with this relative standard deviation."""
+    return Spread("normal", float(deviation))
+
+
+def uniform(most: float) -> Spread:
+    """Tolerance of `draws`: uniform within ± this relative deviation."""
+    return Spread("uniform", float(most))
+
+
+def grid(base: Scenario, axes: Mapping[str, Sequence[Any] | Factors]) -> list[Point]:
+    """Every combination of values of fields of a scenario; the last axis changes first.
+
+    A field is that of a scenario ("load_torque", "arithmetic") or of a part ("plant_motor.R_s",
+    "settings.psi_ref", "plant.current_offset"). A combination that no scenario admits is a point with the
+    error.
+    """
+    values = [
+        [base.value(name) * x for x in axis.values] if isinstance(axis, Factors) else list(axis)
+        for name, axis in axes.items()
+    ]
+    return [_point(base, dict(zip(axes, chosen, strict=True))) for chosen in product(*values)]
+
+
+def draws(base: Scenario, number: int, tolerances: Mapping[str, Spread], seed: int = 0) -> list[Point]:
+    """`number` scenarios with fields drawn at random around the base scenario's, each draw on its own stream
+    of random numbers: the first ten of a hundred draws are those of ten. The noise of the sensors has the
+    draw's seed."""
+    points = []
+    for k in range(number):
+        random = np.random.default_rng([seed, k])
+        parameters: dict[str, Any] = {}
+        for name, spread in tolerances.items():
+            of_kind = {"normal": random.standard_normal, "uniform": lambda r=random: r.uniform(-1.0, 1.0)}
+            parameters[name] = base.value(name) * (1.0 + spread.width * float(of_kind[spread.kind]()))
+        parameters["plant.seed"] = int(random.integers(1 << 31))
+        points.append(_point(base, parameters))
+    return points
+
+
+def _point(base: Scenario, parameters: dict[str, Any]) -> Point:
+    try:
+        return Point(parameters, base.with_values(parameters))
+    except (ValueError, TypeError) as error:
+        return Point(parameters, None, f"{type(error).__name__}: {error}")
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Rows of a sweep, in the order of its scenarios. `found["angle_max"]` is an array."""
+
+    rows: Sequence[Mapping[str, Any]]
+    """By column: the parameters, `status` of the drive at the end, the metrics, `error` (empty if there was
+    none; metrics are NaN otherwise)."""
+    parameters: tuple[str, ...] = field(default=())
+    metrics: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[Mapping[str, Any]]:
+        return iter(self.rows)
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        if column not in self.columns:
+            raise KeyError(f"{column!r} is no column; there are {', '.join(self.columns)}")
+        return np.array([row.get(column) for row in self.rows])
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return (*self.parameters, "status", *self.metrics, "error")
+
+    @property
+    def failed(self) -> list[Mapping[str, Any]]:
+        """Rows with an error: no scenario, no result, or no metric."""
+        return [row for row in self.rows if row["error"]]
+
+    def to_pandas(self) -> Any:
+        """A pandas frame, one row a scenario."""
+        from stillflux.frames import needed
+
+        return needed("pandas", "pandas").DataFrame(list(self.rows), columns=list(self.columns))
+
+    def to_csv(self) -> str:
+        """As CSV text: the same bytes whatever executor ran the sweep."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows([_cell(row.get(name)) for name in self.columns] for row in self.rows)
+        return text.getvalue()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes `to_csv()`."""
+        Path(path).write_text(self.to_csv(), encoding="utf-8")
+
+    def map(self, x: str, y: str, metric: str) -> Figure:
+        """A metric over two parameters; a cell with several rows shows the largest value, one that failed or
+        faulted is crossed out."""
+        from stillflux.plots import sweep_map
+
+        return sweep_map(self, x, y, metric)
+
+    def spread(self, *metrics: str) -> Figure:
+        """Distribution of metrics over all rows: the part of the rows up to each value."""
+        from stillflux.plots import sweep_spread
+
+        return sweep_spread(self, metrics or self.metrics)
+
+    def summary(self) -> str:
+        """A few lines: rows, faults, errors, range of each metric."""
+        faults = sum(str(row["status"]).startswith("fault") for row in self.rows)
+        lines = [f"{len(self)} rows, {faults} ended with a fault, {len(self.failed)} failed"]
+        for name in self.metrics:
+            values = self[name].astype(float)
+            values = values[np.isfinite(values)]
+            if len(values):
+                median = np.median(values)
+                lines.append(f"{name}: {values.min():.4g} … {values.max():.4g}, median {median:.4g}")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<Sweep of {len(self)} rows: {', '.join(self.columns)}>"
+
+
+class SweepInterrupted(KeyboardInterrupt):
+    """Ended by Ctrl-C; `result` has the rows that were done."""
+
+    def __init__(self, result: Sweep, total: int) -> None:
+        super().__init__(f"interrupted after {len(result)} of {total} scenarios")
+        self.result = result
+
+
+def sweep(
+    scenarios: Iterable[Scenario | Point] | Mapping[str, Scenario],
+    metrics: Metrics = ("angle_max", "confidence_min", "speed_error_end"),
+    executor: Any = None,
+    resume: str | os.PathLike[str] | None = None,
+    *,
+    progress: Callable[[int, int, Mapping[str, Any]], object] | bool | None = None,
+) -> Sweep:
+    """Runs scenarios and keeps numbers of each.
+
+    Parameters
+    ----------
+    scenarios
+        Scenarios, a mapping of names to scenarios, or points of `grid` or `draws`.
+    metrics
+        Names of `METRICS`, functions of a `Result`, or a mapping of names to functions. A function has to be
+        importable by the workers (Dask and joblib also send others).
+    executor
+        What has `submit(function, *arguments)` and gives futures with `add_done_callback` and `result`: a
+        `concurrent.futures` pool, a Dask `Client`, `stillflux.executors.joblib()` or `.Ray()`. "serial":
+        here, one after the other. None: processes, one for each processor.
+    resume
+        A file that gets each row as soon as it is done. Rows that it already has, of the same scenario,
+        metrics and build, are not run again: a sweep that was killed goes on where it was.
+    progress
+        True: a bar on stderr. A function gets the number done, the number of all, and the latest row.
+
+    A scenario or a metric that raises an error is a row with the error. Raises `SweepInterrupted` on Ctrl-C,
+    ValueError for an unknown metric.
+    """
+    chosen = _metrics(metrics)
+    points = _points(scenarios)
+    names = tuple(dict.fromkeys(name for point in points for name in point.parameters))
+    clash = set(names) & {"status", "error", *chosen}
+    if clash:
+        raise ValueError(f"scenarios: a parameter has the name of a column, {', '.join(sorted(clash))}")
+    keys = [_key(point, chosen) for point in points]
+    journal = _Journal(resume) if resume is not None else None
+    outcomes: dict[int, Mapping[str, Any]] = {}
+    todo = []
+    for k, (point, key) in enumerate(zip(points, keys, strict=True)):
+        if point.scenario is None:
+            outcomes[k] = {"status": "", "error": point.error}
+        elif journal is not None and key in journal.rows:
+            outcomes[k] = journal.rows[key]
+        else:
+            todo.append(k)
+    bar = progress_bar("sweep") if progress is True else None
+
+    def rows() -> list[dict[str, Any]]:
+        return [_row(points[k], outcomes[k], chosen) for k in sorted(outcomes)]
+
+    def done(k: int, outcome: Mapping[str, Any]) -> None:
+        outcomes[k] = outcome
+        if journal is not None:
+            journal.add(keys[k], outcome)
+        if bar is not None:
+            bar(len(outcomes) / len(points))
+        elif callable(progress):
+            progress(len(outcomes), len(points), _row(points[k], outcome, chosen))
+
+    try:
+        _execute([(k, points[k].scenario) for k in todo], chosen, executor, done)
+    except KeyboardInterrupt:
+        raise SweepInterrupted(Sweep(rows(), names, tuple(chosen)), len(points)) from None
+    return Sweep(rows(), names, tuple(chosen))
+
+
+def _metrics(metrics: Metrics) -> dict[str, Metric]:
+    if isinstance(metrics, Mapping):
+        return dict(metrics)
+    chosen: dict[str, Metric] = {}
+    for metric in metrics:
+        if callable(metric):
+            chosen[metric.__name__] = metric
+        elif metric in METRICS:
+            chosen[metric] = METRICS[metric]
+        else:
+            raise ValueError(f"metrics: {metric!r} is not one of {', '.join(METRICS)}")
+    return chosen
+
+
+def _points(scenarios: Iterable[Any] | Mapping[str, Scenario]) -> list[Point]:
+    if isinstance(scenarios, Scenario):
+        scenarios = [scenarios]
+    if isinstance(scenarios, Mapping):
+        return [Point({"name": name}, scenario) for name, scenario in scenarios.items()]
+    points = []
+    for k, item in enumerate(scenarios):
+        if not isinstance(item, Point | Scenario):
+            raise TypeError(f"scenarios[{k}] = {item!r} is neither a Scenario nor a point of a grid")
+        points.append(item if isinstance(item, Point) else Point({"scenario": item.name or k}, item))
+    return points
+
+
+def _key(point: Point, metrics: Mapping[str, Metric]) -> str:
+    """Of a scenario, the metrics and the build."""
+    digest = hashlib.sha256(fingerprint().encode())
+    if point.scenario is not None:
+        digest.update(json.dumps(point.scenario.to_dict(), sort_keys=True).encode())
+    for name, metric in metrics.items():
+        code = getattr(metric, "__code__", None)
+        what = (name, getattr(metric, "__qualname__", repr(metric)))
+        digest.update(repr((what, (code.co_code, code.co_consts, code.co_names) if code else None)).encode())
+    return digest.hexdigest()
+
+
+def run_task(scenario: Scenario, metrics: Mapping[str, Metric]) -> dict[str, Any]:
+    """One scenario, in a worker: status, metrics and error."""
+    try:
+        result = simulate(scenario)
+    except Exception as error:
+        return {"status": "", "error": f"{type(error).__name__}: {error}"}
+    row: dict[str, Any] = {"status": str(result.status), "error": ""}
+    for name, metric in metrics.items():
+        try:
+            row[name] = float(metric(result))
+        except Exception as error:
+            row["error"] = f"{name}: {type(error).__name__}: {error}"
+    return row
+
+
+def _row(point: Point, outcome: Mapping[str, Any], metrics: Mapping[str, Metric]) -> dict[str, Any]:
+    measured = {name: outcome.get(name, math.nan) for name in metrics}
+    return {**point.parameters, "status": outcome["status"], **measured, "error": outcome["error"]}
+
+
+def _execute(
+    tasks: Sequence[tuple[int, Any]],
+    metrics: Mapping[str, Metric],
+    executor: Any,
+    done: Callable[[int, Mapping[str, Any]], None],
+) -> None:
+    """Runs tasks and hands on each outcome as it comes, in this thread."""
+    if not tasks:
+        return
+    if executor == "serial":
+        for k, scenario in tasks:
+            done(k, run_task(scenario, metrics))
+        return
+    own = None
+    if executor is None:
+        workers = max(1, min(os.cpu_count() or 1, len(tasks)))
+        own = executor = ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn"))
+    elif not hasattr(executor, "submit"):
+        raise TypeError(f"executor = {executor!r} has no submit()")
+    finished: queue.Queue[int] = queue.Queue()
+    futures: dict[int, Any] = {}
+    waiting = iter(tasks)
+
+    def submit() -> None:
+        task = next(waiting, None)
+        if task is not None:
+            k, scenario = task
+            futures[k] = executor.submit(run_task, scenario, metrics)
+            futures[k].add_done_callback(lambda _, k=k: finished.put(k))
+
+    try:
+        for _ in range(min(_IN_FLIGHT, len(tasks))):
+            submit()
+        while futures:
+            k = finished.get()
+            outcome = futures.pop(k).result()
+            done(k, outcome)
+            submit()
+    except BaseException:
+        for future in futures.values():
+            future.cancel()
+        raise
+    finally:
+        if own is not None:
+            own.shutdown(cancel_futures=True)
+
+
+class _Journal:
+    """Rows by key, one line of JSON each; a last line that was cut off counts for nothing."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path = Path(path)
+        self.rows: dict[str, Mapping[str, Any]] = {}
+        text = self._path.read_bytes() if self._path.exists() else b""
+        for line in text.split(b"\n"):
+            try:
+                key, row = json.loads(line)
+            except (ValueError, TypeError):
+                continue
+            if isinstance(row, dict) and "status" in row and "error" in row:
+                self.rows[key] = row
+        if text and not self.rows:
+            raise ValueError(f"resume = {path} holds no rows of a sweep")
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        if text and not text.endswith(b"\n"):
+            with self._path.open("ab") as file:
+                file.write(b"\n")
+
+    def add(self, key: str, row: Mapping[str, Any]) -> None:
+        """On the disk before the next one is waited for."""
+        self.rows[key] = row
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps([key, row]) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def _cell(value: Any) -> Any:
+    value = plain(value)
+    return json.dumps(value) if isinstance(value, list | dict | tuple) else value

@@ -1,0 +1,89 @@
+"""Motor files: every way to describe a machine, and what is wrong with one."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+import stillflux as sf
+from stillflux.cli import main
+from stillflux.evidence.machines import OwnMachine, inverter_of, motor_of
+from stillflux.machine_file import machine_to_toml
+
+PUMP = Path(__file__).resolve().parents[1] / "examples" / "machines" / "pump-4kW.toml"
+FIELDS = "n_p = 2\nJ = 0.015\nU_N = 400.0\nI_N = 5.0\nf_N = 50.0\nT_N = 14.6\n"
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
+    path = tmp_path / "found.toml"
+    path.write_text(machine_to_toml(motor, inverter, name='a "b"', deviation={"R_s": 0.01}), encoding="utf-8")
+    machine = sf.load_machine(path)
+    assert (machine.motor, machine.inverter, machine.name) == (motor, inverter, 'a "b"')
+    assert machine.deviation == {"R_s": 0.01}
+
+
+def test_every_circuit_and_a_changed_preset(tmp_path: Path) -> None:
+    motor = sf.Motor.preset("2.2kW").replace(saturation=None)
+    path = tmp_path / "m.toml"
+    for circuit in (motor.to_gamma(), motor.to_t_model()):
+        lines = "".join(f"{key} = {value!r}\n" for key, value in circuit.items())
+        path.write_text(f"[motor]\n{lines}{FIELDS}")
+        found = sf.load_machine(path)
+        assert found.motor.L_sigma == pytest.approx(motor.L_sigma)
+        assert found.inverter.u_dc == pytest.approx(1.35 * 400.0)
+    path.write_text('[motor]\npreset = "11kW"\nR_s = 0.4\n[inverter]\nf_s = 4e3\n')
+    found = sf.load_machine(path)
+    assert found.motor == sf.Motor.preset("11kW").replace(R_s=0.4)
+    assert found.inverter.f_s == 4e3
+    assert sf.load_machine("11kW").motor == sf.Motor.preset("11kW")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[motor]\nR_s = 3.7\n", r"\[motor\] has no complete equivalent circuit"),
+        ("[motor]\npreset = '2.2kW'\nR_s = -1.0\n", r"\[motor\] R_s = -1"),
+        ("[motor]\npreset = '2.2kW'\nR_x = 1.0\n", r"\[motor\].*R_x"),
+        ("[motor]\npreset = '2.2kW'\n[inverter]\nf_s = 1.0\n", r"\[inverter\] f_s = 1"),
+        ("[motor]\npreset = '2.2kW'\n[deviation]\nR_s = 'x'\n", r"\[deviation\] R_s = 'x'"),
+        ("[engine]\n", "engine is not known"),
+        ("name = 'x'\n", r"one of the tables \[motor\] and \[nameplate\]"),
+        ("[motor\n", "line 1"),
+    ],
+)
+def test_errors_name_file_table_and_field(tmp_path: Path, text: str, expected: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=expected) as caught:
+        sf.load_machine(path)
+    assert "bad.toml" in str(caught.value)
+    with pytest.raises(ValueError, match="neither a preset"):
+        sf.load_machine("3kW")
+
+
+def test_an_own_machine_goes_to_processes_with_its_parameters() -> None:
+    name = OwnMachine.load(PUMP)
+    assert name == "pump-4kW"
+    again = pickle.loads(pickle.dumps(name))
+    assert motor_of(again) == motor_of(name) == sf.load_machine(PUMP).motor
+    assert inverter_of(again).f_s == 8e3
+    assert "R_s=1.6" in repr(again), "a journal tells machines of one name apart"
+
+
+def test_a_scenario_of_a_motor_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scenario = sf.Scenario.from_dict({"motor": str(PUMP), "duration": 0.1})
+    assert scenario.inverter == sf.load_machine(PUMP).inverter
+    path = tmp_path / "run.toml"
+    path.write_text('motor = "2.2kW"\nduration = 0.1\n')
+    assert main(["simulate", str(path), "--motor", str(PUMP), "--save", str(tmp_path / "r.npz")]) == 0
+    assert sf.Result.load(tmp_path / "r.npz").scenario.motor == scenario.motor
+    assert main(["simulate", str(path), "--motor", "none.toml"]) == 2
+    assert "none.toml" in capsys.readouterr().err
+
+
+def test_the_plane_of_an_own_machine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["beyond", "--motor", str(PUMP), "--metrics", str(tmp_path / "m.csv")]) == 2
+    assert "--motor" in capsys.readouterr().err

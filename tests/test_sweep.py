@@ -1,0 +1,190 @@
+"""Sweeps: grids and draws, resume, failures as rows, the same bytes from any executor."""
+
+from __future__ import annotations
+
+import runpy
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stillflux as sf
+from stillflux import executors
+from stillflux.cli import main
+from stillflux.sweep import METRICS, Point
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+MOTOR = sf.Motor.preset("2.2kW")
+BASE = sf.Scenario(
+    motor=MOTOR,
+    inverter=sf.Inverter.preset("2.2kW"),
+    duration=1.7,
+    omega_ref=5.0,
+    signals=["angle_error", "status", "omega_m", "reference", "estimate.confidence", "R_s", "estimate.R_s"],
+)
+
+
+def points() -> list[Point]:
+    return sf.grid(BASE, {"plant_motor.R_s": sf.factors(0.9, 1.1), "load_torque": [0.0, 3.0]})
+
+
+def cosine_fails(result: sf.Result) -> float:
+    raise ZeroDivisionError(f"at {result.t[-1]}")
+
+
+def test_a_grid_is_every_combination() -> None:
+    grid = points()
+    assert [p.parameters for p in grid] == [
+        {"plant_motor.R_s": MOTOR.R_s * x, "load_torque": load} for x in (0.9, 1.1) for load in (0.0, 3.0)
+    ]
+    assert grid[1].scenario is not None
+    assert grid[1].scenario.plant_motor == MOTOR.replace(R_s=0.9 * MOTOR.R_s)
+    assert grid[1].scenario.motor == MOTOR
+
+
+def test_draws_do_not_depend_on_their_number() -> None:
+    tolerances = {"plant_motor.R_s": sf.normal(0.1), "plant_inverter.dead_time": sf.uniform(0.2)}
+    few, many = sf.draws(BASE, 3, tolerances, seed=4), sf.draws(BASE, 9, tolerances, seed=4)
+    assert [p.parameters for p in few] == [p.parameters for p in many[:3]]
+    assert sf.draws(BASE, 1, tolerances, seed=5)[0].parameters != few[0].parameters
+    off = np.array([p.parameters["plant_inverter.dead_time"] / 2e-6 - 1.0 for p in many])
+    assert 0.0 < np.abs(off).max() <= 0.2
+
+
+def test_the_same_bytes_from_any_executor() -> None:
+    from dask.distributed import Client, LocalCluster
+
+    metrics = list(METRICS)
+    found = {"serial": sf.sweep(points(), metrics, "serial"), "processes": sf.sweep(points(), metrics)}
+    with ThreadPoolExecutor(2) as pool:
+        found["threads"] = sf.sweep(points(), metrics, pool)
+    found["joblib"] = sf.sweep(points(), metrics, executors.joblib(2))
+    with (
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+        ) as cluster,
+        Client(cluster) as client,  # type: ignore[no-untyped-call]
+    ):
+        found["dask"] = sf.sweep(points(), metrics, client)
+        found["dask pool"] = sf.sweep(points(), metrics, client.get_executor())
+    assert {x.to_csv() for x in found.values()} == {found["serial"].to_csv()}
+    assert len(found["serial"]) == 4
+    assert found["serial"]["angle_max"].max() < 5.0
+    with pytest.raises(TypeError, match=r"has no submit"):
+        sf.sweep(points(), metrics, 3)
+
+
+def test_failures_are_rows() -> None:
+    grid = sf.grid(BASE, {"plant_motor.R_s": [3.7, -1.0]})
+    found = sf.sweep(grid, ["angle_max", cosine_fails], "serial")
+    assert [row["error"][:28] for row in found] == [
+        "cosine_fails: ZeroDivisionEr",
+        "ValueError: R_s = -1 ohm is ",
+    ]
+    assert np.isfinite(found["angle_max"][0])
+    assert np.isnan(found["angle_max"][1])
+    assert len(found.failed) == 2
+    assert "2 failed" in found.summary()
+
+
+def test_a_fault_of_the_drive_is_a_status() -> None:
+    found = sf.sweep([BASE.replace(changes=[(1.6, {"u_dc": 10.0})])], ["fault_time"], "serial")
+    assert "under-voltage" in found["status"][0]
+    assert 1.6 <= found["fault_time"][0] < 1.61
+    assert not found.failed
+
+
+KILLED = """
+import os, signal, sys
+sys.path.insert(0, {tests!r})
+from test_sweep import points
+import stillflux as sf
+def show(done, total, row):
+    if done == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+sf.sweep(points(), ["angle_max"], "serial", {journal!r}, progress=show)
+"""
+
+
+def test_a_killed_sweep_goes_on_and_loses_at_most_one_task(tmp_path: Path) -> None:
+    journal = tmp_path / "sweep.jsonl"
+    program = KILLED.format(tests=str(Path(__file__).parent), journal=str(journal))
+    ended = subprocess.run([sys.executable, "-c", program], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert len(journal.read_text().splitlines()) == 2
+    journal.write_text(journal.read_text() + '["abc", {"status": "runn')
+    run: list[Any] = []
+    found = sf.sweep(points(), ["angle_max"], "serial", journal, progress=lambda *x: run.append(x))
+    assert len(run) == 2, "two were done"
+    assert found.to_csv() == sf.sweep(points(), ["angle_max"], "serial").to_csv()
+    again = sf.sweep(points(), ["angle_max"], "serial", journal, progress=lambda *x: run.append(x))
+    assert len(run) == 2
+    assert again.to_csv() == found.to_csv()
+    # Another metric, another scenario: not those rows.
+    other = sf.sweep(points()[:1], ["angle_rms"], "serial", journal)
+    assert np.isfinite(other["angle_rms"][0])
+    journal.write_text("t,i_a\n")
+    with pytest.raises(ValueError, match="holds no rows of a sweep"):
+        sf.sweep(points(), ["angle_max"], "serial", journal)
+
+
+def test_ctrl_c_keeps_what_was_done() -> None:
+    def stop(done: int, total: int, row: Any) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(sf.SweepInterrupted, match="after 1 of 4") as caught:
+        sf.sweep(points(), ["angle_max"], "serial", progress=stop)
+    assert len(caught.value.result) == 1
+
+
+def test_maps_and_distributions(tmp_path: Path) -> None:
+    found = sf.sweep(points(), ["angle_max"], "serial")
+    for figure in (found.map("plant_motor.R_s", "load_torque", "angle_max"), found.spread()):
+        figure.savefig(tmp_path / "x.png")
+        assert (tmp_path / "x.png").stat().st_size > 5_000
+    assert list(found.to_pandas().columns) == list(found.columns)
+    with pytest.raises(KeyError, match="is no column"):
+        found["nothing"]
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "sweep.toml"
+    text = (EXAMPLES / "sweep_map.toml").read_text().replace("2.6", "1.6").replace("[0.0, 7.0]", "[0.0]")
+    file.write_text(text)
+    out, plot, journal = tmp_path / "x.csv", tmp_path / "x.png", tmp_path / "x.jsonl"
+    assert main(["sweep", str(file), "--out", str(out), "--plot", str(plot), "--resume", str(journal)]) == 0
+    assert "3 rows, 0 ended with a fault, 0 failed" in capsys.readouterr().out
+    assert len(out.read_text().splitlines()) == 4
+    assert len(journal.read_text().splitlines()) == 3
+    assert plot.exists()
+    for wrong, expected in (
+        ("metrics = ['angle']\n" + text.split("\n", 3)[3], "'angle' is not one of"),
+        (text.replace("[grid]", "[gird]"), "gird is not known"),
+        (text.replace("{ factors = [0.85, 1.0, 1.15] }", "3"), "neither a list"),
+        (text.replace("R_s", "R_x"), "R_x is not a field"),
+    ):
+        file.write_text(wrong)
+        assert main(["sweep", str(file)]) == 2
+        assert expected in capsys.readouterr().err
+
+
+def test_the_example_on_a_dask_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    example = runpy.run_path(str(EXAMPLES / "sweep_dask.py"), run_name="example")
+    found = example["main"]()
+    assert len(found) == 8
+    assert not found.failed
+    assert len((tmp_path / "sweep_dask.jsonl").read_text().splitlines()) == 8
+    assert found["angle_max"].max() < 15.0
+
+
+def test_the_example_of_an_own_motor() -> None:
+    result = runpy.run_path(str(EXAMPLES / "own_motor.py"), run_name="example")["main"]()
+    assert result.status == "running"
+    assert METRICS["angle_max"](result) < 5.0
