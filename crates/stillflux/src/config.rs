@@ -69,6 +69,9 @@ pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
 const WEAK_GAIN: f64 = 0.15;
 const WEAK_RATE: f64 = 0.05;
 const LIMIT_HIGH: f64 = 2.0;
+/// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control. At 17 a
+/// drive of 160 kW and 4 kHz oscillates at twice rated speed, at 15 one of 10 kHz does not.
+const SPEED_GAIN: f64 = 12.0;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -310,6 +313,7 @@ impl<R: Real> DriveConfig<R> {
             speed_control: SpeedControlConfig {
                 k_p: r(speed_gain),
                 k_i: r(speed_k_i),
+                inv_gain: r((SPEED_GAIN * pu.hz(p.current_bandwidth) / speed_gain).min(100.0)),
                 torque_max: r(torque_max),
                 torque_pos: r(torque_most / b.torque),
                 torque_neg: r(-torque_least / b.torque),
