@@ -298,9 +298,9 @@ impl<R: Real> DriveConfig<R> {
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
                 limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
-                limit_high: r(LIMIT_HIGH * i_0),
-                k_p_weak: r(WEAK_GAIN / sigma_l_s),
-                k_i_weak: r(t_slow * WEAK_RATE * pu.hz(p.current_bandwidth) / sigma_l_s),
+                limit_high: r((LIMIT_HIGH * i_0).min(100.0)),
+                k_p_weak: r((WEAK_GAIN / sigma_l_s).min(100.0)),
+                k_i_weak: r((t_slow * WEAK_RATE * pu.hz(p.current_bandwidth) / sigma_l_s).min(100.0)),
             },
             weakening: WeakeningConfig {
                 psi_rated: r(p.psi_ref),
@@ -308,7 +308,7 @@ impl<R: Real> DriveConfig<R> {
                 // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
                 resistance: r(pu.r_s + pu.r_r * (l_s / pu.l_m) * (l_s / pu.l_m) / 0.8),
                 k: r(t_slow * pu.hz(p.flux_bandwidth) / 2.0),
-                inv_u_max_sq: r(1.0 / (u_max * u_max)),
+                inv_u_max_sq: r((1.0 / (u_max * u_max)).min(100.0)),
             },
             speed_control: SpeedControlConfig {
                 k_p: r(speed_gain),
@@ -343,7 +343,7 @@ impl<R: Real> DriveConfig<R> {
             i_range: r(i_range),
             i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
             i_trip: r(i_trip),
-            i_max_sq: r(i_max * i_max),
+            i_max_sq: r((i_max * i_max).min(100.0)),
             // Leaves a quarter of the current to the torque.
             i_d_max: r(libm::sqrt(15.0 / 16.0) * i_max),
             i_q_max: r(i_q_max),
@@ -353,8 +353,8 @@ impl<R: Real> DriveConfig<R> {
             omega_least: r(omega_least / b.omega_m),
             omega_most: r(omega_most / b.omega_m),
             ramp: RampConfig {
-                acceleration: r(p.acceleration.map_or(0.0, |a| a / b.omega_m * slow * ramp::CALLS)),
-                jerk: r(p.jerk.map_or(0.0, |j| j / b.omega_m * slow * slow * ramp::CALLS)),
+                acceleration: r(p.acceleration.map_or(0.0, |a| a / b.omega_m * slow * ramp::CALLS).min(100.0)),
+                jerk: r(p.jerk.map_or(0.0, |j| j / b.omega_m * slow * slow * ramp::CALLS).min(100.0)),
                 // Twice the deviation at which the proportional part alone asks for the largest torque.
                 lead: r((2.0 * torque_max / speed_gain).min(1.0)),
             },
@@ -362,7 +362,7 @@ impl<R: Real> DriveConfig<R> {
                 let (current, time) = body.unwrap_or((p.i_max, f64::INFINITY));
                 let i_c_sq = 2.0 * current * current / (b.i * b.i);
                 let rate = slow * f64::from(overload::CALLS) / time;
-                OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
+                OverloadConfig { i_c_sq: r(i_c_sq.min(100.0)), inv_i_c_sq: r((1.0 / i_c_sq).min(100.0)), rate: r(rate) }
             }),
             #[cfg(feature = "dclink")]
             dclink: {
@@ -372,7 +372,7 @@ impl<R: Real> DriveConfig<R> {
                     // Beyond what is ever measured where they are not set.
                     u_brake: r(u(p.u_dc_brake, 100.0)),
                     u_buffer: r(u(p.u_dc_buffer, -100.0)),
-                    inv_width: r(1.0 / (dclink::WIDTH * pu.u_dc)),
+                    inv_width: r((1.0 / (dclink::WIDTH * pu.u_dc)).min(100.0)),
                     u_on: r(on),
                     inv_span: r((1.0 / (full - on)).min(100.0)),
                 }
