@@ -5,8 +5,12 @@ delivers currents and takes duties; a `Plant` is a switching-level motor and inv
 a `Scenario` of both.
 """
 
+from importlib.metadata import version
+
 from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
+from stillflux.commissioning import Commissioned, Commissioning, CommissioningInterrupted, commission
 from stillflux.machine_file import Machine, load_machine
+from stillflux.nameplate import Nameplate
 from stillflux.parameters import Inverter, Motor
 from stillflux.replay import Replay, replay
 from stillflux.result import Result
@@ -15,7 +19,12 @@ from stillflux.simulation import Interrupted, simulate
 from stillflux.status import StatusCode
 from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, normal, sweep, uniform
 
+__version__ = version("stillflux")
+
 __all__ = [
+    "Commissioned",
+    "Commissioning",
+    "CommissioningInterrupted",
     "Drive",
     "Estimate",
     "FluxEstimator",
@@ -23,6 +32,7 @@ __all__ = [
     "Inverter",
     "Machine",
     "Motor",
+    "Nameplate",
     "Plant",
     "PlantState",
     "Replay",
@@ -33,6 +43,8 @@ __all__ = [
     "Sweep",
     "SweepInterrupted",
     "Trace",
+    "__version__",
+    "commission",
     "draws",
     "factors",
     "grid",

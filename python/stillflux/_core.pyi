@@ -7,11 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
-from stillflux.options import DriveSettings, PlantOptions
+from stillflux.nameplate import Nameplate
+from stillflux.options import Arithmetic, DriveSettings, PlantOptions, Scheme
 from stillflux.parameters import Inverter, Motor
 from stillflux.scenario import Scenario
 
 __all__ = [
+    "CommissioningCore",
+    "CommissioningRun",
     "Drive",
     "Estimate",
     "FluxEstimator",
@@ -26,6 +29,8 @@ __all__ = [
     "from_t_model",
     "inverter_preset",
     "motor_preset",
+    "nameplate_motor",
+    "nameplate_of",
     "signals",
     "to_gamma",
     "to_t_model",
@@ -42,6 +47,8 @@ def from_t_model(R_s: float, R_r: float, L_ls: float, L_lr: float, L_m: float) -
 def to_gamma(motor: Motor) -> dict[str, float]: ...
 def to_t_model(motor: Motor) -> dict[str, float]: ...
 def base(motor: Motor) -> dict[str, float]: ...
+def nameplate_motor(plate: Nameplate) -> tuple[dict[str, Any], dict[str, float]]: ...
+def nameplate_of(motor: Motor) -> dict[str, float]: ...
 def signals() -> dict[str, str]: ...
 
 @final
@@ -126,8 +133,8 @@ class Drive:
         cls,
         motor: Motor,
         inverter: Inverter,
-        arithmetic: str = "f32",
-        scheme: str = "enhanced",
+        arithmetic: Arithmetic = "f32",
+        scheme: Scheme = "enhanced",
         **settings: Unpack[DriveSettings],
     ) -> Drive: ...
     def step(
@@ -190,7 +197,7 @@ class RecordEstimator:
         cls,
         motor: Motor,
         inverter: Inverter,
-        scheme: str = "enhanced",
+        scheme: Scheme = "enhanced",
         **settings: Unpack[DriveSettings],
     ) -> RecordEstimator: ...
     def run(
@@ -263,3 +270,51 @@ class Run:
     def status(self) -> Status: ...
     def memory(self) -> dict[str, Any]: ...
     def record(self) -> dict[str, NDArray[Any]]: ...
+
+@final
+class CommissioningCore:
+    def __new__(
+        cls, plate: Nameplate, inverter: Inverter, shaft: str, arithmetic: str
+    ) -> CommissioningCore: ...
+    def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]: ...
+    @property
+    def gates_on(self) -> bool: ...
+    @property
+    def progress(self) -> float: ...
+    @property
+    def stage(self) -> str: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def cause(self) -> str | None: ...
+    def abort(self) -> None: ...
+    def found(self) -> dict[str, Any]: ...
+
+@final
+class CommissioningRun:
+    def __new__(
+        cls,
+        plate: Nameplate,
+        inverter: Inverter,
+        shaft: str,
+        arithmetic: str,
+        plant_motor: Motor,
+        plant_inverter: Inverter,
+        channels: tuple[int, int, int] | None,
+        gain: tuple[float, float, float] | None,
+        options: dict[str, Any],
+    ) -> CommissioningRun: ...
+    def advance(self, periods: int) -> bool: ...
+    @property
+    def time(self) -> float: ...
+    @property
+    def progress(self) -> float: ...
+    @property
+    def stage(self) -> str: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def cause(self) -> str | None: ...
+    @property
+    def extremes(self) -> tuple[float, float]: ...
+    def found(self) -> dict[str, Any]: ...

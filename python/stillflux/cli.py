@@ -1,4 +1,4 @@
-"""Command line: `stillflux demo`, `reproduce`, `beyond`, `simulate`, `sweep`, `replay`."""
+"""Command line: `stillflux demo`, `commission`, `reproduce`, `beyond`, `simulate`, `sweep`, `replay`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from stillflux import sweep_file
+from stillflux import __version__, sweep_file
 from stillflux.machine_file import load_machine, read_toml
 from stillflux.parameters import PRESETS
 from stillflux.replay import replay
@@ -52,6 +52,11 @@ class Command:
 
 COMMANDS = (
     Command("demo", "the headline run: a minute at zero stator frequency", "stillflux.evidence.commands"),
+    Command(
+        "commission",
+        "find a motor's parameters from its nameplate, simulated",
+        "stillflux.commissioning_command",
+    ),
     Command("reproduce", "the paper's figures on plant truth, with verdicts", "stillflux.evidence.commands"),
     Command(
         "beyond",
@@ -68,6 +73,7 @@ COMMANDS = (
 def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of a command line; of the registered commands only the one given is imported."""
     parser = argparse.ArgumentParser(prog="stillflux", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"stillflux {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
     wanted = next((word for word in given if not word.startswith("-")), "")
     for command in COMMANDS:

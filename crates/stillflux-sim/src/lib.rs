@@ -8,6 +8,7 @@
 mod adc;
 mod branches;
 mod bridge;
+pub mod commission;
 mod dclink;
 mod machine;
 mod mechanics;

@@ -16,7 +16,9 @@ mod paper;
 mod settings;
 use settings::BOOST;
 
-pub use settings::{DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+pub use settings::{
+    BALANCE_PERIODS, DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme,
+};
 
 use crate::base::{PerUnit, rounded};
 use crate::control::current::CurrentConfig;
@@ -48,6 +50,8 @@ use crate::supervision::SupervisionConfig;
 #[cfg(feature = "supervision")]
 use crate::supervision::channels::ChannelConfig;
 #[cfg(feature = "supervision")]
+use crate::supervision::innovation::InnovationConfig;
+#[cfg(feature = "supervision")]
 use crate::supervision::phases::PhaseConfig;
 use crate::supervision::plausibility::PlausibilityConfig;
 #[cfg(feature = "supervision")]
@@ -72,6 +76,9 @@ const LIMIT_HIGH: f64 = 2.0;
 /// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control. At 17 a
 /// drive of 160 kW and 4 kHz oscillates at twice rated speed, at 15 one of 10 kHz does not.
 const SPEED_GAIN: f64 = 12.0;
+/// Threshold `h` of the test for a lost field, s ([`crate::supervision::innovation`]).
+#[cfg(feature = "supervision")]
+const LOST_FIELD: f64 = 0.04;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -113,6 +120,10 @@ pub struct DriveConfig<R: Real> {
     pub(crate) overload: [OverloadConfig<R>; 2],
     #[cfg(feature = "dclink")]
     pub(crate) dclink: DcLinkConfig<R>,
+    /// Periods after a stop for which offsets and identified parameters are fresh, and the current that builds up the
+    /// flux then.
+    pub(crate) fresh_periods: u32,
+    pub(crate) i_quick: R,
     /// Periods after a sample that could not be used in which another one is a fault.
     pub(crate) bridged_periods: u32,
     pub(crate) calibrate_offset: bool,
@@ -129,6 +140,7 @@ words! {
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
     i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "dclink")] dclink,
+    fresh_periods, i_quick,
     bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
@@ -266,6 +278,20 @@ impl<R: Real> DriveConfig<R> {
         fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * l_product * l_product, 4.0)?;
         fits::<R>("L_sigma", machine.L_sigma, "H", inv_two_l_product, -1.0)?;
         fits::<R>("i_max", p.i_max, "A", 1.0 / (0.9 * i_q_max * p.psi_ref), -1.0)?;
+        let ramp_acceleration = slow * ramp::CALLS / b.omega_m;
+        let ramp_jerk = slow * ramp_acceleration;
+        for (field, value, unit, factor) in
+            [("acceleration", p.acceleration, "rad/s²", ramp_acceleration), ("jerk", p.jerk, "rad/s³", ramp_jerk)]
+        {
+            if let Some(value) = value {
+                fits::<R>(field, value, unit, value * factor, 1.0)?;
+            }
+        }
+        for (field, body) in [("machine_overload[0]", p.machine_overload), ("bridge_overload[0]", p.bridge_overload)] {
+            if let Some((current, _)) = body {
+                fits::<R>(field, current, "A", 0.5 * b.i * b.i / (current * current), -2.0)?;
+            }
+        }
         #[cfg(feature = "paper")]
         if p.scheme == Scheme::Paper {
             fits::<R>("R_s", machine.R_s, "ohm", 1.0 / pu.r_s, -1.0)?;
@@ -336,6 +362,10 @@ impl<R: Real> DriveConfig<R> {
                 #[cfg(feature = "supervision")]
                 channels: ChannelConfig { limit: r(0.05 * i_range + 0.08), calls: watched(0.004) },
                 #[cfg(feature = "supervision")]
+                innovation: InnovationConfig {
+                    gain: r(if p.supervision { f64::from(SLOW_PERIODS) / inverter.f_s / LOST_FIELD } else { 0.0 }),
+                },
+                #[cfg(feature = "supervision")]
                 stall: StallConfig { calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX } },
             },
             low_confidence: p.low_confidence,
@@ -353,16 +383,16 @@ impl<R: Real> DriveConfig<R> {
             omega_least: r(omega_least / b.omega_m),
             omega_most: r(omega_most / b.omega_m),
             ramp: RampConfig {
-                acceleration: r(p.acceleration.map_or(0.0, |a| a / b.omega_m * slow * ramp::CALLS).min(100.0)),
-                jerk: r(p.jerk.map_or(0.0, |j| j / b.omega_m * slow * slow * ramp::CALLS).min(100.0)),
+                acceleration: r(p.acceleration.map_or(0.0, |a| a * ramp_acceleration)),
+                jerk: r(p.jerk.map_or(0.0, |j| j * ramp_jerk)),
                 // Twice the deviation at which the proportional part alone asks for the largest torque.
                 lead: r((2.0 * torque_max / speed_gain).min(1.0)),
             },
             overload: [p.machine_overload, p.bridge_overload].map(|body| {
-                let (current, time) = body.unwrap_or((p.i_max, f64::INFINITY));
-                let i_c_sq = 2.0 * current * current / (b.i * b.i);
-                let rate = slow * f64::from(overload::CALLS) / time;
-                OverloadConfig { i_c_sq: r(i_c_sq.min(100.0)), inv_i_c_sq: r((1.0 / i_c_sq).min(100.0)), rate: r(rate) }
+                let (i_c_sq, rate) = body.map_or((1.0, 0.0), |(current, time)| {
+                    (2.0 * current * current / (b.i * b.i), slow * f64::from(overload::CALLS) / time)
+                });
+                OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
             }),
             #[cfg(feature = "dclink")]
             dclink: {
@@ -377,6 +407,8 @@ impl<R: Real> DriveConfig<R> {
                     inv_span: r((1.0 / (full - on)).min(100.0)),
                 }
             },
+            fresh_periods: if p.fresh_time > 0.0 { periods(p.fresh_time) } else { 0 },
+            i_quick: r(0.9 * i_max),
             bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
             offset_periods: periods(p.offset_time),

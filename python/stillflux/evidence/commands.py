@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,13 +51,18 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         metavar="TARGET",
         help="such as plane, plane-drift, mismatch; none: all of them; or alone one of the campaigns over "
-        "installations drawn at random, tolerance and consistency, or operations",
+        "installations drawn at random, tolerance, consistency and commissioning, or operations",
     )
     _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES])))
-    drawn = parser.add_argument_group("tolerance and consistency")
+    drawn = parser.add_argument_group("tolerance, consistency and commissioning")
     drawn.add_argument("--draws", type=_count, metavar="N", help="draws of each drive (and course)")
     drawn.add_argument("--draw", type=int, action="append", metavar="K", help="only this draw")
-    drawn.add_argument("--course", choices=COURSES, action="append", help="only this course (tolerance)")
+    drawn.add_argument(
+        "--course",
+        choices=COURSES,
+        action="append",
+        help="only this course (tolerance); on this one as well (commissioning)",
+    )
     parser.add_argument(
         "--operation",
         action="append",
@@ -315,6 +321,37 @@ def _consistency(options: argparse.Namespace) -> int:
     return _ended(path, journal, stopped)
 
 
+def _commissioning(options: argparse.Namespace) -> int:
+    from stillflux.evidence import commissioning
+    from stillflux.evidence.journal import Journal
+    from stillflux.evidence.report import page
+    from stillflux.parallel import Stopped, run_jobs
+
+    if options.motor is not None or options.machine != "all" or options.metrics:
+        raise ValueError("--motor, --machine and --metrics: not of commissioning, whose motors are drawn")
+    draws = _draws(options, commissioning.DRAWS)
+    options.out.mkdir(parents=True, exist_ok=True)
+    journal = Journal(options.journal) if options.journal else None
+    runner, stopped = (journal.run if journal else run_jobs), ""
+    try:
+        found = commissioning.run_all(
+            draws, options.arithmetic, options.course or (), commissioning.progress, runner
+        )
+    except Stopped as stop:
+        found, stopped = stop.results, str(stop)
+    if found:
+        print(page.table(commissioning.claims(found)))
+    if options.json:
+        rows = [asdict(x) for x in found]
+        options.json.write_text(
+            json.dumps(page.finite(rows), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+        )
+    path = options.out / "commissioning.html"
+    if found:
+        commissioning.page(path, options.command_line, found, stopped)
+    return _ended(path, journal, stopped)
+
+
 def _operations(options: argparse.Namespace) -> int:
     from stillflux.evidence import operate
     from stillflux.evidence.conditions import SCHEMES
@@ -356,6 +393,7 @@ def _ended(path: Path, journal: Journal | None, stopped: str) -> int:
 _CAMPAIGNS: Mapping[str, Callable[[argparse.Namespace], int]] = {
     "tolerance": _tolerance,
     "consistency": _consistency,
+    "commissioning": _commissioning,
     "operations": _operations,
 }
 """Over installations drawn at random, and what drives are asked to do; with machines and options of

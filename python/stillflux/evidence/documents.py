@@ -131,31 +131,36 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 # The paper's figures.
 
 
-def _lines(table: Table, kind: Kind, name: str) -> list[tuple[Line, list[Line | None]]]:
-    """Lines of a figure at the first machine that has them, and each at every machine."""
-    by = {machine: table.find(kind, name, machine) for machine in MACHINES}
+def _lines(
+    table: Table, kind: Kind, name: str, schemes: Sequence[str] = SCHEMES[:1]
+) -> list[tuple[Line, list[Line | None]]]:
+    """Lines of a figure where they are found first, and each at every machine, scheme after scheme."""
+    columns = [table.find(kind, name, machine, scheme) for scheme in schemes for machine in MACHINES]
     first: dict[tuple[str, str], Line] = {}
-    for machine in MACHINES:
-        for line in by[machine]:
+    for column in columns[: len(MACHINES)]:
+        for line in column:
             first.setdefault((line.quantity, line.direction), line)
     return [
-        (line, [next((x for x in by[m] if (x.quantity, x.direction) == key), None) for m in MACHINES])
+        (line, [next((x for x in column if (x.quantity, x.direction) == key), None) for column in columns])
         for key, line in first.items()
     ]
 
 
 def _verdicts(table: Table) -> str:
-    """Every claim of every figure, its negative control below."""
+    """Every claim of every figure, what the other scheme does beside it, its negative control below."""
     rows = []
+    count = len(MACHINES)
     for name in figures():
         experiment = experiments()[name]
-        found = _lines(table, "figure", name)
-        failing = any(line is not None and not line.holds for _, lines in found for line in lines)
+        found = _lines(table, "figure", name, SCHEMES)
+        published = [lines[:count] for _, lines in found]
+        failing = any(line is not None and not line.holds for lines in published for line in lines)
         verdict = "limit" if failing else "reproduced" if found else _UNKNOWN
-        rows.append([f"**{name}**", f"*{experiment.title}*", "", "", verdict])
+        rows.append([f"**{name}**", f"*{experiment.title}*", *[""] * (2 * count), verdict])
         rows += [["", claim(line), *map(judged, lines), ""] for line, lines in found]
-        rows.append(["", *_control(table, name), ""])
-    return markdown(["fig.", "must show", *MACHINES, "verdict"], rows)
+        rows.append(["", *_control(table, name), *[""] * (count + 1)])
+    beside = [f"{machine} {SCHEMES[1]}" for machine in MACHINES]
+    return markdown(["fig.", "must show", *MACHINES, *beside, "verdict"], rows)
 
 
 def _control(table: Table, name: str) -> list[str]:
