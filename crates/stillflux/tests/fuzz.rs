@@ -175,16 +175,6 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
             (on, on + rng.within(0.005 * inverter.u_dc, (u_dc_max - on).max(0.005 * inverter.u_dc)))
         }),
         stall_time: if rng.chance(4) { 0.0 } else { rng.ratio(0.1, 60.0) },
-        field_weakening: !rng.chance(4),
-        acceleration: rng.chance(3).then(|| rng.ratio(1e-3, 1e3) * omega_n),
-        jerk: None,
-        torque_limits: None,
-        speed_limits: None,
-        machine_overload: rng.chance(3).then(|| (i_max / core::f64::consts::SQRT_2, 2e4 / inverter.f_s)),
-        bridge_overload: None,
-        u_dc_brake: None,
-        u_dc_buffer: None,
-        u_dc_chopper: None,
         paper: if scheme == Scheme::Paper { paper } else { d.paper },
         enhanced: if scheme == Scheme::Enhanced { enhanced } else { d.enhanced },
     }
