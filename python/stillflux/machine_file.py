@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -101,7 +102,11 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         motor, assumed = _checked(path, "nameplate", _of_nameplate, data["nameplate"])
         deviation = {**assumed, **deviation}
     inverter = _checked(path, "inverter", lambda t: _inverter(t, motor), data.get("inverter"))
-    name = str(data.get("name", path.stem))
+    name = data.get("name", path.stem)
+    if not isinstance(name, str) or not re.fullmatch(r"[^\x00-\x1f/\\:*?\"<>|]{1,80}", name):
+        raise ValueError(
+            f"{path}: name = {name!r} is no file name of up to 80 characters, which reports need"
+        )
     return Machine(name=name, motor=motor, inverter=inverter, deviation=deviation)
 
 
