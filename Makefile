@@ -87,6 +87,11 @@ bench-tools:
 		PATH="$(abspath target/tools/bin):$$PATH" gungraun-runner --version 2>/dev/null | grep -q "$(GUNGRAUN)" || \
 		cargo install gungraun-runner --version $(GUNGRAUN) --locked --root target/tools
 
+# The documentation site, with the examples run: some minutes.
+.PHONY: site
+site: build
+	$(BIN)/mkdocs build --quiet
+
 clean:
 	rm -rf .venv target reports python/stillflux/*.so
 
