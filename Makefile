@@ -95,6 +95,20 @@ site: build
 clean:
 	rm -rf .venv target reports python/stillflux/*.so
 
+# --- C: library and header for the host in target/c; C_FEATURES="--no-default-features --features paper,q" for another
+# scheme and arithmetic, C_TO for another folder. A target's library: `cargo build --release --target …` in
+# crates/stillflux-c.
+.PHONY: c
+C_TO ?= target/c
+C_FEATURES ?=
+
+c:
+	mkdir -p $(C_TO)
+	cd crates/stillflux-c && export CARGO_TARGET_DIR="$(abspath target/c/build)" && \
+		cargo build --quiet --release --locked $(C_FEATURES) && \
+		cargo run --quiet --locked -p stillflux-c-header $(C_FEATURES) -- "$(abspath $(C_TO)/stillflux.h)"
+	cp target/c/build/release/libstillflux.a $(C_TO)/libstillflux.a
+
 # --- Firmware: needs QEMU, binutils for ARM and a compiler for the target; says so where they are missing.
 .PHONY: firmware firmware-bench
 

@@ -101,3 +101,20 @@ def test_the_table_of_metrics_takes_no_own_machine(
 ) -> None:
     assert main(["beyond", "--motor", str(PUMP), "--metrics", str(tmp_path / "m.csv")]) == 2
     assert "--motor" in capsys.readouterr().err
+
+
+def test_a_nameplate_makes_a_machine(tmp_path: Path) -> None:
+    path = tmp_path / "plate.toml"
+    plate = sf.Nameplate(P_N=4000.0, U_N=400.0, I_N=8.2, f_N=50.0, n_N=1435.0, cos_phi=0.82)
+    path.write_text(
+        "[nameplate]\nP_N = 4000.0\nU_N = 400.0\nI_N = 8.2\nf_N = 50.0\nn_N = 1435.0\ncos_phi = 0.82\n"
+        "[deviation]\nR_s = 0.05\n"
+    )
+    machine = sf.load_machine(path)
+    assert machine.motor == plate.motor()
+    assert machine.deviation == {**plate.deviation, "R_s": 0.05}
+    path.write_text(
+        "[nameplate]\nP_N = 4000.0\nU_N = 400.0\nI_N = 8.2\nf_N = 50.0\nn_N = 1435.0\ncos_phi = 2\n"
+    )
+    with pytest.raises(ValueError, match=r"plate.toml: \[nameplate\] cos_phi = 2"):
+        sf.load_machine(path)

@@ -8,7 +8,9 @@ a `Scenario` of both.
 from importlib.metadata import version
 
 from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
+from stillflux.commissioning import Commissioned, Commissioning, CommissioningInterrupted, commission
 from stillflux.machine_file import Machine, load_machine
+from stillflux.nameplate import Nameplate
 from stillflux.parameters import Inverter, Motor
 from stillflux.replay import Replay, replay
 from stillflux.result import Result
@@ -20,6 +22,9 @@ from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, norma
 __version__ = version("stillflux")
 
 __all__ = [
+    "Commissioned",
+    "Commissioning",
+    "CommissioningInterrupted",
     "Drive",
     "Estimate",
     "FluxEstimator",
@@ -27,6 +32,7 @@ __all__ = [
     "Inverter",
     "Machine",
     "Motor",
+    "Nameplate",
     "Plant",
     "PlantState",
     "Replay",
@@ -38,6 +44,7 @@ __all__ = [
     "SweepInterrupted",
     "Trace",
     "__version__",
+    "commission",
     "draws",
     "factors",
     "grid",

@@ -7,11 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
+from stillflux.nameplate import Nameplate
 from stillflux.options import Arithmetic, DriveSettings, PlantOptions, Scheme
 from stillflux.parameters import Inverter, Motor
 from stillflux.scenario import Scenario
 
 __all__ = [
+    "CommissioningCore",
+    "CommissioningRun",
     "Drive",
     "Estimate",
     "FluxEstimator",
@@ -26,6 +29,8 @@ __all__ = [
     "from_t_model",
     "inverter_preset",
     "motor_preset",
+    "nameplate_motor",
+    "nameplate_of",
     "signals",
     "to_gamma",
     "to_t_model",
@@ -62,6 +67,14 @@ def base(motor: Motor) -> dict[str, float]:
 
 def signals() -> dict[str, str]:
     """Names and units of all signals a run can record."""
+
+def nameplate_motor(plate: Nameplate) -> tuple[dict[str, Any], dict[str, float]]:
+    """Fields of the motor that a nameplate describes, and the relative standard deviation of each parameter.
+
+    Raises ValueError for the first value that no induction machine can have."""
+
+def nameplate_of(motor: Motor) -> dict[str, float]:
+    """Fields of the nameplate of a motor: its rated point at rated torque, without iron and friction loss."""
 
 @final
 class Status:
@@ -491,3 +504,73 @@ class Run:
         """What the drive would store now."""
     def record(self) -> dict[str, NDArray[Any]]:
         """The record so far: name to array, time as "t" in s."""
+
+@final
+class CommissioningCore:
+    """A commissioning, one control period at a time."""
+
+    def __new__(
+        cls, plate: Nameplate, inverter: Inverter, shaft: str, arithmetic: str
+    ) -> CommissioningCore: ...
+    def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
+        """One control period."""
+    @property
+    def gates_on(self) -> bool:
+        """False: block the bridge."""
+    @property
+    def progress(self) -> float:
+        """Part that is over, 0 to 1."""
+    @property
+    def stage(self) -> str:
+        """Name of the procedure under way."""
+    @property
+    def status(self) -> str:
+        """ "running", "done", or the fault with its cause and time."""
+    @property
+    def cause(self) -> str | None:
+        """Cause of a fault, else None."""
+    def abort(self) -> None:
+        """Blocks the gates for good."""
+    def found(self) -> dict[str, Any]:
+        """What has been found so far."""
+
+@final
+class CommissioningRun:
+    """A commissioning on a plant, advanced in pieces with the GIL released."""
+
+    def __new__(
+        cls,
+        plate: Nameplate,
+        inverter: Inverter,
+        shaft: str,
+        arithmetic: str,
+        plant_motor: Motor,
+        plant_inverter: Inverter,
+        channels: tuple[int, int, int] | None,
+        gain: tuple[float, float, float] | None,
+        options: dict[str, Any],
+    ) -> CommissioningRun: ...
+    def advance(self, periods: int) -> bool:
+        """Runs at most `periods` further control periods; False when the commissioning is over."""
+    @property
+    def time(self) -> float:
+        """Simulated time so far, s."""
+    @property
+    def progress(self) -> float:
+        """Part that is over, 0 to 1."""
+    @property
+    def stage(self) -> str:
+        """Name of the procedure under way."""
+    @property
+    def status(self) -> str:
+        """ "running", "done", or the fault with its cause and time."""
+    @property
+    def cause(self) -> str | None:
+        """Cause of a fault, else None."""
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """Largest phase current relative to the rated peak, and the largest angle of the shaft at
+        standstill,
+        electrical rad."""
+    def found(self) -> dict[str, Any]:
+        """What has been found so far."""

@@ -1,4 +1,4 @@
-"""Command line: `stillflux demo`, `reproduce`, `beyond`, `simulate`, `sweep`, `replay`."""
+"""Command line: `stillflux demo`, `commission`, `reproduce`, `beyond`, `simulate`, `sweep`, `replay`."""
 
 from __future__ import annotations
 
@@ -52,6 +52,11 @@ class Command:
 
 COMMANDS = (
     Command("demo", "the headline run: a minute at zero stator frequency", "stillflux.evidence.commands"),
+    Command(
+        "commission",
+        "find a motor's parameters from its nameplate, simulated",
+        "stillflux.commissioning_command",
+    ),
     Command("reproduce", "the paper's figures on plant truth, with verdicts", "stillflux.evidence.commands"),
     Command(
         "beyond",

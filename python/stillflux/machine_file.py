@@ -36,10 +36,10 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from stillflux.nameplate import Nameplate
 from stillflux.parameters import PRESETS, Inverter, Motor
 
 if sys.version_info >= (3, 11):
@@ -200,5 +200,5 @@ def _with_preset(cls: type[Any], table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _of_nameplate(table: Mapping[str, Any]) -> tuple[Motor, Mapping[str, float]]:
-    plate = import_module("stillflux.nameplate").Nameplate(**table)
+    plate = Nameplate(**table)
     return plate.motor(), dict(plate.deviation)

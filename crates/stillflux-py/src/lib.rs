@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 #![allow(non_snake_case)]
 
+mod commission;
 mod convert;
 mod drive;
 mod flux;
@@ -19,6 +20,8 @@ use pyo3::prelude::*;
 /// The compiled part of stillflux.
 #[pymodule(name = "_core")]
 mod core_module {
+    #[pymodule_export]
+    use crate::commission::{CommissioningCore, CommissioningRun, nameplate_motor, nameplate_of};
     #[pymodule_export]
     use crate::drive::{Drive, Estimate, Status};
     #[pymodule_export]

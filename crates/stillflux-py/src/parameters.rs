@@ -106,6 +106,11 @@ pub fn motor_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyD
         "11kW" => Machine::preset_11k(),
         _ => return Err(unknown_preset(name)),
     };
+    machine_dict(py, &m)
+}
+
+/// Fields of a motor.
+pub fn machine_dict<'py>(py: Python<'py>, m: &Machine) -> PyResult<Bound<'py, PyDict>> {
     let fields = dict!(py, m; R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N);
     fields.set_item("saturation", m.saturation.map(|s| (s.L_u, s.a, s.S)))?;
     Ok(fields)
@@ -119,6 +124,11 @@ pub fn inverter_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, 
         "11kW" => params::Inverter::preset_11k(),
         _ => return Err(unknown_preset(name)),
     };
+    inverter_dict(py, &inverter)
+}
+
+/// Fields of an inverter.
+pub fn inverter_dict<'py>(py: Python<'py>, inverter: &params::Inverter) -> PyResult<Bound<'py, PyDict>> {
     Ok(dict!(py, inverter; u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out))
 }
 
@@ -222,11 +232,15 @@ drive_settings! {
     common:
     psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
-    inverter_model, calibrate_offset, offset_time, magnetise_time, supervision, stall_time;
+    inverter_model, calibrate_offset, offset_time, magnetise_time, fresh_time, supervision, stall_time,
+    field_weakening, acceleration, jerk, torque_limits, speed_limits, machine_overload, bridge_overload,
+    u_dc_brake, u_dc_buffer, u_dc_chopper;
     paper:
-    offset_estimator, offset_gain, noise_compensator, noise_gain, resistance_adaptation, resistance_gain;
+    offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation, resistance_gain,
+    resistance_at_rest, resistance_at_light_load, resistance_quotient, initial_flux, low_pass, limiter;
     enhanced:
-    identify_offset, identify_resistance, apply_innovation, omega_s_min;
+    identify_offset, identify_resistance, apply_innovation, omega_s_min,
+    prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M;
 }
 
 /// A setting of the other scheme is an error, whatever its value.

@@ -260,7 +260,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("speed_estimator", operations(|| speed.step(config.speed_config(), &psi, &i))),
         ("resistance_adaptation", operations(|| resistance.step(&resistance_config, r(1.0), &i_dq, r(0.05), r(0.04)))),
         ("confidence", operations(|| confidence.step(config.confidence_config(), r(0.05), r(0.001), Some(r(1e-4))))),
-        ("speed_control", operations(|| speed_control.step(config.speed_control_config(), r(0.05), r(0.049), r(1.0)))),
+        (
+            "speed_control",
+            operations(|| speed_control.step(config.speed_control_config(), r(0.05), r(0.049), (r(-1.0), r(1.0)))),
+        ),
         (
             "flux_control",
             operations(|| {

@@ -8,6 +8,8 @@
 mod adc;
 mod branches;
 mod bridge;
+pub mod commission;
+mod dclink;
 mod machine;
 mod mechanics;
 mod nodes;
@@ -20,6 +22,7 @@ mod thermal;
 pub use adc::{Adc, ChannelFault};
 pub use branches::{DeepBar, IronLoss};
 pub use bridge::GateDelays;
+pub use dclink::{DcLink, LinkEnergy};
 pub use machine::Energy;
 pub use mechanics::Mechanics;
 pub use plant::{Calls, Mode, Plant, PlantParams, Truth};

@@ -19,6 +19,8 @@
 //!
 //! No call panics, allocates, or lets a number that is not finite through, whatever the ADC delivers.
 
+#[cfg(feature = "enhanced")]
+pub(crate) mod catch;
 mod control;
 #[cfg(feature = "enhanced")]
 mod enhanced;
@@ -140,6 +142,17 @@ impl<R: Real> Drive<R> {
         self.estimators.restore(&self.config, memory);
     }
 
+    /// Duty of the brake chopper at a link voltage, 0 to 1, in every state of the drive; 0 without the setting.
+    #[cfg(feature = "dclink")]
+    pub fn chopper(&self, u_dc: R) -> R {
+        self.config.dclink.chopper(u_dc)
+    }
+
+    /// Heat of machine and bridge in units of that at their continuous currents; 0 without the settings.
+    pub fn overload(&self) -> [R; 2] {
+        self.common.control.overload()
+    }
+
     /// Leaves a fault; the drive is stopped then.
     pub fn reset(&mut self) {
         if matches!(self.status(), Status::Faulted { .. }) {
@@ -211,7 +224,7 @@ impl<R: Real> Common<R> {
             return true;
         }
         if action == Action::Ready {
-            estimators.begin();
+            estimators.begin(c, self.sequence.pause(c));
             self.control.begin();
             self.supervision.begin();
         }
@@ -235,7 +248,7 @@ impl<R: Real> Common<R> {
         let start_up = (!running).then(|| StartUp { stage: self.sequence.stage(), period });
         let PeriodOutput { field, complete } = estimators.period(c, &x, &mut self.control.i_dq_ref, start_up);
         if complete {
-            self.control.start(c);
+            self.control.start(c, estimators.speed().omega_m);
             self.sequence.enter(Status::Running);
         }
         field
@@ -306,17 +319,20 @@ impl<R: Real> Common<R> {
         running: bool,
     ) -> bool {
         let control = &self.control;
-        let currents = Currents { i_abc, i_dq: &x.i_dq, i_dq_ref: &control.i_dq_ref, field: &x.field };
+        let omega_s = running.then_some(estimators.speed().omega_s);
+        let currents = Currents { i_abc, i_dq: &x.i_dq, i_dq_ref: &control.i_dq_ref, field: &x.field, omega_s };
         let mut trip = self.supervision.currents(&c.supervision, &currents);
         if likely(running) {
-            let omega_m = estimators.speed().omega_m;
+            let (omega_m, omega_s) = (estimators.speed().omega_m, estimators.speed().omega_s);
             let speed_deviation = match *reference {
-                Reference::Speed(omega) => omega.limit(c.omega_max) - omega_m,
+                Reference::Speed(omega) => omega.clamp(c.omega_least, c.omega_most) - omega_m,
                 _ => R::ZERO,
             };
             let course = Course {
                 psi_deviation: x.psi_s - control.psi_ref,
                 omega_m,
+                omega_s,
+                nis: estimators.nis(),
                 speed_deviation,
                 torque_limited: control.torque_limited,
             };

@@ -15,7 +15,7 @@
 //! on by default.
 //!
 //! The features `paper` (the published scheme) and `enhanced` choose the estimators that a build of the drive holds;
-//! both are on by default, a product needs one.
+//! both are on by default, a product needs one. The feature `commission` adds self-commissioning.
 //!
 //! ```
 //! use stillflux::config::{DriveConfig, DriveParams};
@@ -44,6 +44,8 @@ extern crate std;
 compile_error!("a drive needs a scheme: enable the feature `paper`, `enhanced` or both");
 
 pub mod base;
+#[cfg(feature = "commission")]
+pub mod commission;
 pub mod config;
 pub mod control;
 pub mod counts;

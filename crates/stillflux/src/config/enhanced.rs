@@ -3,12 +3,16 @@
 use super::settings::{BOOST, DriveParams, EnhancedParams, SLOW_PERIODS};
 use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
+use crate::drive::catch::CatchConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
+use crate::estimate::priors::Priors;
 use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
 
+/// Duration of a block in which the induced voltage is measured at the beginning of a start, s.
+const CATCH_BLOCK: f64 = 1e-3;
 /// Duration of the speed search at the beginning of a start, s.
 const PROBE_TIME: f64 = 0.01;
 /// Least `Σ |ψ_R|² dτ` of the search, relative to that at standstill: below it noise and the error of the inverter
@@ -30,14 +34,18 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub filter: FilterConfig<R>,
     pub balance: BalanceConfig<R>,
     pub shift: ShiftConfig<R>,
+    pub catch: CatchConfig<R>,
+    /// What one control period takes off the logarithm of a free rotor flux, times 64.
+    pub decay: R,
     pub probe_periods: u32,
     /// Least `Σ |ψ_R|² dτ` of the speed search.
     pub probe_floor: R,
 }
-words!(EnhancedConfig: filter, balance, shift, probe_periods, probe_floor);
+words!(EnhancedConfig: filter, balance, shift, catch, decay, probe_periods, probe_floor);
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
+    #[allow(non_snake_case)]
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
@@ -50,8 +58,15 @@ impl<R: Real> EnhancedConfig<R> {
             let EnhancedParams { identify_offset, identify_resistance, apply_innovation, .. } = p.enhanced;
             Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
         };
+        let priors = {
+            let EnhancedParams { prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M, .. } = p.enhanced;
+            Priors { r_s: prior_R_s, loss: prior_loss, knee: prior_c_out, leakage: prior_L_sigma, l_m: prior_L_M }
+        };
+        let filter = FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified);
+        // At least 0.0125 of normalised time, whose reciprocal fits fixed point.
+        let catch_block = inverter.periods(CATCH_BLOCK).max(libm::ceil(0.0125 / pu.t_s) as u32);
         Self {
-            filter: FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified),
+            filter: filter.with_priors(&priors),
             balance: BalanceConfig {
                 step: rounded(BALANCE_RATE / inverter.f_s),
                 step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),
@@ -66,6 +81,14 @@ impl<R: Real> EnhancedConfig<R> {
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
                 step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
             },
+            catch: CatchConfig {
+                block: catch_block,
+                t_block: rounded(f64::from(catch_block) * pu.t_s),
+                inv_t_block: rounded(1.0 / (f64::from(catch_block) * pu.t_s)),
+                // Limited for fixed point: with periods shorter than a hundredth of the leakage the surge ends later.
+                leakage: rounded((pu.sigma_l_s / pu.t_s).min(100.0)),
+            },
+            decay: rounded(64.0 * pu.t_s / pu.tau_r),
             probe_periods: inverter.periods(PROBE_TIME),
             probe_floor: rounded(PROBE_FLOOR * built_up * built_up * tau / 3.0),
         }

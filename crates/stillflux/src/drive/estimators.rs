@@ -78,8 +78,9 @@ pub(super) struct Estimated<R: Real> {
 
 /// Estimators of a scheme, with its start-up sequence.
 pub(super) trait Estimators<R: Real> {
-    /// A start-up begins with the next period.
-    fn begin(&mut self);
+    /// A start-up begins with the next period; `pause`: periods since the drive ran last, if what it learned then is
+    /// fresh.
+    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>);
 
     /// One period, of the start-up or under control, with the current reference `i_dq_ref` in field coordinates. A
     /// start-up sets its own.
@@ -119,6 +120,9 @@ pub(super) trait Estimators<R: Real> {
 
     /// Factor of the inverter model's voltage, and its curve over the current.
     fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>);
+
+    /// Normalised innovation squared; zero where there is no filter.
+    fn nis(&self) -> R;
 
     /// Confidence in the field angle.
     fn confidence(&self) -> R;

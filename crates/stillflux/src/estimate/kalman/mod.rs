@@ -96,6 +96,7 @@ use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
+use crate::estimate::priors::Priors;
 use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Integrator, Real, likely};
@@ -105,6 +106,8 @@ use crate::words::words;
 /// Length of a block, s: long against the control period, short against the rotor time constant.
 const BLOCK_TIME: f64 = 1e-3;
 
+/// Largest magnitude of the rotor flux, per unit.
+const M_MAX: f64 = 3.0;
 /// Limits of the identified states: offset per unit, `v`, knee and `γ` relative to the parameters.
 const B_MAX: f64 = 0.2;
 const V_MAX: f64 = 0.8;
@@ -186,6 +189,12 @@ impl<R: Real> FilterConfig<R> {
         let most = 0.1 * machine.L_M / Self::block(inverter).1;
         check("R_R", machine.R_R, 0.0, most, "ohm")
             .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
+    }
+
+    /// The same with other standard deviations of the parameters at the start.
+    #[must_use]
+    pub fn with_priors(self, priors: &Priors) -> Self {
+        Self { noise: self.noise.with_priors(priors), ..self }
     }
 }
 
@@ -340,13 +349,17 @@ impl<R: Real> Filter<R> {
     /// State correction by gain times innovation `z`, each state within its limits.
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
-        let Some(by) = self.gain() else { return };
         let r = R::from_f64;
+        let Some(by) = self.gain() else {
+            // The rotor equation alone; where the curve is steep a block is too long a step for it to be stable.
+            self.m.add_clamped(R::ZERO, R::ZERO, R::ZERO, r(M_MAX));
+            return;
+        };
         // δψ_s = δχ + l̂ (i δε_l - δb).
         let to_psi = (self.i_s * by[LEAKAGE] - AlphaBeta::new(by[B], by[B + 1])) * self.sigma_l_s(c);
         self.psi_s.correct([by[PSI] + to_psi.re(), by[PSI + 1] + to_psi.im()], z);
         let r_s = c.model.r_s;
-        correct_state(&mut self.m, by[M], z, R::ZERO, r(3.0));
+        correct_state(&mut self.m, by[M], z, R::ZERO, r(M_MAX));
         correct_state(&mut self.b[0], by[B], z, r(-B_MAX), r(B_MAX));
         correct_state(&mut self.b[1], by[B + 1], z, r(-B_MAX), r(B_MAX));
         correct_state(&mut self.r_s, by[RS], z, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));

@@ -24,6 +24,9 @@
 //! | `γ` | 0.07 | 1e-4 | `σ_0` physical: tolerance of `L_M`. `σ_w` allowance |
 //! | `c` | 0.05 with a saturation curve, 0.15 without | 1e-4 | allowance |
 //!
+//! The `σ_0` of `r_s`, `ε_v`, `ε_k`, `ε_l` and `γ` are defaults ([`Priors`]) and settings of the drive, which a
+//! commissioning gives.
+//!
 //! | further term | constants | added to |
 //! |---|---|---|
 //! | measurement noise `R` | `MEASUREMENT_PU` 0.01 pu | `S` |
@@ -42,21 +45,12 @@ use super::model::{
     SCALE_V, TRANSIENT, V, by_state,
 };
 use crate::base::{PerUnit, rounded};
+use crate::estimate::priors::Priors;
 use crate::scalar::Real;
 use crate::words::words;
 
 /// Standard deviations at the start. Flux, per unit. Physical: remanence.
 const PRIOR_PSI: f64 = 5e-3;
-/// `ε_l`. Physical: tolerance of the leakage inductance.
-const PRIOR_LEAKAGE: f64 = 0.1;
-/// `γ`, relative. Physical: tolerance of the magnetising inductance.
-const PRIOR_GAMMA: f64 = 0.07;
-/// `r_s`, relative. Physical: temperature of the winding, 50 K at 0.39 %/K.
-const PRIOR_R_S: f64 = 0.2;
-/// `ε_v`. Physical: tolerance of dead time and threshold.
-const PRIOR_V: f64 = 0.15;
-/// `ε_k`: within a factor of two of the parameter. Physical: cable and motor add to the capacitance of the devices.
-const PRIOR_K: f64 = 0.7;
 /// Saturated part of the magnetising current, with and without a saturation curve among the parameters.
 /// Allowance.
 const PRIOR_C: (f64, f64) = (0.05, 0.15);
@@ -122,6 +116,19 @@ pub struct Identified {
     pub flux: bool,
 }
 
+/// Scaled variances of `r_s`, `ε_v`, `ε_k`, `ε_l`, `γ`.
+fn variances<R: Real>(priors: &Priors) -> [R; 5] {
+    let Priors { r_s, loss, knee, leakage, l_m } = *priors;
+    [
+        scaled(r_s, SCALE_R),
+        scaled(loss, SCALE_V),
+        scaled(knee, SCALE_K),
+        scaled(leakage, SCALE_LEAKAGE),
+        scaled(l_m, SCALE_GAMMA),
+    ]
+    .map(rounded)
+}
+
 /// Noise of a configuration, scaled variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -134,6 +141,8 @@ pub(super) struct Noise<R: Real> {
     /// Whether the offsets are read before each start, and whether the saturation is that of the machine's curve.
     calibrated: bool,
     c_known: bool,
+    /// Variance at the start: resistance, inverter error, knee, leakage, `γ`.
+    prior: [R; 5],
     /// Variance that each block adds: flux, `m`, offset, resistance, inverter error, knee, leakage, `γ`, `c`.
     walk: [R; 9],
     /// Added to the flux per squared stator frequency.
@@ -141,7 +150,7 @@ pub(super) struct Noise<R: Real> {
     /// Current of a phase, per unit, below which its voltage is uncertain.
     zero: R,
 }
-words!(Noise: offset, resistance, knee, calibrated, c_known, walk, induced, zero);
+words!(Noise: offset, resistance, knee, calibrated, c_known, prior, walk, induced, zero);
 
 impl<R: Real> Noise<R> {
     /// For validated parameters and blocks of `seconds`; `calibrated`: the offsets of the current sensors are read
@@ -177,27 +186,30 @@ impl<R: Real> Noise<R> {
             knee,
             calibrated,
             c_known,
+            prior: variances(&Priors::default()),
             walk: [PSI, M, B, RS, V, KNEE, LEAKAGE, GAMMA, C].map(variance),
             induced: r(INDUCED * INDUCED * seconds / (SCALE_PSI * SCALE_PSI)),
             zero: r(pu.dead_time_swing.max(ZERO_MIN)),
         }
     }
 
+    /// The same with other priors.
+    pub fn with_priors(self, priors: &Priors) -> Self {
+        Self { prior: variances(priors), ..self }
+    }
+
     /// Variances at the start.
     #[cold]
     #[inline(never)]
     pub fn prior(&self) -> Column<R> {
-        let r = |on: bool, x: f64| if on { R::from_f64(x) } else { R::ZERO };
+        let [of_r_s, of_v, of_knee, leakage, gamma] = self.prior;
+        let r = |on: bool, x: R| if on { x } else { R::ZERO };
         let either = |first: bool, (x, y): (f64, f64), scale: f64| {
             R::from_f64(if first { scaled(x, scale) } else { scaled(y, scale) })
         };
         let psi = R::from_f64(const { scaled(PRIOR_PSI, SCALE_PSI) });
         let b = if self.offset { either(self.calibrated, PRIOR_B, SCALE_B) } else { R::ZERO };
-        let r_s = r(self.resistance, const { scaled(PRIOR_R_S, SCALE_R) });
-        let v = r(self.resistance, const { scaled(PRIOR_V, SCALE_V) });
-        let knee = r(self.knee, const { scaled(PRIOR_K, SCALE_K) });
-        let leakage = R::from_f64(const { scaled(PRIOR_LEAKAGE, SCALE_LEAKAGE) });
-        let gamma = R::from_f64(const { scaled(PRIOR_GAMMA, SCALE_GAMMA) });
+        let (r_s, v, knee) = (r(self.resistance, of_r_s), r(self.resistance, of_v), r(self.knee, of_knee));
         by_state([psi, psi, b, r_s, v, knee, leakage, gamma, either(self.c_known, PRIOR_C, SCALE_C)])
     }
 

@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! start:    ψ_s = 0, m = 0;    P = diag(σ_0²), but b, r_s, v, k, l, γ with min(max(P_kk, ρ_k σ_0²), σ_0²)
+//! catch:    the same with ψ_s = ψ_R + σl_s i_s, m = |ψ_R|
 //! settle:   ψ_s = ψ_0 ∠0, m = ψ_0 - σl_s i_α;    δψ_sα = δm = -m/(1 + S c) δγ
 //! ```
 //!
@@ -121,6 +122,14 @@ impl<R: Real> Filter<R> {
         self.initial.learned = self.learned();
         self.begin(c);
         self.i_s = *i_s - self.b();
+    }
+
+    /// Begins like [`Filter::start`], at the rotor flux of a machine without current.
+    pub fn catch(&mut self, c: &FilterConfig<R>, psi_r: AlphaBeta<R>, i_s: &AlphaBeta<R>) {
+        self.begin(c);
+        self.i_s = *i_s;
+        self.psi_s.set(psi_r + *i_s * self.sigma_l_s(c));
+        self.m = Integrator::new(psi_r.norm_sq().sqrt());
     }
 
     /// Begins with the values of `initial` and the variances after a stop.

@@ -1,0 +1,103 @@
+//! A commissioning on a plant, advanced in pieces, with what only the plant knows: the largest current and how far the
+//! shaft has turned. Wiring faults are made between plant and control.
+
+use crate::plant::{Plant, PlantParams};
+use stillflux::commission::si::{Shaft, SiCommissioning};
+use stillflux::commission::{Nameplate, Status};
+use stillflux::params::{Inverter, ParamError};
+use stillflux::si::{Arithmetic, MeasurementSi};
+
+/// What is wrong with the wiring between plant and control.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wiring {
+    /// Leg whose current each channel reads.
+    pub channels: Option<[usize; 3]>,
+    /// Factor of each channel: negative for an inverted one, zero for a dead one.
+    pub gain: Option<[f64; 3]>,
+}
+
+impl Wiring {
+    fn read(&self, m: MeasurementSi) -> MeasurementSi {
+        let [a, b, c] = self.channels.unwrap_or([0, 1, 2]);
+        let i = [a, b, c].map(|k| m.i_abc[k % 3]);
+        let g = self.gain.unwrap_or([1.0; 3]);
+        MeasurementSi { i_abc: [g[0] * i[0], g[1] * i[1], g[2] * i[2]], ..m }
+    }
+}
+
+/// A commissioning coupled to a plant.
+#[derive(Clone, Debug)]
+pub struct CommissioningRun {
+    commissioning: SiCommissioning,
+    plant: Plant,
+    wiring: Wiring,
+    measured: MeasurementSi,
+    rated_peak: f64,
+    pole_pairs: f64,
+    current: f64,
+    turned: f64,
+}
+
+impl CommissioningRun {
+    /// Before the first period.
+    ///
+    /// # Errors
+    /// The first value outside its admissible range.
+    pub fn new(
+        plate: &Nameplate,
+        inverter: &Inverter,
+        shaft: Shaft,
+        arithmetic: Arithmetic,
+        plant: PlantParams,
+        wiring: Wiring,
+    ) -> Result<Self, ParamError> {
+        let commissioning = SiCommissioning::new(plate, inverter, shaft, arithmetic)?;
+        let mut plant = Plant::new(plant)?;
+        let measured = wiring.read(plant.sample());
+        let rated_peak = std::f64::consts::SQRT_2 * plate.I_N;
+        let pole_pairs = f64::from(plate.n_p());
+        Ok(Self { commissioning, plant, wiring, measured, rated_peak, pole_pairs, current: 0.0, turned: 0.0 })
+    }
+
+    /// Advances by a number of control periods; `false` when the commissioning is over.
+    pub fn advance(&mut self, periods: u32) -> bool {
+        for _ in 0..periods {
+            if self.commissioning.status() != Status::Running {
+                return false;
+            }
+            let standstill = self.commissioning.stage() != "inertia";
+            let (duty, gates_on) = self.commissioning.step(&self.measured);
+            self.measured = self.wiring.read(self.plant.step(duty, gates_on, 0.0));
+            let largest = self.plant.phase_currents().iter().fold(0.0f64, |x, i| x.max(i.abs()));
+            self.current = self.current.max(largest / self.rated_peak);
+            if standstill {
+                self.turned = self.turned.max(self.pole_pairs * self.plant.truth().theta_m.abs());
+            }
+        }
+        self.commissioning.status() == Status::Running
+    }
+
+    /// The commissioning.
+    #[must_use]
+    pub fn commissioning(&self) -> &SiCommissioning {
+        &self.commissioning
+    }
+
+    /// Blocks the gates for good.
+    pub fn abort(&mut self) {
+        self.commissioning.abort();
+    }
+
+    /// Time, s.
+    #[must_use]
+    pub fn time(&self) -> f64 {
+        self.plant.truth().t
+    }
+
+    /// Largest phase current so far, relative to the rated peak, and the largest angle by which the shaft has turned in
+    /// the procedures at standstill, electrical rad.
+    #[must_use]
+    pub fn extremes(&self) -> (f64, f64) {
+        (self.current, self.turned)
+    }
+}

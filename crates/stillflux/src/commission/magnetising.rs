@@ -1,0 +1,419 @@
+//! Magnetising curve, rotor resistance and stator resistance: steps between direct currents, each held until the flux
+//! has (nearly) settled.
+//!
+//! Along one axis at standstill the Γ circuit is one scalar differential equation. With the magnetising current
+//! `g(ψ) = ψ/L_u (1 + c |ψ/ψ_N|^S)` at a constant stator current `i`
+//!
+//! ```text
+//! (1 + L_l g'(ψ)) dψ/dt = R_r (i - g(ψ))        ψ - L_l (i - g(ψ)) continuous where i steps
+//! u = R i + (1 + d) u_l(i) + dψ/dt              R = R_s + r_d
+//! ```
+//!
+//! Settled, `u` is the resistance and the bridge; the integral of the rest is the static flux linkage of the level; where
+//! the flux passes through zero `dψ/dt` is `R_r i`, whatever the curve. The levels alternate in sign and fall, so
+//! that every reversal passes the whole curve up to its level. Only mean voltages of [`WINDOWS`] windows a level are
+//! kept; a window's mean of `dψ/dt` is a difference of flux, without any approximation.
+//!
+//! **Deep bars.** With several branches in the rotor the same equations hold for currents that are slow against the
+//! branches' own time constants, with the leakage `L_l = Σ (R_r/R_k)² L_k` of low frequency, which is larger than that
+//! of high frequency. Its ratio to the measured one is a parameter of the fit, and the first window of a level, in which
+//! the branches settle, does not count. The rotor resistance found is that of slip frequency, not of the skin effect.
+//!
+//! The fit solves the equation for `R`, `R_r`, `L_u`, `c`, `S`, `d` and that ratio by damped least squares.
+//!
+//! **Assumes** a curve of this form, a constant temperature, no remanence. With little saturation at the largest
+//! level `S` stays near its prior and says nothing.
+
+use super::excitation::{Command, Sample};
+use crate::scalar::{Integrator, Real};
+
+/// Windows of a level.
+pub const WINDOWS: usize = 16;
+/// Levels.
+pub const LEVELS: usize = 6;
+/// Prior of the saturated part at rated flux and of the exponent, with their standard deviations.
+const PRIOR_C: (f64, f64) = (0.4, 0.6);
+const PRIOR_S: (f64, f64) = (7.0, 3.0);
+/// Relative standard deviation of the nameplate's resistances and inductance in this fit: hardly any weight.
+const PRIOR_PLATE: f64 = 1.0;
+/// Standard deviation of `d`: what the fit of the bridge leaves.
+const PRIOR_D: f64 = 0.01;
+/// Prior of the logarithm of the leakage inductance at low frequency over that at high frequency.
+const PRIOR_BAR: (f64, f64) = (0.1, 0.25);
+/// Standard deviation assumed of a window's voltage, per unit.
+const SIGMA_U: f64 = 1e-4;
+/// Steps of the differential equation in a window.
+const STEPS: u32 = 6;
+/// Parameters of the fit.
+const N: usize = 7;
+
+/// Levels as current per unit: the largest first, falling, alternating; `i_0` is the rated magnetising current.
+#[must_use]
+pub fn levels(i_0: f64) -> [f64; LEVELS] {
+    let i = |k: f64| (k * i_0).min(1.0);
+    [1.0, -1.0, i(1.5), -i(1.0), i(0.7), -i(0.4)]
+}
+
+/// Timing, in periods.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct MagnetisingConfig<R: Real> {
+    pub levels: [R; LEVELS],
+    /// From a step of the current to the first window.
+    pub settle: u32,
+    /// Of a window.
+    pub window: u32,
+    /// One over each.
+    pub inv_settle: R,
+    /// One over the window.
+    pub inv_window: R,
+}
+
+impl<R: Real> MagnetisingConfig<R> {
+    /// Periods of the whole procedure.
+    pub fn duration(&self) -> u32 {
+        (self.settle + WINDOWS as u32 * self.window) * LEVELS as u32
+    }
+}
+
+/// Record of a level.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Level<R: Real> {
+    /// Mean voltage of each window.
+    pub u: [R; WINDOWS],
+    /// Mean current of the windows, and before the first one.
+    pub i: R,
+    pub i_settling: R,
+}
+
+/// State and record.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Magnetising<R: Real> {
+    tick: u32,
+    /// Levels done.
+    pub level: usize,
+    window: usize,
+    u: Integrator<R>,
+    i: Integrator<R>,
+    pub record: [Level<R>; LEVELS],
+}
+
+impl<R: Real> Magnetising<R> {
+    pub fn new() -> Self {
+        Self {
+            tick: 0,
+            level: 0,
+            window: 0,
+            u: Integrator::default(),
+            i: Integrator::default(),
+            record: [Level::default(); LEVELS],
+        }
+    }
+
+    /// One period; `None` at the end.
+    pub fn step(&mut self, c: &MagnetisingConfig<R>, x: &Sample<R>) -> Option<Command<R>> {
+        let i = (x.i + x.i_last).half();
+        let record = &mut self.record[self.level];
+        let settling = self.tick < c.settle;
+        let weight = if settling { c.inv_settle } else { c.inv_window };
+        self.u.add(weight, x.u);
+        self.i.add(weight, i);
+        self.tick += 1;
+        let (u_mean, i_mean) = (self.u.value(), self.i.value());
+        let complete = if settling {
+            if self.tick == c.settle {
+                record.i_settling = i_mean;
+            }
+            self.tick == c.settle
+        } else if self.tick == c.settle + c.window * (self.window as u32 + 1) {
+            record.u[self.window] = u_mean;
+            record.i += i_mean * R::from_f64(1.0 / WINDOWS as f64);
+            self.window += 1;
+            true
+        } else {
+            false
+        };
+        if complete {
+            self.u.set(R::ZERO);
+            self.i.set(R::ZERO);
+        }
+        if self.window == WINDOWS {
+            (self.tick, self.window) = (0, 0);
+            self.level += 1;
+            if self.level == LEVELS {
+                return None;
+            }
+        }
+        Some(Command::Current(c.levels[self.level], R::ZERO))
+    }
+}
+
+/// A level in double precision, per unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Reading {
+    pub u: [f64; WINDOWS],
+    pub i: f64,
+    pub i_settling: f64,
+    /// Loss of the bridge.
+    pub loss: f64,
+}
+
+/// Magnetising curve and resistances, per unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MagnetisingCurve {
+    /// `R_s + r_d`.
+    pub r: f64,
+    /// Rotor resistance of the Γ circuit.
+    pub r_r: f64,
+    /// Unsaturated stator inductance.
+    pub l_u: f64,
+    /// Saturated part at rated flux, and exponent.
+    pub c: f64,
+    /// The exponent.
+    pub s: f64,
+    /// Factor of the bridge's loss less one.
+    pub d: f64,
+    /// Leakage inductance at slip frequency relative to that at high frequency: 1 without deep bars.
+    pub bar: f64,
+    /// Standard deviations: relative of `r`, `r_r`, `l_u`, absolute of `c`, `s`, `d`, relative of `bar`.
+    pub deviation: [f64; N],
+    /// Root mean square of the residuals, per unit.
+    pub residual: f64,
+    /// Largest flux reached, per unit.
+    pub psi_max: f64,
+}
+
+impl MagnetisingCurve {
+    /// Magnetising current and its derivative.
+    fn current(&self, psi: f64) -> (f64, f64) {
+        let bend = if self.c > 0.0 { self.c * libm::pow(psi.abs().max(1e-9), self.s) } else { 0.0 };
+        (psi / self.l_u * (1.0 + bend), (1.0 + (self.s + 1.0) * bend) / self.l_u)
+    }
+
+    /// Stator inductance at a flux.
+    #[must_use]
+    pub fn inductance(&self, psi: f64) -> f64 {
+        self.l_u / (1.0 + self.c * libm::pow(psi.abs(), self.s))
+    }
+}
+
+/// A trajectory of the flux.
+#[derive(Clone, Copy)]
+struct Trajectory {
+    curve: MagnetisingCurve,
+    /// Leakage inductance of the Γ circuit.
+    l_l: f64,
+    psi: f64,
+    i: f64,
+}
+
+impl Trajectory {
+    fn new(p: &[f64; N], l_sigma: f64) -> Self {
+        let [r, r_r, l_u, c, s, d, bar] = *p;
+        let (r, r_r, l_u, bar) = (libm::exp(r), libm::exp(r_r), libm::exp(l_u), libm::exp(bar));
+        let curve = MagnetisingCurve {
+            r,
+            r_r,
+            l_u,
+            c: c.max(0.0),
+            s: s.clamp(1.0, 20.0),
+            d,
+            bar,
+            deviation: [0.0; N],
+            residual: 0.0,
+            psi_max: 0.0,
+        };
+        // 1/L_σ = 1/L_u + 1/L_l at small flux.
+        Self { curve, l_l: bar / (1.0 / l_sigma - 1.0 / l_u).max(0.1 / l_sigma), psi: 0.0, i: 0.0 }
+    }
+
+    /// The current steps, the rotor flux does not.
+    fn step(&mut self, i: f64) {
+        let rotor = self.psi - self.l_l * (self.i - self.curve.current(self.psi).0);
+        for _ in 0..20 {
+            let (g, slope) = self.curve.current(self.psi);
+            let e = self.psi - self.l_l * (i - g) - rotor;
+            self.psi -= (e / (1.0 + self.l_l * slope)).clamp(-0.2, 0.2);
+        }
+        self.i = i;
+    }
+
+    fn rate(&self, psi: f64) -> f64 {
+        let (g, slope) = self.curve.current(psi);
+        self.curve.r_r * (self.i - g) / (1.0 + self.l_l * slope)
+    }
+
+    /// Advances by a duration; returns the change of the flux.
+    fn advance(&mut self, tau: f64) -> f64 {
+        let h = tau / f64::from(STEPS);
+        let before = self.psi;
+        for _ in 0..STEPS {
+            let x = self.psi;
+            let k1 = self.rate(x);
+            let k2 = self.rate(x + 0.5 * h * k1);
+            let k3 = self.rate(x + 0.5 * h * k2);
+            let k4 = self.rate(x + h * k3);
+            self.psi = (x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)).clamp(-10.0, 10.0);
+        }
+        self.psi - before
+    }
+
+    /// Begins a level; `settle`: time from the command to the first window.
+    fn begin(&mut self, level: &Reading, settle: f64) {
+        // The current's mean while it settles says when a sudden step would have happened.
+        let change = level.i - self.i;
+        let late = if change.abs() > 1e-3 { (level.i - level.i_settling) / change } else { 0.0 };
+        let late = late.clamp(0.0, 1.0);
+        self.advance(late * settle);
+        self.step(level.i);
+        self.advance((1.0 - late) * settle);
+    }
+
+    /// Mean voltage of a window.
+    fn window(&mut self, level: &Reading, tau: f64) -> f64 {
+        self.curve.r * level.i + (1.0 + self.curve.d) * level.loss + self.advance(tau) / tau
+    }
+}
+
+/// What the fit begins with, per unit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Guess {
+    pub r: f64,
+    pub r_r: f64,
+    pub l_s: f64,
+    pub l_sigma: f64,
+    /// Durations until the first window and of a window, times `ω_sR`.
+    pub settle: f64,
+    pub window: f64,
+}
+
+/// Fit of the levels that were read.
+pub(super) fn fit(guess: &Guess, levels: &[Reading]) -> MagnetisingCurve {
+    let prior = [
+        (libm::log(guess.r), PRIOR_PLATE),
+        (libm::log(guess.r_r), PRIOR_PLATE),
+        (libm::log(guess.l_s * 1.2), PRIOR_PLATE),
+        PRIOR_C,
+        PRIOR_S,
+        (0.0, PRIOR_D),
+        PRIOR_BAR,
+    ];
+    let mut p = prior.map(|x| x.0);
+    let mut damping = 1e-2;
+    let (mut normal, mut cost) = normal_equations(guess, levels, &prior, &p);
+    for _ in 0..40 {
+        let mut a = normal.0;
+        for k in 0..N {
+            a[k][k] *= 1.0 + damping;
+        }
+        let Some(step) = solve(&a, &normal.1) else { break };
+        let mut next = p;
+        for k in 0..N {
+            next[k] -= step[k].clamp(-1.0, 1.0);
+        }
+        next[3] = next[3].clamp(0.0, 5.0);
+        next[4] = next[4].clamp(1.0, 20.0);
+        next[6] = next[6].clamp(-0.1, 1.0);
+        let (n, c) = normal_equations(guess, levels, &prior, &next);
+        if c < cost {
+            let gain = cost - c;
+            (normal, p) = (n, next);
+            cost = c;
+            damping = (damping * 0.2).max(1e-9);
+            if gain < 1e-6 * cost {
+                break;
+            }
+        } else {
+            damping *= 8.0;
+            if damping > 1e8 {
+                break;
+            }
+        }
+    }
+    let mut curve = Trajectory::new(&p, guess.l_sigma).curve;
+    let (residual, psi_max) = residuals(guess, levels, &p);
+    (curve.residual, curve.psi_max) = (residual, psi_max);
+    // The residuals say how good the model is: they scale the deviations.
+    let scale = (residual / SIGMA_U).max(1.0);
+    for k in 0..N {
+        let mut unit = [0.0; N];
+        unit[k] = 1.0;
+        curve.deviation[k] = solve(&normal.0, &unit).map_or(prior[k].1, |x| scale * libm::sqrt(x[k].max(0.0)));
+    }
+    curve
+}
+
+/// Whether a window of a level counts: not while the rotor's branches settle, and of the first level, before which the
+/// flux is not known, only the settled end.
+fn counts(level: usize, window: usize) -> bool {
+    window > 0 && (level > 0 || window >= WINDOWS / 2)
+}
+
+type Normal = ([[f64; N]; N], [f64; N]);
+
+/// Gauss-Newton matrix and gradient at `p`, and the cost: one trajectory for each parameter beside that of `p`.
+fn normal_equations(guess: &Guess, levels: &[Reading], prior: &[(f64, f64); N], p: &[f64; N]) -> (Normal, f64) {
+    const DELTA: f64 = 1e-4;
+    let mut all = [Trajectory::new(p, guess.l_sigma); N + 1];
+    for k in 0..N {
+        let mut q = *p;
+        q[k] += DELTA;
+        all[k + 1] = Trajectory::new(&q, guess.l_sigma);
+    }
+    let (mut a, mut b, mut cost) = ([[0.0; N]; N], [0.0; N], 0.0);
+    let mut add = |e: f64, d: &[f64; N], w: f64| {
+        cost += w * e * e;
+        for i in 0..N {
+            b[i] += w * e * d[i];
+            for j in 0..N {
+                a[i][j] += w * d[i] * d[j];
+            }
+        }
+    };
+    let w = 1.0 / (SIGMA_U * SIGMA_U);
+    for (at, level) in levels.iter().enumerate() {
+        for t in &mut all {
+            t.begin(level, guess.settle);
+        }
+        for (window, u) in level.u.into_iter().enumerate() {
+            let model = all.each_mut().map(|t| t.window(level, guess.window));
+            let mut d = [0.0; N];
+            for k in 0..N {
+                d[k] = (model[k + 1] - model[0]) / DELTA;
+            }
+            if counts(at, window) {
+                add(model[0] - u, &d, w);
+            }
+        }
+    }
+    for k in 0..N {
+        let mut d = [0.0; N];
+        d[k] = 1.0;
+        add(p[k] - prior[k].0, &d, 1.0 / (prior[k].1 * prior[k].1));
+    }
+    ((a, b), cost)
+}
+
+/// Root mean square of the residuals, and the largest flux.
+fn residuals(guess: &Guess, levels: &[Reading], p: &[f64; N]) -> (f64, f64) {
+    let mut t = Trajectory::new(p, guess.l_sigma);
+    let (mut sum, mut n, mut psi_max) = (0.0, 0.0, 0.0f64);
+    for (at, level) in levels.iter().enumerate() {
+        t.begin(level, guess.settle);
+        for (window, u) in level.u.into_iter().enumerate() {
+            let e = t.window(level, guess.window) - u;
+            if counts(at, window) {
+                sum += e * e;
+                n += 1.0;
+            }
+            psi_max = psi_max.max(t.psi.abs());
+        }
+    }
+    (libm::sqrt(sum / f64::max(n, 1.0)), psi_max)
+}
+
+/// Solution of a symmetric positive definite system by Cholesky's decomposition.
+fn solve(a: &[[f64; N]; N], b: &[f64; N]) -> Option<[f64; N]> {
+    let m = nalgebra::SMatrix::<f64, N, N>::from_fn(|i, j| a[i][j]);
+    let x = m.cholesky()?.solve(&nalgebra::SVector::<f64, N>::from_row_slice(b));
+    x.iter().all(|x| x.is_finite()).then(|| core::array::from_fn(|k| x[k]))
+}

@@ -1,0 +1,428 @@
+//! Self-commissioning: from the nameplate to the parameters of a drive, through the drive's own bridge, at standstill.
+//!
+//! [`nameplate`] gives a first machine with the deviation of each value. [`Commissioning::step`] then runs one
+//! procedure after the other, each in a file of its own:
+//!
+//! ```text
+//! wiring → bridge → leakage → magnetising            every current along one axis: no torque, the shaft stays
+//! inertia                                             with a free shaft, by the drive that was found ([`si`] joins both)
+//! ```
+//!
+//! **Timing** is that of [`crate::drive::Drive::step`]: currents sampled at the start of period *k* give the duties of
+//! period *k + 1*. A period only excites and sums; every fit is done by [`Commissioning::result`], in double precision
+//! and outside the control interrupt, from the means that were kept. So nothing that was found is lost when a later
+//! procedure fails or the run is stopped: the result holds what the completed ones say, and the nameplate's
+//! value with its deviation elsewhere.
+//!
+//! **Limits.** The current stays below 1.5 times the rated one; beyond it, and on any implausible measurement, the
+//! gates are blocked and the cause latched. The wiring is checked with a tenth of the rated current before any larger
+//! one flows.
+
+mod bridge;
+mod excitation;
+pub mod inertia;
+mod leakage;
+mod magnetising;
+pub mod nameplate;
+mod result;
+pub mod si;
+mod wiring;
+
+pub use bridge::{BridgeCurve, LEVELS as BRIDGE_LEVELS};
+pub use leakage::RAMP;
+pub use magnetising::{LEVELS as MAGNETISING_LEVELS, MagnetisingCurve, WINDOWS, levels as magnetising_levels};
+pub use nameplate::{Deviation, Nameplate};
+pub use result::{Found, Warnings};
+
+use core::fmt;
+
+use crate::base::{PerUnit, rounded};
+use crate::control::modulator::zero_duty;
+use crate::drive::{Measurement, Output};
+use crate::inverter::InverterModel;
+use crate::params::{Inverter, Machine, ParamError};
+use crate::scalar::Real;
+use bridge::Bridge;
+use excitation::{Command, Excitation, ExcitationConfig};
+use leakage::Leakage;
+use magnetising::{Magnetising, MagnetisingConfig};
+use wiring::{Wiring, WiringConfig};
+
+/// Current beyond which the gates are blocked, per unit.
+const TRIP: f64 = 1.45;
+/// dc-link voltage relative to the rated one.
+const U_DC: (f64, f64) = (0.6, 1.45);
+/// Bandwidth of current control relative to the switching frequency, for the nameplate's leakage inductance.
+const BANDWIDTH: f64 = 0.012;
+/// Periods in which the current goes from one value to the next.
+const RISE: f64 = 60.0;
+/// Periods for which the voltage may be at its limit.
+const LIMITED: u32 = 400;
+/// Duration of a level of the magnetising curve in rotor time constants of the nameplate, and its limit, s.
+const LEVEL: f64 = 5.0;
+const LEVEL_MAX: f64 = 6.5;
+
+/// Why a commissioning has been stopped. The numbers are stable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum Cause {
+    /// [`Commissioning::abort`] was called.
+    Aborted = 1,
+    /// A measurement is not finite or beyond full scale.
+    Measurement = 2,
+    /// dc-link voltage outside 0.6 to 1.45 times the rated one.
+    DcLink = 3,
+    /// Current above its limit.
+    OverCurrent = 4,
+    /// Offset of a current channel beyond what a healthy sensor shows.
+    CurrentOffset = 5,
+    /// A short pulse at a fraction of the expected voltage makes a large current.
+    ShortCircuit = 6,
+    /// No current in any channel.
+    NoMotor = 7,
+    /// One phase carries no current.
+    OpenPhase = 8,
+    /// One channel does not answer, although its phase carries current.
+    DeadChannel = 9,
+    /// Current channels belong to other legs.
+    SwappedChannels = 10,
+    /// A current channel has the wrong sign.
+    InvertedChannel = 11,
+    /// Gains of the channels (or impedances of the phases) differ by more than 15 %.
+    ChannelGain = 12,
+    /// The machine is far from its nameplate.
+    WrongMotor = 13,
+}
+
+impl Cause {
+    /// All causes.
+    pub const ALL: [Self; 13] = [
+        Self::Aborted,
+        Self::Measurement,
+        Self::DcLink,
+        Self::OverCurrent,
+        Self::CurrentOffset,
+        Self::ShortCircuit,
+        Self::NoMotor,
+        Self::OpenPhase,
+        Self::DeadChannel,
+        Self::SwappedChannels,
+        Self::InvertedChannel,
+        Self::ChannelGain,
+        Self::WrongMotor,
+    ];
+
+    /// Its number, 1 to 13.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        self as u32
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Aborted => "aborted",
+            Self::Measurement => "measurement",
+            Self::DcLink => "dc-link voltage",
+            Self::OverCurrent => "over-current",
+            Self::CurrentOffset => "current offset",
+            Self::ShortCircuit => "short circuit",
+            Self::NoMotor => "no motor connected",
+            Self::OpenPhase => "open phase",
+            Self::DeadChannel => "dead current channel",
+            Self::SwappedChannels => "swapped current channels",
+            Self::InvertedChannel => "inverted current channel",
+            Self::ChannelGain => "gains of the current channels",
+            Self::WrongMotor => "motor far from its nameplate",
+        })
+    }
+}
+
+/// Procedure under way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Stage {
+    /// Offsets, sensors and wiring.
+    Wiring,
+    /// Curve of the bridge.
+    Bridge,
+    /// Leakage inductance.
+    Leakage,
+    /// Magnetising curve and resistances.
+    Magnetising,
+    /// All done.
+    Complete,
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Wiring => "wiring",
+            Self::Bridge => "bridge",
+            Self::Leakage => "leakage",
+            Self::Magnetising => "magnetising",
+            Self::Complete => "complete",
+        })
+    }
+}
+
+/// State of a commissioning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Status {
+    /// Under way.
+    Running,
+    /// All procedures are done.
+    Done,
+    /// Stopped in a period, counted from the start.
+    Faulted {
+        /// Why.
+        cause: Cause,
+        /// When.
+        period: u32,
+    },
+}
+
+/// Constants of a commissioning: what the nameplate and the inverter's data sheet say.
+#[derive(Clone, Copy, Debug)]
+pub struct CommissioningConfig<R: Real> {
+    machine: Machine,
+    deviation: Deviation,
+    sheet: Inverter,
+    pu: PerUnit,
+    excitation: ExcitationConfig<R>,
+    wiring: WiringConfig<R>,
+    magnetising: MagnetisingConfig<R>,
+    /// Periods for which a current settles.
+    settle: u32,
+    bridge_weight: R,
+    leakage_weight: R,
+    /// Amplitude of the square voltage for the nameplate's leakage inductance, and its limit.
+    u_square: R,
+    u_square_max: R,
+    u_dc: (R, R),
+    trip: R,
+}
+
+impl<R: Real> CommissioningConfig<R> {
+    /// From a nameplate and what is known of the inverter.
+    ///
+    /// # Errors
+    /// The first value of either outside its admissible range.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn new(plate: &Nameplate, sheet: &Inverter) -> Result<Self, ParamError> {
+        let (machine, deviation) = plate.machine()?;
+        let pu = PerUnit::new(&machine, sheet)?;
+        let r = rounded::<R>;
+        let f_s = sheet.f_s;
+        let u_max = 0.95 * pu.u_dc / libm::sqrt(3.0);
+        let omega_c = pu.hz(BANDWIDTH * f_s);
+        let k_p = omega_c * pu.sigma_l_s;
+        // Pulses of a quarter of rated voltage give the response that the wiring's check wants.
+        let volt_seconds = wiring::RESPONSE * pu.sigma_l_s;
+        let pulse = ((volt_seconds / (0.25 * pu.t_s) + 0.5) as u32).clamp(1, 50);
+        let settle = (0.02 * f_s).max(200.0) as u32;
+        let tau_r = machine.L_M / machine.R_R;
+        let window = ((LEVEL * tau_r).min(LEVEL_MAX) * f_s / WINDOWS as f64).max(1.0) as u32;
+        let offset_periods = (0.1 * f_s) as u32;
+        Ok(Self {
+            excitation: ExcitationConfig {
+                inverter: InverterModel::new(&pu),
+                timer: sheet.timer()?,
+                k_p: r(k_p),
+                k_i: r(k_p * pu.t_s * omega_c / 3.0),
+                r: r(pu.r_s + pu.r_r),
+                u_max: r(u_max),
+                inv_rise: r(1.0 / RISE),
+            },
+            wiring: WiringConfig {
+                offset_periods,
+                inv_offset_periods: r(1.0 / f64::from(offset_periods)),
+                pulse,
+                u: r(0.25 * volt_seconds / (f64::from(pulse) * pu.t_s)),
+                u_max: r(u_max),
+                loss: r(pu.u_th + 0.5 * pu.dead_time * pu.u_dc),
+                per_volt: r(f64::from(pulse) * pu.t_s / pu.sigma_l_s),
+            },
+            magnetising: MagnetisingConfig {
+                levels: magnetising_levels(1.0 / pu.l_s).map(r),
+                settle,
+                window,
+                inv_settle: r(1.0 / f64::from(settle)),
+                inv_window: r(1.0 / f64::from(window)),
+            },
+            settle,
+            bridge_weight: Bridge::weight(settle),
+            leakage_weight: Leakage::weight(settle),
+            u_square: r(leakage::SWING * pu.sigma_l_s / (f64::from(RAMP) * pu.t_s)),
+            u_square_max: r(0.3 * u_max),
+            u_dc: (r(U_DC.0 * pu.u_dc), r(U_DC.1 * pu.u_dc)),
+            trip: r(TRIP),
+            machine,
+            deviation,
+            sheet: *sheet,
+            pu,
+        })
+    }
+
+    /// The machine by its nameplate: what per-unit quantities refer to.
+    #[must_use]
+    pub fn machine(&self) -> &Machine {
+        &self.machine
+    }
+
+    /// Periods of all procedures, roughly.
+    #[must_use]
+    pub fn duration(&self) -> u32 {
+        self.wiring.offset_periods
+            + bridge::duration(self.settle)
+            + leakage::duration(self.settle)
+            + self.magnetising.duration()
+    }
+}
+
+/// Self-commissioning at standstill.
+#[derive(Clone, Copy, Debug)]
+pub struct Commissioning<R: Real> {
+    config: CommissioningConfig<R>,
+    state: State<R>,
+}
+
+/// What a step changes: below 2 KiB in every arithmetic.
+#[derive(Clone, Copy, Debug)]
+struct State<R: Real> {
+    status: Status,
+    stage: Stage,
+    period: u32,
+    excitation: Excitation<R>,
+    wiring: Wiring<R>,
+    bridge: Bridge<R>,
+    leakage: Leakage<R>,
+    magnetising: Magnetising<R>,
+}
+
+impl<R: Real> Commissioning<R> {
+    /// Before its first period, gates off.
+    #[must_use]
+    pub fn new(config: CommissioningConfig<R>) -> Self {
+        let state = State {
+            status: Status::Running,
+            stage: Stage::Wiring,
+            period: 0,
+            excitation: Excitation::new(),
+            wiring: Wiring::new(&config.wiring),
+            bridge: Bridge::new(),
+            leakage: Leakage::new(),
+            magnetising: Magnetising::new(),
+        };
+        Self { config, state }
+    }
+
+    /// Constants.
+    pub fn config(&self) -> &CommissioningConfig<R> {
+        &self.config
+    }
+
+    /// State.
+    pub fn status(&self) -> Status {
+        self.state.status
+    }
+
+    /// Procedure under way, or the one in which it was stopped.
+    pub fn stage(&self) -> Stage {
+        self.state.stage
+    }
+
+    /// Part of the time that has passed, 0 to 1.
+    pub fn progress(&self) -> f64 {
+        match self.state.status {
+            Status::Done => 1.0,
+            _ => (f64::from(self.state.period) / f64::from(self.config.duration())).min(0.999),
+        }
+    }
+
+    /// Blocks the gates for good; what has been found stays.
+    pub fn abort(&mut self) {
+        self.state.fault(Cause::Aborted);
+    }
+
+    /// One control period.
+    pub fn step(&mut self, measured: &Measurement<R>) -> Output<R> {
+        let Self { config: c, state } = self;
+        let u_dc = measured.u_dc;
+        if state.status == Status::Running {
+            state.period = state.period.wrapping_add(1);
+            match state.procedure(c, measured) {
+                Ok((Command::Blocked, _)) => {}
+                Ok((command, i)) => {
+                    let gain = if state.stage > Stage::Wiring { state.wiring.leakage } else { R::ONE };
+                    let duty = state.excitation.duties(&c.excitation, gain, &command, i, u_dc);
+                    if state.excitation.limited() < LIMITED {
+                        return Output { duty, gates_on: true };
+                    }
+                    state.fault(Cause::WrongMotor);
+                }
+                Err(cause) => state.fault(cause),
+            }
+        }
+        Output { duty: zero_duty(), gates_on: false }
+    }
+}
+
+impl<R: Real> State<R> {
+    #[cold]
+    #[inline(never)]
+    fn fault(&mut self, cause: Cause) {
+        if self.status == Status::Running {
+            self.status = Status::Faulted { cause, period: self.period };
+        }
+    }
+
+    /// Checks the measurement and runs the procedure of the stage: its command and the current along the a-axis.
+    fn procedure(&mut self, c: &CommissioningConfig<R>, m: &Measurement<R>) -> Result<(Command<R>, R), Cause> {
+        // Written so that NaN fails the comparisons.
+        if !m.i_abc.iter().all(|i| i.within(R::from_f64(4.0))) || !m.u_dc.within(R::from_f64(100.0)) {
+            return Err(Cause::Measurement);
+        }
+        if !(m.u_dc >= c.u_dc.0 && m.u_dc <= c.u_dc.1) {
+            return Err(Cause::DcLink);
+        }
+        let mut i_abc = m.i_abc;
+        if self.stage > Stage::Wiring {
+            for (i, o) in i_abc.iter_mut().zip(self.wiring.offset()) {
+                *i = *i - o;
+            }
+            if !i_abc.iter().all(|i| i.within(c.trip)) {
+                return Err(Cause::OverCurrent);
+            }
+        }
+        let x = self.excitation.sample(i_abc, m.u_dc);
+        // A procedure that is complete hands over to the next one; none is complete in its first period.
+        let zero = Command::Current(R::ZERO, R::ZERO);
+        let command = match self.stage {
+            Stage::Wiring => self.wiring.step(&c.wiring, &x)?,
+            Stage::Bridge => self.bridge.step(c.settle, c.bridge_weight, &x),
+            Stage::Leakage => {
+                let u = (c.u_square * self.wiring.leakage).min(c.u_square_max);
+                self.leakage.step(c.settle, c.leakage_weight, u, &x)
+            }
+            Stage::Magnetising => self.magnetising.step(&c.magnetising, &x),
+            Stage::Complete => None,
+        };
+        if command.is_none() {
+            self.stage = match self.stage {
+                Stage::Wiring => Stage::Bridge,
+                Stage::Bridge => Stage::Leakage,
+                Stage::Leakage => Stage::Magnetising,
+                Stage::Magnetising | Stage::Complete => Stage::Complete,
+            };
+            if self.stage == Stage::Complete {
+                self.status = Status::Done;
+                return Ok((Command::Blocked, x.i));
+            }
+        }
+        Ok((command.unwrap_or(zero), x.i))
+    }
+}

@@ -1,0 +1,179 @@
+//! Result of a commissioning: machine and inverter with the deviation of each value, from the means that the
+//! procedures kept.
+//!
+//! ```text
+//! R_s = R - r_d      ψ_N: rated flux      L_s = L_u/(1 + c)      1/L_l = 1/L_σ - 1/L_u      L_σ(ψ_N) = L_s L_l/(L_s + L_l)
+//! L_M = L_s - L_σ    R_R = R_r (L_s/(L_s + L_l))²
+//! ```
+//!
+//! The fits begin with the nameplate's values, the later ones with what the earlier found. A procedure that was not
+//! completed leaves the nameplate's value with its deviation.
+
+use super::bridge::{self, BridgeCurve};
+use super::magnetising::{self, Guess, MagnetisingCurve, Reading};
+use super::nameplate::Deviation;
+use super::{Commissioning, Stage};
+use crate::params::{Gamma, Inverter, Machine, ParamError, Rating, Saturation};
+use crate::scalar::Real;
+
+/// Relative standard deviation that the gains of the current sensors add to every impedance: three channels of 1 %.
+const DEVIATION_GAIN: f64 = 0.006;
+/// Model error of the leakage inductance: frequency, iron loss.
+const DEVIATION_LEAKAGE: f64 = 0.02;
+/// Model error of rotor resistance and magnetising inductance.
+const DEVIATION_MODEL: f64 = 0.01;
+
+/// What should be looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Warnings {
+    /// The curve of the bridge does not fit: legs differ, or its capacitance is not constant.
+    pub bridge_fit: bool,
+    /// The curve of the magnetising flux does not fit.
+    pub magnetising_fit: bool,
+    /// Rated flux was not reached: `L_M` is extrapolated.
+    pub flux_not_reached: bool,
+    /// A value is further than four deviations from the nameplate's: wrong plate or wrong connection.
+    pub far_from_nameplate: bool,
+    /// Not all procedures were completed.
+    pub incomplete: bool,
+    /// The run with a free shaft gave no inertia.
+    pub no_inertia: bool,
+}
+
+/// What was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found {
+    /// The machine, with its saturation curve if that was found.
+    pub machine: Machine,
+    /// The inverter with its curve.
+    pub inverter: Inverter,
+    /// Relative standard deviations of the machine's values.
+    pub deviation: Deviation,
+    /// Standard deviation of the factor of threshold and dead time, and relative one of the knee.
+    pub deviation_inverter: [f64; 2],
+    /// Mean friction torque at low speed, N·m, if the shaft was free.
+    pub friction: Option<f64>,
+    /// The fits, where there are any.
+    pub bridge: Option<BridgeCurve>,
+    /// The magnetising curve.
+    pub magnetising: Option<MagnetisingCurve>,
+    /// What should be looked at.
+    pub warnings: Warnings,
+}
+
+impl<R: Real> Commissioning<R> {
+    /// Voltage, current and fitted voltage of the levels of the bridge that were read, per unit.
+    #[must_use]
+    pub fn bridge_readings(&self) -> [Option<[f64; 3]>; bridge::LEVELS.len()] {
+        let (found, record) = (self.result().ok(), &self.state.bridge);
+        let curve = found.and_then(|f| Some((f.bridge?, BridgeCurve::loss(&f.bridge?.inverter, &f.machine).ok()?)));
+        core::array::from_fn(|k| {
+            let (fit, loss) = curve.as_ref().filter(|_| k < record.level)?;
+            let (u, i) = (record.u[k].to_f64(), record.i[k].to_f64());
+            Some([u, i, fit.r * i + loss(i)])
+        })
+    }
+
+    /// What the completed procedures have found. Double precision, some seconds on a microcontroller without such a
+    /// unit: not for the control interrupt.
+    ///
+    /// # Errors
+    /// A value found that no machine or inverter can have.
+    #[allow(non_snake_case)]
+    pub fn result(&self) -> Result<Found, ParamError> {
+        let (c, s) = (&self.config, &self.state);
+        let pu = &c.pu;
+        let mut machine = c.machine;
+        let mut found = Found {
+            machine,
+            inverter: c.sheet,
+            deviation: c.deviation,
+            deviation_inverter: [0.15, 0.7],
+            friction: None,
+            bridge: None,
+            magnetising: None,
+            warnings: Warnings { incomplete: s.stage < Stage::Complete, ..Warnings::default() },
+        };
+        if s.stage <= Stage::Bridge {
+            return Ok(found);
+        }
+        let (u, i) = (s.bridge.u.map(R::to_f64), s.bridge.i.map(R::to_f64));
+        // The leakage inductance moves the sampled current against that at the edges: fit, inductance, fit.
+        let mut curve = bridge::fit(&machine, &c.sheet, &u, &i, s.bridge.level)?;
+        if s.stage > Stage::Leakage {
+            let l = s.leakage.inductance(curve.r, pu.t_s);
+            machine.L_sigma = l * pu.base.l;
+            machine.validate()?;
+            curve = bridge::fit(&machine, &c.sheet, &u, &i, s.bridge.level)?;
+            found.deviation.L_sigma = libm::hypot(DEVIATION_LEAKAGE, DEVIATION_GAIN);
+        }
+        found.machine = machine;
+        found.inverter = curve.inverter;
+        found.deviation_inverter = curve.deviation;
+        found.warnings.bridge_fit = curve.residual > 0.1 * (pu.u_th + pu.dead_time * pu.u_dc);
+        found.bridge = Some(curve);
+        let levels = s.magnetising.level;
+        if levels < 2 {
+            return Ok(found);
+        }
+        self.magnetising(&mut found, curve.r, levels)?;
+        Ok(found)
+    }
+
+    #[allow(non_snake_case)]
+    fn magnetising(&self, found: &mut Found, r_fast: f64, levels: usize) -> Result<(), ParamError> {
+        let (c, s) = (&self.config, &self.state);
+        let (pu, plate) = (&c.pu, &c.machine);
+        let loss = BridgeCurve::loss(&found.inverter, &found.machine)?;
+        let readings = s.magnetising.record.map(|l| {
+            let i = l.i.to_f64();
+            Reading { u: l.u.map(R::to_f64), i, i_settling: l.i_settling.to_f64(), loss: loss(i) }
+        });
+        let l_sigma = found.machine.L_sigma / pu.base.l;
+        let share = pu.r_s / (pu.r_s + pu.r_r);
+        let guess = Guess {
+            r: r_fast * share,
+            r_r: r_fast * (1.0 - share),
+            l_s: pu.l_s,
+            l_sigma,
+            settle: f64::from(c.magnetising.settle) * pu.t_s,
+            window: f64::from(c.magnetising.window) * pu.t_s,
+        };
+        let fit = magnetising::fit(&guess, readings.get(..levels).unwrap_or(&readings));
+        let (l_s, l_u) = (fit.inductance(1.0), fit.l_u);
+        let l_l = 1.0 / (1.0 / l_sigma - 1.0 / l_u).max(0.1 / l_sigma);
+        let Machine { n_p, J, U_N, I_N, f_N, T_N, .. } = *plate;
+        let gamma = Gamma {
+            R_s: fit.r * pu.base.z - c.sheet.r_d,
+            R_r: fit.r_r * pu.base.z,
+            L_l: l_l * pu.base.l,
+            L_s: l_s * pu.base.l,
+        };
+        let mut machine = Machine::from_gamma(gamma, Rating { n_p, J, U_N, I_N, f_N, T_N });
+        machine.saturation = (fit.c > 0.0).then(|| Saturation {
+            L_u: l_u * pu.base.l,
+            a: libm::pow(fit.c, 1.0 / fit.s) / pu.base.psi,
+            S: fit.s,
+        });
+        machine.validate()?;
+        let gain = |x: f64| libm::hypot(x, DEVIATION_GAIN);
+        let model = |x: f64| libm::hypot(gain(x), DEVIATION_MODEL);
+        // L_s = L_u/(1 + c): the deviation of c counts as far as rated flux was not reached.
+        let unseen = if fit.psi_max < 1.0 { fit.deviation[3].min(0.5) } else { 0.0 };
+        let d = &c.deviation;
+        let far = |x: f64, y: f64, d: f64| libm::fabs(libm::log(x / y)) > 4.0 * d;
+        found.warnings.far_from_nameplate =
+            far(machine.R_R, plate.R_R, d.R_R) || far(machine.L_M, plate.L_M, d.L_M) || far(fit.r, pu.r_s, d.R_s);
+        found.warnings.magnetising_fit = fit.residual > 0.05 * fit.r_r;
+        found.warnings.flux_not_reached = fit.psi_max < 1.0;
+        found.deviation.R_s = gain(fit.deviation[0]);
+        found.deviation.R_R = model(fit.deviation[1]);
+        found.deviation.L_M = libm::hypot(model(fit.deviation[2]), unseen);
+        found.machine = machine;
+        found.inverter.u_th *= 1.0 + fit.d;
+        found.inverter.dead_time *= 1.0 + fit.d;
+        found.magnetising = Some(fit);
+        Ok(())
+    }
+}

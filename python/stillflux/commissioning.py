@@ -1,0 +1,235 @@
+"""From the nameplate to the parameters of a drive: `Commissioning`, one control period at a time, and
+`commission`, closed loop on a plant."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stillflux._core import CommissioningCore, CommissioningRun
+from stillflux.machine_file import machine_to_toml
+from stillflux.nameplate import Nameplate
+from stillflux.options import DriveSettings, PlantOptions
+from stillflux.parameters import Inverter, Motor
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+__all__ = ["Commissioned", "Commissioning", "CommissioningInterrupted", "Shaft", "commission"]
+
+Shaft = Literal["locked", "free"]
+"""Whether the shaft may turn: "free" adds a run to three tenths of rated speed, for J."""
+
+_PIECE = 0.05  # s of wall time between looks at Ctrl-C
+
+
+@dataclass(frozen=True, kw_only=True)
+class Commissioned:
+    """What a commissioning has found. Values of procedures that were not completed are the nameplate's."""
+
+    motor: Motor
+    """The motor, with its saturation curve if that was found."""
+    inverter: Inverter
+    """The inverter with its curve: u_th, dead_time and c_out."""
+    deviation: Mapping[str, float]
+    """Relative standard deviation of R_s (with r_d), R_R, L_sigma, L_M, J, of the loss of the bridge
+    ("loss": threshold and dead time) and of c_out."""
+    warnings: tuple[str, ...] = ()
+    """What should be looked at, in words."""
+    status: str = "done"
+    """"done", or the fault with its cause and time."""
+    cause: str | None = None
+    """Cause of the fault, None without one."""
+    duration: float = 0.0
+    """Time from the first to the last control period, s; 0 where it is not known."""
+    friction: float | None = None
+    """Mean friction torque at low speed, N·m; None without a run of the free shaft."""
+    bridge_levels: tuple[tuple[float, float, float], ...] = ()
+    """Current along the a-axis in A, voltage and fitted voltage in V of each level of the bridge's curve."""
+    psi_max: float | None = None
+    """Largest flux of the magnetising curve relative to the rated one, None if it was not found."""
+    extremes: tuple[float, float] | None = field(default=None, repr=False)
+    """On a plant: largest phase current relative to the rated peak, and the largest angle of the shaft in the
+    procedures at standstill, electrical rad."""
+
+    @property
+    def settings(self) -> DriveSettings:
+        """What the drive begins with: `Drive(found.motor, found.inverter, **found.settings)`.
+
+        The deviations, with the temperature of the winding (15 %) in that of R_s."""
+        d = {name: min(max(value, 0.01), 0.7) for name, value in self.deviation.items()}
+        return {
+            "prior_R_s": float(np.hypot(d["R_s"], 0.15)),
+            "prior_loss": float(np.hypot(d["loss"], 0.02)),
+            "prior_c_out": float(np.hypot(d["c_out"], 0.1)),
+            "prior_L_sigma": float(np.hypot(d["L_sigma"], 0.03)),
+            "prior_L_M": float(np.hypot(d["L_M"], 0.02)),
+        }
+
+    def to_toml(self, name: str = "") -> str:
+        """The text of a motor file: tables motor, inverter and deviation, and the warnings."""
+        return machine_to_toml(
+            self.motor, self.inverter, name=name, deviation=self.deviation, warnings=self.warnings
+        )
+
+
+class CommissioningInterrupted(KeyboardInterrupt):
+    """A commissioning on a plant ended by Ctrl-C; `result` is what it had found."""
+
+    def __init__(self, result: Commissioned) -> None:
+        super().__init__(f"interrupted after {result.duration:.3f} s")
+        self.result = result
+
+    def __reduce__(self) -> tuple[type[CommissioningInterrupted], tuple[Commissioned]]:
+        return CommissioningInterrupted, (self.result,)
+
+
+class Commissioning:
+    """Finds the parameters of a motor and of its bridge, through the bridge itself.
+
+    `step` is called once a control period, with the same timing as `Drive.step`: currents sampled at the
+    start of period k give the duties applied during period k + 1. At standstill every current flows along one
+    axis: a free shaft does not turn. The current stays below 1.5 times the rated one.
+
+    Parameters
+    ----------
+    plate
+        The motor's nameplate.
+    inverter
+        What the data sheet says: dc-link voltage, frequencies and r_d are taken as they are, the rest is
+        found.
+    shaft
+        "locked" (or not to be turned), or "free": then a run to three tenths of rated speed follows.
+    arithmetic
+        "f32", "f64" or "q".
+
+    Raises ValueError for a value outside its range. Bad wiring does not raise, see `status`.
+    """
+
+    def __init__(
+        self, plate: Nameplate, inverter: Inverter, shaft: Shaft = "locked", arithmetic: str = "f32"
+    ) -> None:
+        self._core = CommissioningCore(plate, inverter, shaft, arithmetic)
+
+    def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
+        """One control period: phase currents in A (three numbers), dc-link voltage in V; returns the duties
+        of the three legs for the next period, shape (3,) in [0, 1]."""
+        return self._core.step(i_abc, u_dc)
+
+    @property
+    def gates_on(self) -> bool:
+        """False: the bridge has to be blocked; the duties are then 0.5 each."""
+        return self._core.gates_on
+
+    @property
+    def done(self) -> bool:
+        """Whether it is over, completed or by a fault."""
+        return self._core.status != "running"
+
+    @property
+    def progress(self) -> float:
+        """Part that is over, 0 to 1."""
+        return self._core.progress
+
+    @property
+    def stage(self) -> str:
+        """Procedure under way or in which it ended: "wiring", "bridge", "leakage", "magnetising", "inertia",
+        "complete"."""
+        return self._core.stage
+
+    @property
+    def status(self) -> str:
+        """ "running", "done", or the fault with its cause and time: "fault: open phase at 0.1284 s"."""
+        return self._core.status
+
+    @property
+    def cause(self) -> str | None:
+        """Cause of the fault, None without one."""
+        return self._core.cause
+
+    def abort(self) -> None:
+        """Blocks the gates for good; what has been found stays."""
+        self._core.abort()
+
+    @property
+    def result(self) -> Commissioned:
+        """What has been found so far.
+
+        Raises ValueError if that is no motor or inverter that a drive accepts."""
+        return _result(self._core)
+
+
+def commission(
+    plate: Nameplate,
+    inverter: Inverter,
+    *,
+    plant_motor: Motor,
+    plant_inverter: Inverter | None = None,
+    shaft: Shaft = "locked",
+    arithmetic: str = "f32",
+    channels: tuple[int, int, int] | None = None,
+    channel_factor: tuple[float, float, float] | None = None,
+    progress: Callable[[float, str], object] | None = None,
+    **plant: Unpack[PlantOptions],
+) -> Commissioned:
+    """Commissions a simulated motor and returns what was found.
+
+    Parameters
+    ----------
+    plate, inverter, shaft, arithmetic
+        As of `Commissioning`.
+    plant_motor, plant_inverter
+        The real ones; `plant_inverter` is `inverter` if it is not given.
+    channels, channel_factor
+        Faults of the wiring: the leg whose current each channel reads (0, 1, 2), and a factor of each
+        channel, negative for an inverted, 0 for a dead one.
+    progress
+        Called with the fraction done, 0 to 1, and the name of the procedure.
+    **plant
+        See `stillflux.options.PlantOptions`.
+
+    Releases the GIL; raises `CommissioningInterrupted` within 0.2 s of Ctrl-C, and ValueError for a value
+    outside its range. A fault does not raise: see `status` and `cause` of the result.
+    """
+    real = inverter if plant_inverter is None else plant_inverter
+    run = CommissioningRun(
+        plate, inverter, shaft, arithmetic, plant_motor, real, channels, channel_factor, dict(plant)
+    )
+    periods, more = 1000, True
+    try:
+        while more:
+            begin = time.monotonic()
+            more = run.advance(periods)
+            if progress is not None:
+                progress(run.progress, run.stage)
+            elapsed = time.monotonic() - begin
+            periods = max(1, int(periods * min(2.0, _PIECE / max(elapsed, 1e-6))))
+    except KeyboardInterrupt:
+        raise CommissioningInterrupted(_result(run, run.time, run.extremes)) from None
+    return _result(run, run.time, run.extremes)
+
+
+def _result(
+    source: CommissioningCore | CommissioningRun,
+    duration: float = 0.0,
+    extremes: tuple[float, float] | None = None,
+) -> Commissioned:
+    found: dict[str, Any] = source.found()
+    return Commissioned(
+        motor=Motor(**found["motor"]),
+        inverter=Inverter(**found["inverter"]),
+        deviation=found["deviation"],
+        warnings=tuple(found["warnings"]),
+        status=source.status,
+        cause=source.cause,
+        duration=duration,
+        friction=found["friction"],
+        bridge_levels=tuple(found["bridge_levels"]),
+        psi_max=found["psi_max"],
+        extremes=extremes,
+    )

@@ -1,0 +1,240 @@
+"""`stillflux commission`: from a nameplate to a motor file, on a simulated motor, with a report.
+
+```toml
+[nameplate]                    # or [motor], or a preset's name instead of a file: the plate is then its own
+P_N = 4000.0
+U_N = 400.0
+I_N = 8.2
+f_N = 50.0
+n_N = 1435.0
+cos_phi = 0.82
+
+[inverter]                     # what its data sheet says; optional
+u_dc = 540.0
+
+[plant]                        # options of stillflux.Plant; optional
+adc_noise = 0.03
+
+[plant.motor]                  # the motor that is simulated; needed beside a [nameplate]
+R_s = 1.5
+# …
+
+[plant.inverter]               # its inverter where it differs from the data sheet
+dead_time = 2.2e-6
+```
+"""
+
+from __future__ import annotations
+
+import argparse
+import html
+import io
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stillflux.commissioning import Commissioned, CommissioningInterrupted
+from stillflux.commissioning import commission as run_commissioning
+from stillflux.machine_file import load_machine, part, read_toml, typical_inverter
+from stillflux.nameplate import Nameplate
+from stillflux.parameters import PRESETS, Inverter, Motor
+from stillflux.simulation import progress_bar
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["commission", "figure", "report"]
+
+_UNITS = {"R_s": "Ω", "R_R": "Ω", "L_sigma": "mH", "L_M": "mH", "J": "kg·m²"}
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is commissioned."""
+
+    name: str
+    plate: Nameplate
+    sheet: Inverter
+    motor: Motor
+    inverter: Inverter
+    options: dict[str, Any]
+
+
+def commission(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `commission`."""
+    parser.add_argument(
+        "machine",
+        help=f"a TOML file with [nameplate] or [motor], [inverter] and [plant], or a preset "
+        f"({', '.join(PRESETS)}): see stillflux.commissioning_command",
+    )
+    parser.add_argument(
+        "--shaft", choices=["locked", "free"], default="locked", help="free: J is found as well"
+    )
+    parser.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the motor file there (TOML)")
+    parser.add_argument(
+        "--report", type=Path, metavar="FILE", help="write curves, values, warnings there (HTML)"
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    task = _task(options.machine)
+    bar = progress_bar("commissioning")
+    status = 0
+    try:
+        found = run_commissioning(
+            task.plate,
+            task.sheet,
+            plant_motor=task.motor,
+            plant_inverter=task.inverter,
+            shaft=options.shaft,
+            arithmetic=options.arithmetic,
+            progress=lambda fraction, stage: bar(fraction),
+            **task.options,
+        )
+    except CommissioningInterrupted as stop:
+        found, status = stop.result, 130
+    print(f"status: {found.status}, {found.duration:.1f} s simulated")
+    for name, value, deviation, error in _rows(task, found):
+        print(f"{name:20} {value:>14}  ± {deviation:>6}   error {error}")
+    for warning in found.warnings:
+        print(f"warning: {warning}")
+    if options.out:
+        options.out.write_text(found.to_toml(name=task.name), encoding="utf-8")
+        print(f"motor file: {options.out}")
+    if options.report:
+        options.report.write_text(report(task.name, found, _rows(task, found)), encoding="utf-8")
+        print(f"report: {options.report}")
+    return status or int(found.cause is not None)
+
+
+def _task(source: str) -> _Task:
+    if source in PRESETS:
+        machine = load_machine(source)
+        plate = Nameplate.of(machine.motor)
+        return _Task(source, plate, machine.inverter, machine.motor, machine.inverter, {})
+    path = Path(source)
+    data = read_toml(path)
+    unknown = set(data) - {"name", "nameplate", "motor", "inverter", "plant", "deviation", "warnings"}
+    if unknown:
+        raise ValueError(f"{path}: {', '.join(sorted(unknown))} is not known in a commissioning file")
+    plant = dict(data.get("plant", {}))
+    motor = part(Motor, plant.pop("motor")) if "motor" in plant else None
+    changes = plant.pop("inverter", {})
+    if "nameplate" in data:
+        plate = Nameplate(**data["nameplate"])
+        if motor is None:
+            raise ValueError(
+                f"{path}: [plant.motor] is missing: which motor with this plate is to be simulated?"
+            )
+    elif "motor" in data:
+        told = part(Motor, data["motor"])
+        plate, motor = Nameplate.of(told), motor or told
+    else:
+        raise ValueError(f"{path}: give one of the tables [nameplate] and [motor]")
+    sheet = Inverter(**{**asdict(typical_inverter(plate.motor())), **data.get("inverter", {})})
+    inverter = sheet.replace(**changes)
+    return _Task(str(data.get("name", path.stem)), plate, sheet, motor, inverter, plant)
+
+
+def _rows(task: _Task, found: Commissioned) -> Iterator[tuple[str, str, str, str]]:
+    """Name, value, deviation and, against the simulated motor, error of everything found."""
+    psi = found.motor.base["psi"]
+    truth = {name: getattr(task.motor, name) for name in _UNITS}
+    if task.motor.saturation is not None:
+        inductance, a, exponent = task.motor.saturation
+        truth["L_M"] = inductance / (1.0 + (a * psi) ** exponent) - task.motor.L_sigma
+    values = {name: getattr(found.motor, name) for name in _UNITS}
+    truth["R_s"] += task.inverter.r_d
+    values["R_s"] += found.inverter.r_d
+    for name, unit in _UNITS.items():
+        scale = 1e3 if unit == "mH" else 1.0
+        yield (
+            "R_s + r_d" if name == "R_s" else name,
+            f"{values[name] * scale:.4g} {unit}",
+            f"{100 * found.deviation[name]:.1f} %",
+            f"{100 * (values[name] / truth[name] - 1):+.1f} %",
+        )
+    loss, real = _loss(found.inverter), _loss(task.inverter)
+    yield (
+        "threshold, dead time",
+        f"{loss:.3g} V",
+        f"{100 * found.deviation['loss']:.1f} %",
+        f"{100 * (loss / real - 1):+.1f} %",
+    )
+    c = (found.inverter.c_out, task.inverter.c_out)
+    error = f"{100 * (c[0] / c[1] - 1):+.0f} %" if c[1] else "–"
+    yield "c_out", f"{1e9 * c[0]:.3g} nF", f"{100 * found.deviation['c_out']:.0f} %", error
+    if found.friction is not None:
+        yield "friction", f"{found.friction:.3g} N·m", "", ""
+
+
+def _loss(inverter: Inverter) -> float:
+    """Voltage that a leg loses far from current zero, V."""
+    return inverter.u_th + inverter.dead_time * inverter.f_s * inverter.u_dc
+
+
+def figure(found: Commissioned) -> Figure:
+    """The curve of the bridge with its fit, and the magnetising curve."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(10, 4), layout="constrained")
+    bridge, curve = drawn.subplots(1, 2)
+    if found.bridge_levels:
+        i, u, fit = np.array(found.bridge_levels).T
+        slope = (fit[-1] - fit[-2]) / (i[-1] - i[-2])
+        bridge.semilogx(i, u - slope * i, "o", label="measured")
+        bridge.semilogx(i, fit - slope * i, "-", label="fit")
+        bridge.legend()
+    bridge.set(xlabel="current along the a-axis, A", ylabel="voltage less its slope at the last level, V")
+    bridge.set_title("bridge")
+    motor = found.motor
+    psi = np.linspace(0.0, 1.2, 121)
+    if motor.saturation is not None:
+        inductance, a, exponent = motor.saturation
+        current = psi * motor.base["psi"] / inductance * (1 + (a * psi * motor.base["psi"]) ** exponent)
+    else:
+        current = psi * motor.base["psi"] / motor.L_s
+    seen = psi <= (found.psi_max or 0.0)
+    curve.plot(current[seen], psi[seen], "-", label="found")
+    curve.plot(current[~seen], psi[~seen], "--", label="not reached")
+    curve.axhline(1.0, color="grey", linewidth=0.8)
+    curve.set(xlabel="magnetising current, A", ylabel="stator flux, p.u. of rated", title="magnetising curve")
+    curve.legend()
+    return drawn
+
+
+def report(name: str, found: Commissioned, rows: Iterator[tuple[str, str, str, str]]) -> str:
+    """A page with the values and their deviations, the warnings, the curves, and the motor file."""
+    svg = io.StringIO()
+    figure(found).savefig(svg, format="svg")
+    picture = svg.getvalue()
+    picture = picture[picture.index("<svg") :]
+    cells = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>\n" for row in rows
+    )
+    warnings = "".join(f"<li>{html.escape(text)}</li>" for text in found.warnings) or "<li>none</li>"
+    limits = ""
+    if found.extremes is not None:
+        limits = (
+            f"<p>Largest phase current {found.extremes[0]:.2f} of the rated peak; the shaft turned by "
+            f"{np.degrees(found.extremes[1]):.3f}° electrical in the procedures at standstill.</p>"
+        )
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>Commissioning: {html.escape(name)}</title>
+<style>body {{ font: 15px/1.5 sans-serif; max-width: 64em; margin: 2em auto; padding: 0 1em }}
+td, th {{ padding: 0.2em 1em 0.2em 0; text-align: left }} svg {{ max-width: 100%; height: auto }}
+</style></head>
+<body><h1>Commissioning: {html.escape(name)}</h1>
+<p>{html.escape(found.status)}, {found.duration:.1f} s</p>
+<table><tr><th>quantity</th><th>found</th><th>deviation (1σ)</th><th>error on the plant</th></tr>
+{cells}</table>
+<h2>Warnings</h2><ul>{warnings}</ul>{limits}
+<h2>Curves</h2>{picture}
+<h2>Motor file</h2><pre>{html.escape(found.to_toml(name=name))}</pre>
+</body></html>
+"""

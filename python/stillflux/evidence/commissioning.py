@@ -1,0 +1,375 @@
+"""Commissioning of motors and bridges drawn at random: what is found against the truth, and how the drive
+runs with it.
+
+A draw is a motor of 0.25 to 200 kW at 400 V or of 1 to 12 kW at 34 V, one to three pole pairs, with a
+saturation curve, eddy currents in the iron and a second rotor branch, on a bridge with capacitive edges, read
+by 12-bit converters with noise, offsets and gains. The commissioning gets the nameplate of the rated point,
+rounded as printed, and a data sheet whose threshold, dead time and capacitance are off.
+
+| quantity | distribution |
+|---|---|
+| power | log-uniform, 0.25 … 200 kW (88 %) or 1 … 12 kW at 34 V (12 %) |
+| R_s, R_R | those of the size times a log-normal factor, 1σ 25 % |
+| L_σ, L_s | 0.17 pu and that of the size, times log-normal factors, 1σ 20, 12 % |
+| saturated part at rated flux, exponent | uniform, 0.15 … 0.8, 5 … 9 |
+| iron: resistance, time constant | uniform, 25 … 60 pu, 60 … 200 µs |
+| second rotor branch: conductance, inverse leakage | uniform, 5 … 25 %, 25 … 50 % |
+| node capacitance | log-uniform, 0.2 … 2 nF; the data sheet says 1 nF |
+| threshold, dead time, r_d | 1σ 30, 8, 20 % |
+| current channels | offset 1 % of the rated peak, gain 1 %, each uniform; noise 0.4 % of the rated rms |
+
+The errors of a motor's values are relative, in per cent; that of the bridge's curve is the largest between 2
+and 120 % of the rated peak current, in per cent of the dead-time voltage; that of `L_M(ψ)` is the largest
+between half and 1.1 of rated flux.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stillflux.commissioning import Commissioned, commission
+from stillflux.evidence.claims import Claim, at_most, reported
+from stillflux.evidence.courses import COURSES
+from stillflux.evidence.journal import Runner
+from stillflux.evidence.judge import angle
+from stillflux.evidence.machines import scaled
+from stillflux.evidence.tolerance import EVERY, SIGNALS, loss, start_up
+from stillflux.nameplate import Nameplate
+from stillflux.options import DriveSettings, PlantOptions
+from stillflux.parallel import run_jobs
+from stillflux.parameters import Inverter, Motor
+from stillflux.scenario import Scenario
+from stillflux.simulation import simulate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["DRAWS", "LIMITS", "TOLD", "Draw", "Outcome", "claims", "draw", "figure", "page", "run", "run_all"]
+
+DRAWS = 200
+"""Draws of a campaign: about two minutes on two cores, without the drive's courses."""
+LIMITS: Mapping[str, float] = {
+    "R_s + r_d": 1.0,
+    "bridge curve": 5.0,
+    "L_sigma": 5.0,
+    "R_R": 5.0,
+    "L_M(ψ)": 3.0,
+    "J": 10.0,
+}
+"""Largest admissible median of each error, %; 95 % of the draws are to be within twice that."""
+CURRENT, TURN, TIME = 1.5, 1.0, 60.0
+"""Largest phase current relative to the rated peak, largest turn of a free shaft at standstill in electrical
+degrees, and longest duration in s."""
+TOLD = ("true", "found", "nameplate")
+"""What the drive is told in its courses; the nameplate alone is the negative control."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A motor on its bridge, and what is known of them."""
+
+    power: float
+    """W."""
+    plate: Nameplate
+    sheet: Inverter
+    motor: Motor
+    inverter: Inverter
+    plant: PlantOptions
+    """Options of the plant."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a draw showed."""
+
+    seed: int
+    power: float
+    status: str
+    errors: Mapping[str, float]
+    """By the names of `LIMITS`, %."""
+    deviations: Mapping[str, float]
+    """What the commissioning believes of some of them, 1σ, %."""
+    current: float
+    turn: float
+    duration: float
+    drives: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    """Largest angle error in degrees, and what was lost, by "told, course"."""
+
+
+def draw(seed: int) -> Draw:
+    """A draw by its number."""
+    r = np.random.default_rng([seed, 16])
+    low = r.random() < 0.12
+    P = math.exp(r.uniform(0.0, math.log(12.0)) if low else r.uniform(math.log(0.25), math.log(200.0)))
+    U, f = (34.0, 100.0) if low else (400.0, 50.0)
+    n_p = int(r.choice([2, 2, 2, 1, 3]))
+    z = U * U / (P * 1e3) * 0.72 * P**0.04
+    omega = 2 * math.pi * f
+
+    def about(sigma: float) -> float:
+        return math.exp(sigma * float(np.clip(r.normal(), -2.5, 2.5)))
+
+    R_s, R_R = 0.075 * P**-0.33 * about(0.25) * z, 0.055 * P**-0.33 * about(0.25) * z
+    L_sigma = min(max(0.17 * about(0.2), 0.08), 0.3) * z / omega
+    L_s = 1.9 * P**0.12 * about(0.12) * z / omega
+    c, S = r.uniform(0.15, 0.8), r.uniform(5.0, 9.0)
+    psi = math.sqrt(2 / 3) * U / omega
+    T_N = _torque(R_s, R_R, L_sigma, L_s, U, omega, n_p, slip=R_R / z)
+    motor = Motor.inverse_gamma(
+        R_s=R_s,
+        R_R=R_R,
+        L_sigma=L_sigma,
+        L_M=L_s - L_sigma,
+        n_p=n_p,
+        J=2.5e-4 * T_N**1.35 * about(0.3),
+        U_N=U,
+        I_N=U / (math.sqrt(3) * z),
+        f_N=f,
+        T_N=T_N,
+        saturation=(L_s * (1 + c), c ** (1 / S) / psi, S),
+    )
+    plate = Nameplate.of(motor)
+    motor = motor.replace(I_N=plate.I_N)
+    f_s = (
+        16e3 if low else next(f for limit, f in ((7.5, 10e3), (30, 8e3), (100, 5e3), (1e9, 4e3)) if limit > P)
+    )
+    dead_time = (
+        0.8e-6 if low else next(t for limit, t in ((7.5, 2e-6), (50, 2.5e-6), (1e9, 3e-6)) if limit > P)
+    )
+    sheet = Inverter(
+        u_dc=56.0 if low else 540.0,
+        f_s=f_s,
+        u_th=0.05 if low else 1.1,
+        r_d=r.uniform(0.002, 0.006) * z,
+        dead_time=dead_time,
+        c_out=1e-9,
+    )
+
+    def off(sigma: float) -> float:
+        return 1.0 + sigma * float(np.clip(r.normal(), -2.5, 2.5))
+
+    inverter = sheet.replace(
+        u_th=sheet.u_th * off(0.3),
+        dead_time=dead_time * off(0.08),
+        r_d=sheet.r_d * off(0.2),
+        c_out=1e-9 * math.exp(r.uniform(math.log(0.2), math.log(2.0))),
+    )
+    R_fe = r.uniform(25.0, 60.0) * z
+    leakage = motor.to_gamma()["L_l"]
+    plant: PlantOptions = {
+        "seed": seed,
+        "adc_noise": 0.004 * motor.I_N,
+        "current_offset": tuple(0.01 * math.sqrt(2) * motor.I_N * r.uniform(-1, 1, 3)),
+        "current_gain": tuple(1.0 + 0.01 * r.uniform(-1, 1, 3)),
+        "iron_loss": (R_fe, max(r.uniform(60e-6, 200e-6), 2.1 * leakage / R_fe)),
+        "deep_bar": (r.uniform(0.05, 0.25), r.uniform(0.25, 0.5)),
+    }
+    return Draw(1e3 * P, plate, sheet, motor, inverter, plant)
+
+
+def _torque(
+    R_s: float, R_R: float, L_sigma: float, L_s: float, U: float, omega: float, n_p: int, slip: float
+) -> float:
+    """Torque at rated voltage and frequency, N·m."""
+    rotor = R_R / slip
+    magnetising = 1j * omega * (L_s - L_sigma)
+    shared = rotor * magnetising / (rotor + magnetising)
+    i_s = math.sqrt(2 / 3) * U / (R_s + 1j * omega * L_sigma + shared)
+    return float(1.5 * rotor * abs(i_s * shared / rotor) ** 2 * n_p / omega)
+
+
+def _inductance(motor: Motor, psi: float) -> float:
+    """L_M at a flux relative to the rated one, H."""
+    if motor.saturation is None:
+        return motor.L_M
+    L_u, a, S = motor.saturation
+    saturated: float = L_u / (1 + (a * psi * motor.base["psi"]) ** S)
+    return saturated - motor.L_sigma
+
+
+def _leg(inverter: Inverter, i: float) -> float:
+    """Loss of a leg at a positive current, V."""
+    U, knee = (
+        inverter.dead_time * inverter.f_s * inverter.u_dc,
+        inverter.c_out * inverter.u_dc / inverter.dead_time,
+    )
+    return inverter.u_th + U * (1 - 0.5 * knee / i if i > knee else 0.5 * i / knee)
+
+
+def errors(made: Draw, found: Commissioned) -> dict[str, float]:
+    """By the names of `LIMITS`, %."""
+    true, got = made.motor, found.motor
+    peak = math.sqrt(2) * true.I_N
+    U = made.inverter.dead_time * made.inverter.f_s * made.inverter.u_dc
+    curve = max(
+        abs(_leg(found.inverter, i) - _leg(made.inverter, i)) / U for i in peak * np.geomspace(0.02, 1.2, 60)
+    )
+    inductance = max(
+        abs(_inductance(got, psi) / _inductance(true, psi) - 1) for psi in np.linspace(0.5, 1.1, 7)
+    )
+    relative = {
+        "R_s + r_d": abs((got.R_s + found.inverter.r_d) / (true.R_s + made.inverter.r_d) - 1),
+        "bridge curve": curve,
+        "L_sigma": abs(got.L_sigma / true.L_sigma - 1),
+        "R_R": abs(got.R_R / true.R_R - 1),
+        "L_M(ψ)": inductance,
+        "J": abs(got.J / true.J - 1),
+    }
+    return {name: 100.0 * value for name, value in relative.items()}
+
+
+def run(seed: int, arithmetic: str = "f32", shaft: Any = "free", courses: Sequence[str] = ()) -> Outcome:
+    """Commissions a draw, and runs the drive on `courses` with each of `TOLD`."""
+    made = draw(seed)
+    found = commission(
+        made.plate,
+        made.sheet,
+        plant_motor=made.motor,
+        plant_inverter=made.inverter,
+        shaft=shaft,
+        arithmetic=arithmetic,
+        **made.plant,
+    )
+    drives = {
+        f"{told}, {course}": _drive(made, found, told, course, arithmetic)
+        for course in courses
+        for told in TOLD
+    }
+    current, turn = found.extremes or (math.nan, math.nan)
+    names = {"R_s + r_d": "R_s", "L_sigma": "L_sigma", "R_R": "R_R", "L_M(ψ)": "L_M", "J": "J"}
+    deviations = {name: 100.0 * found.deviation[key] for name, key in names.items()}
+    return Outcome(
+        seed,
+        made.power,
+        found.status,
+        errors(made, found),
+        deviations,
+        current,
+        math.degrees(turn),
+        found.duration,
+        drives,
+    )
+
+
+def _drive(made: Draw, found: Commissioned, told: str, name: str, arithmetic: str) -> tuple[float, str]:
+    """Largest angle error and what was lost on a course."""
+    settings: DriveSettings = {}
+    if told == "true":
+        motor, inverter = made.motor, made.inverter
+    elif told == "found":
+        motor, inverter, settings = found.motor, found.inverter, found.settings
+    else:
+        motor, inverter = made.plate.motor(), made.sheet
+    course = COURSES[name]
+    begin = start_up(motor, inverter) + 0.05
+    omega, load = course.build(made.motor)
+
+    def after(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        return [(0.0, points[0][1]), *((begin + t, value) for t, value in points)]
+
+    scenario = Scenario(
+        motor=motor,
+        inverter=inverter,
+        plant_motor=made.motor,
+        plant_inverter=made.inverter,
+        arithmetic=arithmetic,
+        settings=settings,
+        plant=made.plant,
+        omega_ref=scaled(after(omega), made.motor.base["omega_m"]),
+        load_torque=scaled(after(load), made.motor.T_N),
+        duration=begin + max(omega[-1][0], load[-1][0]),
+        signals=SIGNALS,
+        record_every=max(1, round(EVERY * inverter.f_s)),
+    )
+    result = simulate(scenario)
+    when, why = loss(result, begin)
+    return float(np.abs(angle(result))[result.t <= begin + when].max(initial=0.0)), why
+
+
+def run_all(
+    seeds: Sequence[int],
+    arithmetic: str = "f32",
+    courses: Sequence[str] = (),
+    show: Callable[[int, int, Outcome], None] | None = None,
+    runner: Runner = run_jobs,
+) -> list[Outcome]:
+    """Runs draws on all processors."""
+    jobs: list[tuple[Any, ...]] = [(seed, arithmetic, "free", tuple(courses)) for seed in seeds]
+    return runner(run, jobs, first=lambda job: False, show=show)
+
+
+def progress(done: int, total: int, outcome: Outcome) -> None:
+    """A line on stderr for every draw that failed, and for every tenth."""
+    if outcome.status != "done" or done % 10 == 0 or done == total:
+        print(f"[{done:4d}/{total}] draw {outcome.seed}: {outcome.status}", file=sys.stderr, flush=True)
+
+
+def claims(outcomes: Sequence[Outcome]) -> list[Claim]:
+    """Distribution of every error against its limit, what no draw may exceed, and the drive's courses."""
+    refused = [x for x in outcomes if x.status != "done"]
+    found = [
+        reported("draws", len(outcomes)),
+        at_most("refused or not completed", len(refused), 0, note=", ".join(str(x.seed) for x in refused)),
+        at_most("largest phase current", max(x.current for x in outcomes), CURRENT, "of the rated peak"),
+        at_most("largest turn of the shaft at standstill", max(x.turn for x in outcomes), TURN, "°"),
+        at_most("longest duration", max(x.duration for x in outcomes), TIME, "s"),
+    ]
+    for name, limit in LIMITS.items():
+        values = np.array([x.errors[name] for x in outcomes if x.status == "done"])
+        if len(values):
+            found.append(at_most(f"{name}, median error", float(np.median(values)), limit, "%"))
+            found.append(
+                at_most(f"{name}, 95 % of the draws within", float(np.quantile(values, 0.95)), 2 * limit, "%")
+            )
+            found.append(reported(f"{name}, largest error", float(values.max()), "%"))
+    for key in dict.fromkeys(key for x in outcomes for key in x.drives):
+        runs = [x.drives[key] for x in outcomes if key in x.drives]
+        kept = [error for error, why in runs if not why]
+        found.append(reported(f"told {key}: lost of {len(runs)}", len(runs) - len(kept)))
+        if kept:
+            largest = float(np.median(kept))
+            found.append(reported(f"told {key}: median of the largest angle error", largest, "°"))
+    return found
+
+
+def figure(outcomes: Sequence[Outcome]) -> Figure:
+    """Distribution of every error, with its limits."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(10, 5), layout="constrained")
+    for axes, (name, limit) in zip(drawn.subplots(2, 3).flat, LIMITS.items(), strict=True):
+        values = np.sort([x.errors[name] for x in outcomes if x.status == "done"])
+        axes.step(values, np.linspace(0, 100, len(values)), where="post")
+        for x, y in ((limit, 50), (2 * limit, 95)):
+            axes.plot([x], [y], "k+")
+        axes.set(title=name, xlabel="error, %", ylabel="draws, %", xlim=(0, 4 * limit))
+    return drawn
+
+
+def page(path: Path, command: str, outcomes: Sequence[Outcome], stopped: str = "") -> None:
+    """Writes the page."""
+    import html
+
+    from stillflux.evidence.report.page import STYLE, svg
+
+    rows = "".join(
+        f"<tr><td>{html.escape(c.text)}</td><td>{html.escape(c.measured)}</td>"
+        f"<td>{'ok' if c.ok else 'failed'}</td></tr>"
+        for c in claims(outcomes)
+    )
+    title = "Commissioning of motors and bridges drawn at random"
+    path.write_text(
+        f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
+        f"<style>{STYLE}</style></head>\n<body><h1>{title}</h1>\n"
+        f"<p>Made by <code>{html.escape(command)}</code>. {html.escape(stopped)}</p>"
+        f"<table><tr><th>claim</th><th>measured</th><th></th></tr>{rows}</table>"
+        f"<figure>{svg(figure(outcomes))}</figure></body></html>\n",
+        encoding="utf-8",
+    )

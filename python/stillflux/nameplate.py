@@ -1,0 +1,69 @@
+"""`Nameplate`: a motor from what its plate says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from stillflux import _core
+from stillflux.parameters import Motor
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+__all__ = ["Nameplate"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nameplate:
+    """Nameplate of a three-phase cage induction motor.
+
+    Raises ValueError naming field, value and admissible range, also where no motor can have these values
+    together.
+    """
+
+    P_N: float
+    """Rated power at the shaft, W."""
+    U_N: float
+    """Rated line-to-line voltage, V rms."""
+    I_N: float
+    """Rated phase current, A rms."""
+    f_N: float
+    """Rated frequency, Hz."""
+    n_N: float
+    """Rated speed, r/min."""
+    cos_phi: float
+    """Rated power factor."""
+    T_max: float | None = None
+    """Pull-out torque, N·m, where the catalogue gives it: then L_sigma is that of this torque."""
+    J: float | None = None
+    """Inertia of the whole shaft, kg·m², where it is known."""
+
+    def __post_init__(self) -> None:
+        _core.nameplate_motor(self)
+
+    @classmethod
+    def of(cls, motor: Motor) -> Self:
+        """The plate that a motor would have: its rated point at rated torque, without iron and friction loss,
+        rounded as printed (three digits, whole r/min, two decimals of cos_phi)."""
+        exact = _core.nameplate_of(motor)
+        printed = {name: float(f"{exact[name]:.3g}") for name in ("P_N", "I_N")}
+        speed, cos_phi = round(exact["n_N"]), round(exact["cos_phi"], 2)
+        return cls(**{**exact, **printed, "n_N": float(speed), "cos_phi": cos_phi})
+
+    def motor(self) -> Motor:
+        """The motor of the rated point, without a saturation curve.
+
+        L_sigma is assumed (0.17 per unit) unless `T_max` is given, R_s follows from the power balance and the
+        size, R_R and L_M then from the rated slip and current. `deviation` says how well each is known.
+        """
+        return Motor(**_core.nameplate_motor(self)[0])
+
+    @property
+    def deviation(self) -> dict[str, float]:
+        """Relative standard deviation of R_s, R_R, L_sigma, L_M and J of `motor()`."""
+        return _core.nameplate_motor(self)[1]
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with changed fields; TypeError for an unknown one."""
+        return replace(self, **changes)

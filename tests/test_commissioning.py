@@ -1,0 +1,174 @@
+"""From the nameplate to a running drive."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import stillflux as sf
+from stillflux.cli import main
+from stillflux.evidence import commissioning
+
+PLATE = sf.Nameplate(P_N=4000.0, U_N=400.0, I_N=8.2, f_N=50.0, n_N=1435.0, cos_phi=0.82)
+
+
+def test_a_nameplate_is_a_motor_with_deviations() -> None:
+    motor = PLATE.motor()
+    assert motor.n_p == 2
+    assert abs(motor.T_N - 26.62) < 0.01
+    for value, low, high in ((motor.R_s, 0.7, 2.5), (motor.R_R, 0.7, 2.5), (motor.L_M, 0.1, 0.25)):
+        assert low < value < high
+    assert set(PLATE.deviation) == {"R_s", "R_R", "L_sigma", "L_M", "J"}
+    assert all(0.01 < x < 0.6 for x in PLATE.deviation.values())
+    assert pickle.loads(pickle.dumps(PLATE)) == PLATE
+    known = PLATE.replace(T_max=80.0, J=0.02)
+    assert known.deviation["L_sigma"] < PLATE.deviation["L_sigma"]
+    assert known.motor().J == 0.02
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [({"n_N": 1500.0}, "n_N"), ({"P_N": 6000.0}, "P_N"), ({"cos_phi": 1.2}, "cos_phi"), ({"J": -1.0}, "J")],
+)
+def test_an_impossible_nameplate_names_the_value_and_its_range(change: dict[str, float], field: str) -> None:
+    with pytest.raises(ValueError, match=rf"{field} = .* range .* to "):
+        PLATE.replace(**change)
+
+
+def _plant() -> dict[str, Any]:
+    motor = sf.Motor.preset("2.2kW")
+    return {
+        "plant_motor": motor,
+        "plant_inverter": sf.Inverter.preset("2.2kW").replace(dead_time=2.1e-6, c_out=0.6e-9),
+        "adc_noise": 0.004 * motor.I_N,
+        "current_offset": (0.05, -0.06, 0.02),
+        "current_gain": (1.006, 0.995, 1.002),
+    }
+
+
+def test_a_plate_commissions_its_motor_and_the_drive_runs(tmp_path: Path) -> None:
+    plant = _plant()
+    motor = plant["plant_motor"]
+    stages: list[str] = []
+    found = sf.commission(
+        sf.Nameplate.of(motor),
+        sf.Inverter.preset("2.2kW"),
+        shaft="free",
+        progress=lambda fraction, stage: stages.append(stage),
+        **plant,
+    )
+    assert found.status == "done"
+    assert not found.warnings
+    assert found.extremes is not None
+    assert found.extremes[0] < 1.5
+    for name, limit in (("R_s", 0.015), ("R_R", 0.03), ("L_sigma", 0.03), ("J", 0.1)):
+        assert getattr(found.motor, name) == pytest.approx(getattr(motor, name), rel=limit), name
+    assert len(found.bridge_levels) == 12
+    assert "magnetising" in stages
+    path = tmp_path / "found.toml"
+    path.write_text(found.to_toml(name="pump"))
+    machine = sf.load_machine(path)
+    assert (machine.motor, machine.inverter) == (found.motor, found.inverter)
+    assert machine.deviation == found.deviation
+    assert pickle.loads(pickle.dumps(found)) == found
+
+
+def test_period_by_period_it_is_the_same_and_can_be_aborted() -> None:
+    plant_options = _plant()
+    motor, inverter = plant_options.pop("plant_motor"), plant_options.pop("plant_inverter")
+    plate, sheet = sf.Nameplate.of(motor), sf.Inverter.preset("2.2kW")
+    plant = sf.Plant(motor, inverter, **plant_options)
+    run = sf.Commissioning(plate, sheet)
+    i_abc, u_dc = plant.sample()
+    for _ in range(2000):
+        duty = run.step(i_abc, u_dc)
+        i_abc, u_dc = plant.step(duty, gates_on=run.gates_on)
+    assert (run.stage, run.status, run.done, run.gates_on) == ("bridge", "running", False, True)
+    assert 0.0 < run.progress < 0.1
+    run.abort()
+    assert run.done
+    assert run.status.startswith("fault: aborted at 0.2")
+    assert not run.gates_on
+    assert run.result.motor == plate.motor()
+    assert run.result.warnings
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ({"channels": (1, 0, 2)}, "swapped current channels"),
+        ({"channel_factor": (1.0, -1.0, 1.0)}, "inverted current channel"),
+        ({"channel_factor": (1.0, 1.0, 0.0)}, "dead current channel"),
+        ({"channel_factor": (1.0, 0.6, 1.0)}, "gains of the current channels"),
+        ({"current_offset": (2.0, 0.0, 0.0)}, "current offset"),
+    ],
+)
+def test_wrong_wiring_is_named_before_any_large_current_flows(fault: dict[str, Any], cause: str) -> None:
+    plant = {**_plant(), **fault}
+    found = sf.commission(sf.Nameplate.of(plant["plant_motor"]), sf.Inverter.preset("2.2kW"), **plant)
+    assert found.cause == cause
+    assert found.extremes is not None
+    assert found.extremes[0] < 0.6
+
+
+def test_other_errors_of_a_commissioning() -> None:
+    with pytest.raises(ValueError, match="shaft = \"loose\" is not one of 'locked', 'free'"):
+        sf.Commissioning(PLATE, sf.Inverter(), shaft="loose")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="arithmetic"):
+        sf.Commissioning(PLATE, sf.Inverter(), arithmetic="f16")
+
+
+FILE = """
+[nameplate]
+P_N = 2110.0
+U_N = 400.0
+I_N = 4.9
+f_N = 50.0
+n_N = 1380.0
+cos_phi = 0.8
+
+[inverter]
+r_d = 0.2
+
+[plant]
+adc_noise = 0.02
+
+[plant.motor]
+preset = "2.2kW"
+
+[plant.inverter]
+dead_time = 2.1e-6
+"""
+
+
+def test_the_command_writes_a_motor_file_and_a_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out, page = tmp_path / "motor.toml", tmp_path / "found.toml", tmp_path / "report.html"
+    file.write_text(FILE)
+    assert main(["commission", str(file), "--out", str(out), "--report", str(page)]) == 0
+    printed = capsys.readouterr().out
+    assert "status: done" in printed
+    assert sf.load_machine(out).motor.R_s == pytest.approx(3.7, rel=0.02)
+    text = page.read_text()
+    assert "<svg" in text
+    assert "R_s + r_d" in text
+    file.write_text(FILE.replace('[plant.motor]\npreset = "2.2kW"\n', ""))
+    assert main(["commission", str(file)]) == 2
+    assert "[plant.motor] is missing" in capsys.readouterr().err
+
+
+def test_draws_of_the_evidence_are_found_and_judged(tmp_path: Path) -> None:
+    outcomes = [commissioning.run(seed) for seed in (1, 5)]
+    found = {claim.quantity: claim for claim in commissioning.claims(outcomes)}
+    assert found["refused or not completed"].ok
+    assert found["largest phase current"].ok
+    assert found["largest turn of the shaft at standstill"].ok
+    assert all(
+        found[f"{name}, median error"].value < 2 * limit for name, limit in commissioning.LIMITS.items()
+    )
+    commissioning.page(tmp_path / "page.html", "stillflux beyond commissioning", outcomes)
+    assert "<svg" in (tmp_path / "page.html").read_text()
