@@ -140,7 +140,8 @@ def test_a_claim_outside_the_documented_limit_fails_the_verdict() -> None:
 
 def test_choose() -> None:
     assert choose_figures([]) == (*figures(), "headline")
-    assert choose_figures(["13", "9"]) == ("13a", "13b", "9")
+    assert choose_figures(["13", "16"]) == ("13a", "13b", "16")
+    assert choose_figures(["9"]) == ("9", "9-known")
     assert choose_figures(["2"]) == ("2",)
     with pytest.raises(ValueError, match="no figure 7"):
         choose_figures(["7"])

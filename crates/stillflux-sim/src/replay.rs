@@ -11,7 +11,7 @@
 //! [`InverterModel`]: stillflux::inverter::InverterModel
 
 use stillflux::base::{Base, PerUnit};
-use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+use stillflux::config::{BALANCE_PERIODS, DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 use stillflux::estimate::balance::Balance;
 use stillflux::estimate::confidence::Confidence;
 use stillflux::estimate::flux::FluxEstimator;
@@ -222,8 +222,11 @@ impl Replay {
         let (c, omega_s) = (&self.config, self.speed.omega_s);
         let i_dq = match &mut self.estimators {
             Estimators::Enhanced { filter, balance } => {
-                let i_m = balance.step(c.balance_config(), &i_m, row.i_sum / b.i);
-                let input = Input { u_s, loss, i_m, i_ref: self.i_slow, omega_s };
+                if self.period % BALANCE_PERIODS == 2 {
+                    balance.fit(c.balance_config(), &i_m, row.i_sum / b.i);
+                }
+                let i_m = balance.remove(&i_m);
+                let input = Input { u_s, loss: &loss, i_m, i_ref: self.i_slow, omega_s };
                 let i_dq = filter.step(c.filter_config(), &input, self.blind > 0);
                 self.blind = self.blind.saturating_sub(1);
                 if slow_due {

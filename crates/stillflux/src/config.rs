@@ -16,7 +16,9 @@ mod paper;
 mod settings;
 use settings::BOOST;
 
-pub use settings::{DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+pub use settings::{
+    BALANCE_PERIODS, DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme,
+};
 
 use crate::base::{PerUnit, rounded};
 use crate::control::current::CurrentConfig;

@@ -49,10 +49,12 @@ use sequence::{Action, Sequence};
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+#[repr(C)]
 pub struct Drive<R: Real> {
-    config: DriveConfig<R>,
-    estimators: SchemeEstimators<R>,
+    // In this order: what every period reads and writes comes first, within the reach of one instruction.
     common: Common<R>,
+    estimators: SchemeEstimators<R>,
+    config: DriveConfig<R>,
 }
 
 impl<R: Real> Drive<R> {
@@ -193,13 +195,17 @@ impl<R: Real> Common<R> {
             &bridged
         };
         let (i_abc, i_s) = self.sequence.currents(measured);
-        let running = likely(self.sequence.status() == Status::Running && reference.is_admissible());
-        if !running && !self.prepare(c, estimators, measured, reference, &i_s) {
-            return self.blocked();
+        let mut start_up = None;
+        if !(likely(matches!(self.sequence.status(), Status::Running)) && likely(reference.is_admissible())) {
+            start_up = self.prepare(c, estimators, measured, reference, i_s);
+            if start_up.is_none() {
+                return self.blocked();
+            }
         }
         let (period, u_dc) = (self.sequence.period(), measured.u_dc);
-        let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, running);
+        let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, start_up);
         let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter(c));
+        let running = start_up.is_none();
         if likely(running) {
             self.slow_tasks(c, estimators, reference, u_dc);
         }
@@ -209,27 +215,28 @@ impl<R: Real> Common<R> {
         Output { duty, gates_on: true }
     }
 
-    /// All states but `Running`: whether this is a period of the start-up.
-    #[inline(always)]
+    /// All states but `Running`: progress of the start-up, if this is a period of it.
+    #[cold]
+    #[inline(never)]
     fn prepare<E: Estimators<R>>(
         &mut self,
         c: &DriveConfig<R>,
         estimators: &mut E,
         measured: &Measurement<R>,
         reference: &Reference<R>,
-        i_s: &AlphaBeta<R>,
-    ) -> bool {
+        i_s: AlphaBeta<R>,
+    ) -> Option<StartUp> {
         let action = self.sequence.advance(c, measured, reference);
         if action == Action::StartUp {
-            return true;
+            return Some(StartUp { stage: self.sequence.stage() });
         }
         if action == Action::Ready {
             estimators.begin(c, self.sequence.pause(c));
             self.control.begin();
             self.supervision.begin();
         }
-        estimators.idle(i_s);
-        false
+        estimators.idle(&i_s);
+        None
     }
 
     /// Estimators of the scheme, under control or in its start-up.
@@ -240,13 +247,13 @@ impl<R: Real> Common<R> {
         estimators: &mut E,
         (i_abc, i_s): ([R; 3], AlphaBeta<R>),
         u_dc: R,
-        running: bool,
+        start_up: Option<StartUp>,
     ) -> FieldQuantities<R> {
         let period = self.sequence.period();
-        let (u_s, u_loss) = self.control.voltage.applied(period, u_dc);
-        let x = PeriodInput { i_abc, i_s, u_s, u_loss, psi_ref: self.control.psi_ref };
-        let start_up = (!running).then(|| StartUp { stage: self.sequence.stage(), period });
-        let PeriodOutput { field, complete } = estimators.period(c, &x, &mut self.control.i_dq_ref, start_up);
+        let Control { voltage, i_dq_ref, psi_ref, .. } = &mut self.control;
+        let u_s = voltage.applied(period, u_dc);
+        let x = PeriodInput { i_abc, i_s, u_s, u_loss: &voltage.loss, psi_ref: *psi_ref, period };
+        let PeriodOutput { field, complete } = estimators.period(c, &x, i_dq_ref, start_up);
         if complete {
             self.control.start(c, estimators.speed().omega_m);
             self.sequence.enter(Status::Running);

@@ -191,7 +191,7 @@ def enhanced(run: Any) -> Any:
     return run.replace(scheme="enhanced", settings=kept, name=f"{run.name}, enhanced")
 
 
-_COMMON = ("calibrate_offset", "psi_ref")
+_COMMON = ("calibrate_offset", "psi_ref", "supervision")
 """Settings that figures change and that both schemes have."""
 
 

@@ -103,10 +103,10 @@ def _chosen(
 
 
 def _modules(package: str) -> Iterator[ModuleType]:
-    """Modules of a package beside this one, sorted by name with numbers as numbers."""
+    """Modules of a package beside this one, numbered ones first, sorted by name with numbers as numbers."""
     name = f"{__package__}.{package}"
     found = [module.name for module in iter_modules(import_module(name).__path__)]
-    for module in sorted(found, key=_natural):
+    for module in sorted(found, key=lambda name: ("_" in name, _natural(name))):
         yield import_module(f"{name}.{module}")
 
 

@@ -1,6 +1,6 @@
 //! Configuration of the enhanced scheme: constants of its estimators and of its flux shift, per unit.
 
-use super::settings::{BOOST, DriveParams, EnhancedParams, SLOW_PERIODS};
+use super::settings::{BALANCE_PERIODS, BOOST, DriveParams, EnhancedParams, SLOW_PERIODS};
 use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
 use crate::drive::catch::CatchConfig;
@@ -18,8 +18,9 @@ const PROBE_TIME: f64 = 0.01;
 /// Least `Σ |ψ_R|² dτ` of the search, relative to that at standstill: below it noise and the error of the inverter
 /// model, in large machines of the order of the voltage that builds up the flux, would be taken for a rotation.
 const PROBE_FLOOR: f64 = 0.25;
-/// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
-const BALANCE_RATE: f64 = 17.0;
+/// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
+/// with temperature; a faster fit follows the noise of its samples.
+const BALANCE_RATE: f64 = 2.1;
 const BALANCE_OFFSET_RATE: f64 = 0.34;
 /// Largest load in the shifted flux, relative to the pull-out torque there.
 const PULL_OUT_USE: f64 = 0.6;
@@ -68,8 +69,9 @@ impl<R: Real> EnhancedConfig<R> {
         Self {
             filter: filter.with_priors(&priors),
             balance: BalanceConfig {
-                step: rounded(BALANCE_RATE / inverter.f_s),
-                step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),
+                // The state is a third of the difference of the gains.
+                step: rounded(BALANCE_RATE / 3.0 * f64::from(BALANCE_PERIODS) / inverter.f_s),
+                step_offset: rounded(BALANCE_OFFSET_RATE * f64::from(BALANCE_PERIODS) / inverter.f_s),
             },
             shift: ShiftConfig {
                 omega_s_min: rounded(p.enhanced.omega_s_min / pu.base.omega),

@@ -13,6 +13,9 @@ pub(crate) const BOOST: f64 = 1.5;
 pub const SPEED_PERIODS: u32 = 2;
 /// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
 pub const SLOW_PERIODS: u32 = 4;
+/// Control periods between two samples of the fit of the current sensors' gains, and between two curves of the inverter
+/// model.
+pub const BALANCE_PERIODS: u32 = 8;
 
 /// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -28,7 +28,7 @@
 use super::catch::{BLOCKS, Catch};
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
-use crate::config::{DriveConfig, SPEED_PERIODS};
+use crate::config::{BALANCE_PERIODS, DriveConfig, SPEED_PERIODS};
 use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
@@ -49,9 +49,6 @@ const CROSSING: f64 = 0.0025;
 /// Reduced currents that separate resistance, inverter error and knee, relative to the magnetising current.
 const REDUCED: f64 = 0.7;
 const SMALL: f64 = 0.4;
-
-/// Unit of the innovation that the filter returns, per unit of flux.
-const INNOVATION_UNIT: f64 = 0.05;
 
 /// The two sums of the speed search; after it, the speed over one.
 #[derive(Clone, Copy, Debug)]
@@ -119,6 +116,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
+    /// Torque reference, for the next step of the flux shift.
+    torque_ref: R,
 }
 
 impl<R: Real> EnhancedEstimators<R> {
@@ -134,6 +133,7 @@ impl<R: Real> EnhancedEstimators<R> {
             catch: Catch::new(AlphaBeta::default()),
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
+            torque_ref: R::ZERO,
         }
     }
 
@@ -212,9 +212,8 @@ impl<R: Real> EnhancedEstimators<R> {
     #[inline(never)]
     fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp) -> (Rotator<R>, Dq<R>, bool) {
         let searching = self.start != Start::Caught && at.stage <= c.enhanced.probe_periods;
-        if !searching && at.period.is_multiple_of(SPEED_PERIODS) {
+        if !searching && at.stage.is_multiple_of(SPEED_PERIODS) {
             self.update_speed(c);
-            self.knee = c.inverter.knee(self.filter.knee());
         }
         let i_s = self.filter.i_s();
         let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
@@ -281,6 +280,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         });
         self.search = SpeedSearch::new();
         self.shift = FluxShift::default();
+        self.torque_ref = R::ZERO;
         self.speed = SpeedEstimate::default();
     }
 
@@ -288,32 +288,41 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     fn period(
         &mut self,
         c: &DriveConfig<R>,
-        x: &PeriodInput<R>,
+        x: &PeriodInput<'_, R>,
         i_dq_ref: &mut Dq<R>,
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
         if let Some(at) = start_up {
-            *i_dq_ref = self.prepare(c, &x.i_s, at.stage);
+            let i_s = x.i_s;
+            *i_dq_ref = self.prepare(c, &i_s, at.stage);
             let searched = at.stage <= c.enhanced.catch.block * BLOCKS + c.enhanced.probe_periods;
             blind = searched && self.start != Start::Caught;
         }
         let i_ref = *i_dq_ref;
-        let [i_a, i_b, i_c] = x.i_abc;
-        let i_m = self.balance.step(&c.enhanced.balance, &x.i_s, i_a + i_b + i_c);
+        let i_m = self.balance.remove(&x.i_s);
         let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
-        let i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
-        let (field, i_dq, complete) = match start_up {
-            None => (self.filter.field(), i_dq, false),
-            Some(at) => {
-                let catch_periods = c.enhanced.catch.block * BLOCKS;
-                if at.stage <= catch_periods {
-                    return PeriodOutput { field: self.catch_flux(c, &x.u_s, at.stage), complete: false };
-                }
-                self.build_up(c, StartUp { stage: at.stage - catch_periods, ..at })
+        let mut i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
+        // What follows from quantities that change slowly takes its turn.
+        match x.period % BALANCE_PERIODS {
+            2 => {
+                let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
+                self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             }
-        };
+            6 => self.knee = c.inverter.knee(self.filter.knee()),
+            _ => {}
+        }
+        let (mut field, mut complete) = (self.filter.field(), false);
+        if let Some(at) = start_up {
+            let catch_periods = c.enhanced.catch.block * BLOCKS;
+            if at.stage <= catch_periods {
+                return PeriodOutput { field: self.catch_flux(c, &x.u_s, at.stage), complete: false };
+            }
+            let i;
+            (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods, ..at });
+            i_dq = Dq::new(i.re(), i.im());
+        }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete }
     }
@@ -331,12 +340,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
-        self.knee = c.inverter.knee(self.filter.knee());
+        self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, self.filter.leakage());
     }
 
     #[inline(always)]
-    fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R {
-        self.shift.step(&c.enhanced.shift, self.speed.omega_m, torque, self.filter.leakage())
+    fn flux_factor(&mut self, _: &DriveConfig<R>, torque: R) -> R {
+        self.torque_ref = torque;
+        self.shift.factor()
     }
 
     #[inline(always)]
@@ -397,7 +407,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             i_s: f.i_s(),
             r_s: f.r_s(),
             epsilon: R::ZERO,
-            innovation: f.residual() * R::from_f64(INNOVATION_UNIT),
+            innovation: f.innovation(),
             nis: f.nis(),
             angle_deviation: f.sigma(),
             confidence: f.confidence(),

@@ -15,15 +15,17 @@ use crate::space::{AlphaBeta, Dq, Rotator};
     not(all(feature = "paper", feature = "enhanced")),
     allow(dead_code, reason = "not every scheme needs all of it")
 )]
-pub(super) struct PeriodInput<R: Real> {
+pub(super) struct PeriodInput<'a, R: Real> {
     /// Phase currents less the offsets read at standstill, and their space vector.
     pub i_abc: [R; 3],
     pub i_s: AlphaBeta<R>,
-    /// Voltage applied between the last two samples, and the loss of the inverter model that it contains.
+    /// Voltage applied between the last two samples, and the loss of the inverter model that was commanded last.
     pub u_s: AlphaBeta<R>,
-    pub u_loss: Distortion<R>,
+    pub u_loss: &'a Distortion<R>,
     /// Flux reference in this interval.
     pub psi_ref: R,
+    /// Periods since power-up.
+    pub period: u32,
 }
 
 /// Inputs of current control from the estimators, every period.
@@ -41,7 +43,7 @@ pub(super) struct FieldQuantities<R: Real> {
     pub i_dq: Dq<R>,
 }
 
-/// Progress of a start-up: its period, counted from one, and the period since power-up.
+/// Progress of a start-up: its period, counted from one.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(
     not(all(feature = "paper", feature = "enhanced")),
@@ -49,7 +51,6 @@ pub(super) struct FieldQuantities<R: Real> {
 )]
 pub(super) struct StartUp {
     pub stage: u32,
-    pub period: u32,
 }
 
 /// What the estimators deliver in one period.
@@ -87,7 +88,7 @@ pub(super) trait Estimators<R: Real> {
     fn period(
         &mut self,
         c: &DriveConfig<R>,
-        x: &PeriodInput<R>,
+        x: &PeriodInput<'_, R>,
         i_dq_ref: &mut Dq<R>,
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R>;

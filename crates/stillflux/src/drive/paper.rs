@@ -87,7 +87,13 @@ impl<R: Real> PaperEstimators<R> {
     /// Direct current along the a-axis.
     #[cold]
     #[inline(never)]
-    fn magnetise(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, i_dq_ref: &Dq<R>, stage: u32) -> PeriodOutput<R> {
+    fn magnetise(
+        &mut self,
+        c: &DriveConfig<R>,
+        x: &PeriodInput<'_, R>,
+        i_dq_ref: &Dq<R>,
+        stage: u32,
+    ) -> PeriodOutput<R> {
         let a_axis = Rotator::default();
         self.i_s = x.i_s;
         #[cfg(feature = "variants")]
@@ -131,7 +137,7 @@ impl<R: Real> PaperEstimators<R> {
 
     /// Estimators under control.
     #[inline(always)]
-    fn step(&mut self, c: &PaperConfig<R>, x: &PeriodInput<R>) -> FieldQuantities<R> {
+    fn step(&mut self, c: &PaperConfig<R>, x: &PeriodInput<'_, R>) -> FieldQuantities<R> {
         let r_s = self.resistance.r_s();
         self.flux.step(&c.flux, &x.u_s, &x.i_s, r_s, x.psi_ref);
         let field = self.flux.field();
@@ -155,7 +161,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     fn period(
         &mut self,
         c: &DriveConfig<R>,
-        x: &PeriodInput<R>,
+        x: &PeriodInput<'_, R>,
         i_dq_ref: &mut Dq<R>,
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R> {

@@ -18,8 +18,8 @@
 //!
 //! In regeneration with `0 < ω_s < ω` its steady action destabilises: an error of angle makes the true flux, and with it
 //! the radius that the compensator corrects, change with the sign that turns the field further away. So while regenerating
-//! the gain is `2|ω_s|` less its floor, at least [`FluxConfig::noise_regeneration`]: low where the machine is unstable,
-//! below ω_s of about 0.03, and nearly as in motoring above.
+//! the gain is twice `2|ω_s|` less its floor, at least [`FluxConfig::noise_regeneration`]: low where the machine is
+//! unstable, below ω_s of about 0.03, and from 0.06 on as in motoring.
 
 use super::integral::FluxIntegral;
 use super::offset::{OffsetConfig, OffsetEstimator};
@@ -139,7 +139,8 @@ impl<R: Real> FluxEstimator<R> {
         let omega = omega_s.abs();
         let damped = omega + omega;
         let gain = damped.max(config.noise_min).min(config.noise_max);
-        let lowered = (damped - config.noise_min).max(config.noise_regeneration);
+        let lowered = damped - config.noise_min;
+        let lowered = (lowered + lowered).max(config.noise_regeneration);
         self.gain = if self.regenerating { gain.min(lowered) } else { gain };
         if let Some(c) = &config.offset {
             self.offset.set_stator_frequency(c, omega_s);
@@ -282,7 +283,7 @@ mod tests {
             est.set_stator_frequency(&CONFIG, omega);
             est.step(&CONFIG, &AlphaBeta::default(), &AlphaBeta::default(), 0.1, 1.0);
             assert!(
-                (est.effort() - gain.min((2.0 * omega.abs() - 0.01).max(0.02)) * 0.1).abs() < 1e-9,
+                (est.effort() - gain.min((4.0 * omega.abs() - 0.02).max(0.02)) * 0.1).abs() < 1e-9,
                 "regenerating {omega}: {}",
                 est.effort()
             );
