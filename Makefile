@@ -37,8 +37,8 @@ test-slow: test-rust build
 lint: build
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff format --check python tests benches examples
-	$(BIN)/ruff check python tests benches examples
+	$(BIN)/ruff format --check python tests benches examples docs
+	$(BIN)/ruff check python tests benches examples docs
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest stillflux._core
 
@@ -86,6 +86,11 @@ bench-tools:
 	@! command -v valgrind >/dev/null || \
 		PATH="$(abspath target/tools/bin):$$PATH" gungraun-runner --version 2>/dev/null | grep -q "$(GUNGRAUN)" || \
 		cargo install gungraun-runner --version $(GUNGRAUN) --locked --root target/tools
+
+# The documentation site, with the examples run: some minutes.
+.PHONY: site
+site: build
+	$(BIN)/mkdocs build --quiet
 
 clean:
 	rm -rf .venv target reports python/stillflux/*.so

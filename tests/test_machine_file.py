@@ -19,9 +19,11 @@ FIELDS = "n_p = 2\nJ = 0.015\nU_N = 400.0\nI_N = 5.0\nf_N = 50.0\nT_N = 14.6\n"
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
     path = tmp_path / "found.toml"
-    path.write_text(machine_to_toml(motor, inverter, name='a "b"', deviation={"R_s": 0.01}), encoding="utf-8")
+    path.write_text(
+        machine_to_toml(motor, inverter, name="a 'b' é", deviation={"R_s": 0.01}), encoding="utf-8"
+    )
     machine = sf.load_machine(path)
-    assert (machine.motor, machine.inverter, machine.name) == (motor, inverter, 'a "b"')
+    assert (machine.motor, machine.inverter, machine.name) == (motor, inverter, "a 'b' é")
     assert machine.deviation == {"R_s": 0.01}
 
 
@@ -50,6 +52,7 @@ def test_every_circuit_and_a_changed_preset(tmp_path: Path) -> None:
         ("[motor]\npreset = '2.2kW'\n[inverter]\nf_s = 1.0\n", r"\[inverter\] f_s = 1"),
         ("[motor]\npreset = '2.2kW'\n[deviation]\nR_s = 'x'\n", r"\[deviation\] R_s = 'x'"),
         ("[engine]\n", "engine is not known"),
+        ("name = '../x'\n[motor]\npreset = '2.2kW'\n", "name = '../x' is no file name"),
         ("name = 'x'\n", r"one of the tables \[motor\] and \[nameplate\]"),
         ("[motor\n", "line 1"),
     ],
@@ -84,6 +87,34 @@ def test_a_scenario_of_a_motor_file(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "none.toml" in capsys.readouterr().err
 
 
-def test_the_plane_of_an_own_machine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.slow
+def test_demo_and_figures_of_an_own_machine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--motor", str(PUMP), "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "demo-pump-4kW-signals.png").exists()
+    # Whether the claims hold on this machine is a result, not an error.
+    assert main(["reproduce", "9", "--motor", str(PUMP), "--out", str(tmp_path)]) in (0, 1)
+    assert "pump-4kW" in capsys.readouterr().out
+
+
+def test_the_table_of_metrics_takes_no_own_machine(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["beyond", "--motor", str(PUMP), "--metrics", str(tmp_path / "m.csv")]) == 2
     assert "--motor" in capsys.readouterr().err
+
+
+def test_a_nameplate_makes_a_machine(tmp_path: Path) -> None:
+    path = tmp_path / "plate.toml"
+    plate = sf.Nameplate(P_N=4000.0, U_N=400.0, I_N=8.2, f_N=50.0, n_N=1435.0, cos_phi=0.82)
+    path.write_text(
+        "[nameplate]\nP_N = 4000.0\nU_N = 400.0\nI_N = 8.2\nf_N = 50.0\nn_N = 1435.0\ncos_phi = 0.82\n"
+        "[deviation]\nR_s = 0.05\n"
+    )
+    machine = sf.load_machine(path)
+    assert machine.motor == plate.motor()
+    assert machine.deviation == {**plate.deviation, "R_s": 0.05}
+    path.write_text(
+        "[nameplate]\nP_N = 4000.0\nU_N = 400.0\nI_N = 8.2\nf_N = 50.0\nn_N = 1435.0\ncos_phi = 2\n"
+    )
+    with pytest.raises(ValueError, match=r"plate.toml: \[nameplate\] cos_phi = 2"):
+        sf.load_machine(path)

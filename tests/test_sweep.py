@@ -203,9 +203,3 @@ def test_the_example_on_a_dask_cluster(tmp_path: Path, monkeypatch: pytest.Monke
     assert not found.failed
     assert len((tmp_path / "sweep_dask.jsonl").read_text().splitlines()) == 8
     assert found["angle_max"].max() < 15.0
-
-
-def test_the_example_of_an_own_motor() -> None:
-    result = runpy.run_path(str(EXAMPLES / "own_motor.py"), run_name="example")["main"]()
-    assert result.status == "running"
-    assert METRICS["angle_max"](result) < 5.0

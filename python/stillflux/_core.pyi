@@ -38,21 +38,50 @@ __all__ = [
     "validate_motor",
 ]
 
-def validate_motor(motor: Motor) -> None: ...
-def validate_inverter(inverter: Inverter) -> None: ...
-def motor_preset(name: str) -> dict[str, Any]: ...
-def inverter_preset(name: str) -> dict[str, float]: ...
-def from_gamma(R_s: float, R_r: float, L_l: float, L_s: float) -> dict[str, float]: ...
-def from_t_model(R_s: float, R_r: float, L_ls: float, L_lr: float, L_m: float) -> dict[str, float]: ...
-def to_gamma(motor: Motor) -> dict[str, float]: ...
-def to_t_model(motor: Motor) -> dict[str, float]: ...
-def base(motor: Motor) -> dict[str, float]: ...
-def nameplate_motor(plate: Nameplate) -> tuple[dict[str, Any], dict[str, float]]: ...
-def nameplate_of(motor: Motor) -> dict[str, float]: ...
-def signals() -> dict[str, str]: ...
+def validate_motor(motor: Motor) -> None:
+    """Raises ValueError for the first field of a motor outside its range."""
+
+def validate_inverter(inverter: Inverter) -> None:
+    """Raises ValueError for the first field of an inverter outside its range."""
+
+def motor_preset(name: str) -> dict[str, Any]:
+    """Fields of a preset motor."""
+
+def inverter_preset(name: str) -> dict[str, float]:
+    """Fields of a preset inverter."""
+
+def from_gamma(R_s: float, R_r: float, L_l: float, L_s: float) -> dict[str, float]:
+    """Inverse-Γ parameters of a Γ circuit."""
+
+def from_t_model(R_s: float, R_r: float, L_ls: float, L_lr: float, L_m: float) -> dict[str, float]:
+    """Inverse-Γ parameters of a T circuit."""
+
+def to_gamma(motor: Motor) -> dict[str, float]:
+    """Γ parameters of a motor."""
+
+def to_t_model(motor: Motor) -> dict[str, float]:
+    """T parameters of a motor, with equal leakages."""
+
+def base(motor: Motor) -> dict[str, float]:
+    """Base quantities of a motor's per-unit system, SI."""
+
+def signals() -> dict[str, str]:
+    """Names and units of all signals a run can record."""
+
+def nameplate_motor(plate: Nameplate) -> tuple[dict[str, Any], dict[str, float]]:
+    """Fields of the motor that a nameplate describes, and the relative standard deviation of each parameter.
+
+    Raises ValueError for the first value that no induction machine can have."""
+
+def nameplate_of(motor: Motor) -> dict[str, float]:
+    """Fields of the nameplate of a motor: its rated point at rated torque, without iron and friction loss."""
 
 @final
 class Status:
+    """State of a drive's sequence, and the cause and time of a fault.
+
+    Compares equal to one of "stopped", "starting", "running", "fault"."""
+
     def __new__(
         cls,
         state: str,
@@ -62,19 +91,26 @@ class Status:
         limit: float | None = None,
     ) -> Status: ...
     @property
-    def state(self) -> str: ...
+    def state(self) -> str:
+        """ "stopped", "reading offset", "magnetising", "running" or "faulted"."""
     @property
-    def fault(self) -> str | None: ...
+    def fault(self) -> str | None:
+        """Cause of the fault, else None."""
     @property
-    def time(self) -> float | None: ...
+    def time(self) -> float | None:
+        """Time of the fault since power-up in s, else None."""
     @property
-    def value(self) -> float | None: ...
+    def value(self) -> float | None:
+        """What was measured when it happened, in `unit`, else None."""
     @property
-    def limit(self) -> float | None: ...
+    def limit(self) -> float | None:
+        """The limit that it violated, in `unit`, else None; 0 where there is none."""
     @property
-    def fault_code(self) -> int | None: ...
+    def fault_code(self) -> int | None:
+        """The cause of the fault as a stable number, else None."""
     @property
-    def unit(self) -> str | None: ...
+    def unit(self) -> str | None:
+        """Unit of `value` and `limit`, empty for numbers, else None."""
     def __eq__(self, other: object, /) -> bool: ...
     def __ne__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
@@ -84,51 +120,97 @@ class Status:
 
 @final
 class Estimate:
+    """Everything a drive estimates, of the latest period. Stator coordinates unless named `dq`."""
+
     @property
-    def psi_s(self) -> complex: ...
+    def psi_s(self) -> complex:
+        """Stator flux linkage, V·s."""
     @property
-    def psi_r(self) -> complex: ...
+    def psi_r(self) -> complex:
+        """Rotor flux linkage of the inverse-Γ circuit, V·s."""
     @property
-    def psi_1(self) -> complex: ...
+    def psi_1(self) -> complex:
+        """Flux of the parallel path that finds the offset, V·s."""
     @property
-    def i_s(self) -> complex: ...
+    def i_s(self) -> complex:
+        """Stator current, A."""
     @property
-    def u_s(self) -> complex: ...
+    def u_s(self) -> complex:
+        """Voltage applied between the last two samples, V."""
     @property
-    def u_i(self) -> complex: ...
+    def u_i(self) -> complex:
+        """Induced voltage, V."""
     @property
-    def u_off(self) -> complex: ...
+    def u_off(self) -> complex:
+        """Offset voltage, V."""
     @property
-    def u_hf(self) -> complex: ...
+    def u_hf(self) -> complex:
+        """Output of the noise compensator, V."""
     @property
-    def i_dq(self) -> complex: ...
+    def i_dq(self) -> complex:
+        """Current in field coordinates, A."""
     @property
-    def i_dq_ref(self) -> complex: ...
+    def i_dq_ref(self) -> complex:
+        """Its reference, A."""
     @property
-    def psi_ref(self) -> float: ...
+    def psi_ref(self) -> float:
+        """Flux reference, V·s."""
     @property
-    def omega_m(self) -> float: ...
+    def omega_m(self) -> float:
+        """Speed, mechanical rad/s."""
     @property
-    def omega_s(self) -> float: ...
+    def omega_s(self) -> float:
+        """Stator frequency, electrical rad/s."""
     @property
-    def omega_r(self) -> float: ...
+    def omega_r(self) -> float:
+        """Slip frequency, electrical rad/s."""
     @property
-    def torque(self) -> float: ...
+    def torque(self) -> float:
+        """Torque, N·m."""
     @property
-    def R_s(self) -> float: ...
+    def R_s(self) -> float:
+        """Stator resistance including the inverter's r_d, Ω."""
     @property
-    def epsilon(self) -> float: ...
+    def epsilon(self) -> float:
+        """Residual ε of equation (15), per unit; zero in the scheme "enhanced"."""
     @property
-    def innovation(self) -> float: ...
+    def innovation(self) -> float:
+        """Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s;
+        zero in the
+        scheme "paper"."""
     @property
-    def nis(self) -> float: ...
+    def nis(self) -> float:
+        """Normalised innovation squared (NIS), low-passed over 20 ms: one where the filter's model is exact;
+        zero in the
+        scheme "paper"."""
     @property
-    def angle_deviation(self) -> float: ...
+    def angle_deviation(self) -> float:
+        """Standard deviation that the drive expects of its field angle, rad; π while it does not run."""
     @property
-    def confidence(self) -> float: ...
+    def confidence(self) -> float:
+        """Confidence in the field angle, 0 to 1."""
 
 @final
 class Drive:
+    """A sensorless induction motor drive: currents and dc-link voltage in, duties out.
+
+    Currents sampled at the start of control period k give the duties applied during period k + 1.
+
+    Parameters
+    ----------
+    motor, inverter
+        The machine and the inverter as the drive knows them.
+    arithmetic
+        "f32", "f64" or "q" (fixed point).
+    scheme
+        "enhanced" (one filter for flux, offset, resistance and inverter error) or "paper" (the published
+        scheme).
+    **settings
+        Limits, bandwidths and switches, see `stillflux.options.DriveSettings`.
+
+    Raises ValueError for a value outside its range, TypeError for an unknown setting.
+    """
+
     def __new__(
         cls,
         motor: Motor,
@@ -144,40 +226,93 @@ class Drive:
         omega_ref: float | None = None,
         torque_ref: float | None = None,
         cycle: int | None = None,
-    ) -> NDArray[np.float64]: ...
+    ) -> NDArray[np.float64]:
+        """One control period.
+
+        Parameters
+        ----------
+        i_abc
+            Phase currents in A, positive into the machine; three numbers.
+        u_dc
+            dc-link voltage in V.
+        omega_ref
+            Speed reference, mechanical rad/s.
+        torque_ref
+            Torque reference in N·m, instead of a speed reference. Neither: stop.
+        cycle
+            Stamp of the PWM period, a number that the hardware counts up by one in each, 0 to 65535, then
+            0 again: missed
+            and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the
+            first.
+
+        Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
+        Raises ValueError if both references are given or one is not finite. Implausible measurements do
+        not
+        raise: they are faults, see `status`.
+        """
     @property
-    def gates_on(self) -> bool: ...
+    def gates_on(self) -> bool:
+        """False: the bridge has to be blocked; the duties are then 0.5 each."""
     @property
-    def estimate(self) -> Estimate: ...
+    def estimate(self) -> Estimate:
+        """Estimates of the latest period."""
     @property
-    def status(self) -> Status: ...
+    def status(self) -> Status:
+        """State of the sequence, or the fault with its cause and time."""
     @property
-    def settings(self) -> DriveSettings: ...
-    def memory(self) -> dict[str, Any]: ...
-    def restore(self, memory: dict[str, Any]) -> None: ...
-    def reset(self) -> None: ...
+    def settings(self) -> DriveSettings:
+        """All settings, defaults included."""
+    def memory(self) -> dict[str, Any]:
+        """Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A),
+        loss_error
+        (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`),
+        L_sigma and L_M (H)."""
+    def restore(self, memory: dict[str, Any]) -> None:
+        """Takes back what `memory` gave; values beyond their limits are limited."""
+    def reset(self) -> None:
+        """Leaves a fault; the drive is stopped then."""
 
 @final
 class Trace:
+    """What a `FluxEstimator` made of a record: arrays of the record's length."""
+
     @property
-    def t(self) -> NDArray[np.float64]: ...
+    def t(self) -> NDArray[np.float64]:
+        """Time, s."""
     @property
-    def psi_s(self) -> NDArray[np.complex128]: ...
+    def psi_s(self) -> NDArray[np.complex128]:
+        """Stator flux linkage, V·s, complex."""
     @property
-    def psi_1(self) -> NDArray[np.complex128]: ...
+    def psi_1(self) -> NDArray[np.complex128]:
+        """Flux of the parallel path, V·s, complex."""
     @property
-    def u_off(self) -> NDArray[np.complex128]: ...
+    def u_off(self) -> NDArray[np.complex128]:
+        """Offset voltage, V, complex."""
     @property
-    def u_hf(self) -> NDArray[np.complex128]: ...
+    def u_hf(self) -> NDArray[np.complex128]:
+        """Output of the noise compensator, V, complex."""
     @property
-    def omega_s(self) -> NDArray[np.float64]: ...
+    def omega_s(self) -> NDArray[np.float64]:
+        """Stator frequency, electrical rad/s."""
     @property
-    def omega_m(self) -> NDArray[np.float64]: ...
+    def omega_m(self) -> NDArray[np.float64]:
+        """Speed, mechanical rad/s."""
     @property
-    def angle(self) -> NDArray[np.float64]: ...
+    def angle(self) -> NDArray[np.float64]:
+        """Angle of psi_s, rad."""
 
 @final
 class FluxEstimator:
+    """The stator flux estimator of Fig. 7 alone, with offset estimator and noise compensator, offline.
+
+    Takes motor and inverter as `Drive` does, and its settings (those about the flux estimator matter),
+    with one
+    difference: `inverter_model` is off unless it is given. Without it `u_s` is the voltage at the
+    machine's terminals
+    and the resistance the motor's. With `inverter_model=True` `u_s` is what an ideal bridge would have
+    applied
+    (duties times dc link): threshold, dead time and `r_d` of the inverter are taken into account."""
+
     def __new__(
         cls, motor: Motor, inverter: Inverter, **settings: Unpack[DriveSettings]
     ) -> FluxEstimator: ...
@@ -189,10 +324,38 @@ class FluxEstimator:
         R_s: float | NDArray[np.float64] | None = None,
         psi_s0: complex | None = None,
         u_dc: float | NDArray[np.float64] | None = None,
-    ) -> Trace: ...
+    ) -> Trace:
+        """Estimates the flux over a record sampled at the inverter's `f_s`.
+
+        Parameters
+        ----------
+        u_s
+            Voltage in V, complex, shape (n,): `u_s[k]` was applied between samples k - 1 and k. At the
+            terminals, or
+            with `inverter_model=True` that of an ideal bridge.
+        i_s
+            Stator current in A, complex, shape (n,).
+        omega_s
+            Known stator frequency, electrical rad/s, a number or shape (n,); None: the estimated one.
+        R_s
+            Resistance in series with the stator flux in Ω, a number or shape (n,); None: the motor's,
+            with
+            `inverter_model=True` plus the inverter's r_d.
+        psi_s0
+            Flux at the first sample, V·s, complex; None: rated flux on the a-axis.
+        u_dc
+            dc-link voltage in V for the inverter model, a number or shape (n,); None: the inverter's
+            rated one.
+
+        Raises ValueError for lengths that differ and for samples that are not finite.
+        """
 
 @final
 class RecordEstimator:
+    """Estimators of a scheme over records whose rows are one period of the inverter's `f_s` apart.
+
+    Takes motor, inverter and settings as `Drive` does."""
+
     def __new__(
         cls,
         motor: Motor,
@@ -212,86 +375,169 @@ class RecordEstimator:
         omega_m: float,
         settled: bool = False,
         R_s: float | None = None,
-    ) -> dict[str, NDArray[Any]]: ...
+    ) -> dict[str, NDArray[Any]]:
+        """Begins at the first row and runs over all; what was identified before stays.
+
+        Parameters
+        ----------
+        u_s, i_s
+            Voltage in V (mean over the interval that ends at the row) and current in A, complex, shape
+            (n,).
+        i_sum, u_dc, psi_ref
+            Sum of the phase currents in A, dc-link voltage in V, flux reference in V·s, shape (n,).
+        psi_s0
+            Stator flux at the first row, V·s.
+        deviation
+            Standard deviation of each of its components, V·s; 0: a machine without flux.
+        settled
+            The flux is that of a direct current along the a-axis in a machine at rest.
+        omega_m
+            Speed at the first row, mechanical rad/s.
+        R_s
+            Resistance for the scheme "paper", Ω; None: that of the parameters.
+
+        Returns the estimates after each row by name. Raises ValueError for lengths that differ and values
+        that are not
+        finite.
+        """
 
 @final
 class PlantState:
+    """The true state of a plant at the end of the last period. Stator coordinates."""
+
     @property
-    def t(self) -> float: ...
+    def t(self) -> float:
+        """Time, s."""
     @property
-    def psi_s(self) -> complex: ...
+    def psi_s(self) -> complex:
+        """Stator flux linkage, V·s."""
     @property
-    def psi_r(self) -> complex: ...
+    def psi_r(self) -> complex:
+        """Rotor flux linkage of the inverse-Γ circuit, V·s."""
     @property
-    def i_s(self) -> complex: ...
+    def i_s(self) -> complex:
+        """Stator current, A."""
     @property
-    def u_s(self) -> complex: ...
+    def u_s(self) -> complex:
+        """Terminal voltage, mean of the last period, V."""
     @property
-    def omega_m(self) -> float: ...
+    def omega_m(self) -> float:
+        """Speed, mechanical rad/s."""
     @property
-    def omega_s(self) -> float: ...
+    def omega_s(self) -> float:
+        """Speed of psi_s, mean of the last period, electrical rad/s."""
     @property
-    def theta_m(self) -> float: ...
+    def theta_m(self) -> float:
+        """Shaft angle, not wrapped, mechanical rad."""
     @property
-    def torque(self) -> float: ...
+    def torque(self) -> float:
+        """Air-gap torque, N·m."""
     @property
-    def load_torque(self) -> float: ...
+    def load_torque(self) -> float:
+        """Load torque of the last period, N·m."""
     @property
-    def R_s(self) -> float: ...
+    def R_s(self) -> float:
+        """Stator resistance as it is now, without r_d, Ω."""
     @property
-    def u_dc(self) -> float: ...
+    def u_dc(self) -> float:
+        """dc-link voltage, V."""
 
 @final
 class Plant:
+    """Induction machine, inverter, sensors and shaft, resolved at every switching edge.
+
+    Parameters
+    ----------
+    motor, inverter
+        The real machine and inverter. Without keywords: switching model, no friction, 12-bit converters
+        over ±2.5 √2 I_N, no measurement error.
+    **options
+        See `stillflux.options.PlantOptions`.
+
+    Raises ValueError for a value outside its range, TypeError for an unknown option.
+    """
+
     def __new__(cls, motor: Motor, inverter: Inverter, **options: Unpack[PlantOptions]) -> Plant: ...
     def step(
         self, duty: Iterable[float], load_torque: float = 0.0, gates_on: bool = True
-    ) -> tuple[NDArray[np.float64], float]: ...
-    def step_voltage(self, u_s: complex, dt: float, load_torque: float = 0.0) -> None: ...
-    def sample(self) -> tuple[NDArray[np.float64], float]: ...
+    ) -> tuple[NDArray[np.float64], float]:
+        """Runs one PWM period and returns the reading at its end: i_abc in A, shape (3,), and u_dc in V.
+
+        `duty` (three values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
+        register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
+        `load_torque` in N·m opposes positive rotation and is active, as a crane's."""
+    def step_voltage(self, u_s: complex, dt: float, load_torque: float = 0.0) -> None:
+        """Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, past the
+        bridge."""
+    def sample(self) -> tuple[NDArray[np.float64], float]:
+        """A reading now: i_abc in A, shape (3,), and u_dc in V. Every call draws fresh noise."""
     @property
-    def state(self) -> PlantState: ...
-    def set_state(self, psi_s: complex, psi_r: complex, omega_m: float) -> None: ...
+    def state(self) -> PlantState:
+        """The truth."""
+    def set_state(self, psi_s: complex, psi_r: complex, omega_m: float) -> None:
+        """Puts the machine into a state: stator and inverse-Γ rotor flux (complex, V·s), mechanical rad/s."""
     R_s: float
     u_dc: float
     speed: float | None
     @property
-    def current_offset(self) -> tuple[float, float, float]: ...
+    def current_offset(self) -> tuple[float, float, float]:
+        """Offsets of the current channels as last set, A; takes a complex space vector or three values."""
     @current_offset.setter
     def current_offset(self, value: complex | Iterable[float]) -> None: ...
 
 @final
 class Run:
+    """A scenario being run, advanced in pieces with the GIL released.
+
+    Raises ValueError or TypeError for what is wrong with the scenario."""
+
     def __new__(cls, scenario: Scenario) -> Run: ...
-    def advance(self, periods: int) -> bool: ...
+    def advance(self, periods: int) -> bool:
+        """Runs at most `periods` further control periods; False when the run is complete."""
     @property
-    def time(self) -> float: ...
+    def time(self) -> float:
+        """Simulated time so far, s."""
     @property
-    def status(self) -> Status: ...
-    def memory(self) -> dict[str, Any]: ...
-    def record(self) -> dict[str, NDArray[Any]]: ...
+    def status(self) -> Status:
+        """Status of the drive."""
+    def memory(self) -> dict[str, Any]:
+        """What the drive would store now."""
+    def record(self) -> dict[str, NDArray[Any]]:
+        """The record so far: name to array, time as "t" in s."""
 
 @final
 class CommissioningCore:
+    """A commissioning, one control period at a time."""
+
     def __new__(
         cls, plate: Nameplate, inverter: Inverter, shaft: str, arithmetic: str
     ) -> CommissioningCore: ...
-    def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]: ...
+    def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
+        """One control period."""
     @property
-    def gates_on(self) -> bool: ...
+    def gates_on(self) -> bool:
+        """False: block the bridge."""
     @property
-    def progress(self) -> float: ...
+    def progress(self) -> float:
+        """Part that is over, 0 to 1."""
     @property
-    def stage(self) -> str: ...
+    def stage(self) -> str:
+        """Name of the procedure under way."""
     @property
-    def status(self) -> str: ...
+    def status(self) -> str:
+        """ "running", "done", or the fault with its cause and time."""
     @property
-    def cause(self) -> str | None: ...
-    def abort(self) -> None: ...
-    def found(self) -> dict[str, Any]: ...
+    def cause(self) -> str | None:
+        """Cause of a fault, else None."""
+    def abort(self) -> None:
+        """Blocks the gates for good."""
+    def found(self) -> dict[str, Any]:
+        """What has been found so far."""
 
 @final
 class CommissioningRun:
+    """A commissioning on a plant, advanced in pieces with the GIL released."""
+
     def __new__(
         cls,
         plate: Nameplate,
@@ -304,17 +550,27 @@ class CommissioningRun:
         gain: tuple[float, float, float] | None,
         options: dict[str, Any],
     ) -> CommissioningRun: ...
-    def advance(self, periods: int) -> bool: ...
+    def advance(self, periods: int) -> bool:
+        """Runs at most `periods` further control periods; False when the commissioning is over."""
     @property
-    def time(self) -> float: ...
+    def time(self) -> float:
+        """Simulated time so far, s."""
     @property
-    def progress(self) -> float: ...
+    def progress(self) -> float:
+        """Part that is over, 0 to 1."""
     @property
-    def stage(self) -> str: ...
+    def stage(self) -> str:
+        """Name of the procedure under way."""
     @property
-    def status(self) -> str: ...
+    def status(self) -> str:
+        """ "running", "done", or the fault with its cause and time."""
     @property
-    def cause(self) -> str | None: ...
+    def cause(self) -> str | None:
+        """Cause of a fault, else None."""
     @property
-    def extremes(self) -> tuple[float, float]: ...
-    def found(self) -> dict[str, Any]: ...
+    def extremes(self) -> tuple[float, float]:
+        """Largest phase current relative to the rated peak, and the largest angle of the shaft at
+        standstill,
+        electrical rad."""
+    def found(self) -> dict[str, Any]:
+        """What has been found so far."""

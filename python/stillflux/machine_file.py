@@ -32,13 +32,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from stillflux.nameplate import Nameplate
 from stillflux.parameters import PRESETS, Inverter, Motor
 
 if sys.version_info >= (3, 11):
@@ -101,7 +102,11 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         motor, assumed = _checked(path, "nameplate", _of_nameplate, data["nameplate"])
         deviation = {**assumed, **deviation}
     inverter = _checked(path, "inverter", lambda t: _inverter(t, motor), data.get("inverter"))
-    name = str(data.get("name", path.stem))
+    name = data.get("name", path.stem)
+    if not isinstance(name, str) or not re.fullmatch(r"[^\x00-\x1f/\\:*?\"<>|]{1,80}", name):
+        raise ValueError(
+            f"{path}: name = {name!r} is no file name of up to 80 characters, which reports need"
+        )
     return Machine(name=name, motor=motor, inverter=inverter, deviation=deviation)
 
 
@@ -195,5 +200,5 @@ def _with_preset(cls: type[Any], table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _of_nameplate(table: Mapping[str, Any]) -> tuple[Motor, Mapping[str, float]]:
-    plate = import_module("stillflux.nameplate").Nameplate(**table)
+    plate = Nameplate(**table)
     return plate.motor(), dict(plate.deviation)

@@ -340,7 +340,8 @@ def _commissioning(options: argparse.Namespace) -> int:
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
     if found:
-        print(page.table(commissioning.claims(found)))
+        for claim in commissioning.claims(found):
+            print(f"  {claim.text:<70}  {claim.measured:>10}  {'ok' if claim.ok else 'FAILED'}")
     if options.json:
         rows = [asdict(x) for x in found]
         options.json.write_text(

@@ -198,3 +198,30 @@ impl<R: Real> Filter<R> {
         self.reset_covariance(&variance);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::PerUnit;
+    use crate::estimate::kalman::Identified;
+    use crate::params::{Inverter, Machine};
+
+    #[test]
+    fn joins_a_machine_in_operation_at_its_flux_with_the_given_deviation() {
+        let (machine, inverter) = (Machine::preset_11k(), Inverter::preset_11k());
+        let pu = PerUnit::new(&machine, &inverter).unwrap();
+        let identified = Identified { offset: true, resistance: true, flux: true };
+        let c = FilterConfig::<f64>::new(&machine, &inverter, &pu, 1.0, false, identified);
+        let mut filter = Filter::new(&c);
+        let (psi_s, i_s) = (AlphaBeta::new(-0.6, 0.8), AlphaBeta::new(0.3, 0.4));
+        filter.join(&c, &i_s, psi_s, 0.1);
+        assert_eq!(filter.value(), psi_s);
+        let psi_r = psi_s - i_s * pu.sigma_l_s;
+        assert!((filter.m.value() - psi_r.norm_sq().sqrt()).abs() < 1e-9);
+        let variance = (0.1 / SCALE_PSI) * (0.1 / SCALE_PSI);
+        for k in [PSI, PSI + 1, M] {
+            assert!((filter.p.get(k, k) - c.noise.prior()[k] - variance).abs() < 1e-9);
+        }
+        assert_eq!(filter.p.get(RS, RS), c.noise.prior()[RS]);
+    }
+}
