@@ -36,8 +36,8 @@ const PRIOR_C: (f64, f64) = (0.4, 0.6);
 const PRIOR_S: (f64, f64) = (7.0, 3.0);
 /// Relative standard deviation of the nameplate's resistances and inductance in this fit: hardly any weight.
 const PRIOR_PLATE: f64 = 1.0;
-/// Standard deviation of `d`: what the fit of the bridge leaves.
-const PRIOR_D: f64 = 0.01;
+/// Least standard deviation of `d`, beside what the fit of the bridge leaves.
+const PRIOR_D: f64 = 0.005;
 /// Prior of the logarithm of the leakage inductance at low frequency over that at high frequency.
 const PRIOR_BAR: (f64, f64) = (0.1, 0.25);
 /// Standard deviation assumed of a window's voltage, per unit.
@@ -281,6 +281,8 @@ pub(super) struct Guess {
     pub r_r: f64,
     pub l_s: f64,
     pub l_sigma: f64,
+    /// Standard deviation of the bridge's loss, relative.
+    pub loss: f64,
     /// Durations until the first window and of a window, times `ω_sR`.
     pub settle: f64,
     pub window: f64,
@@ -294,7 +296,7 @@ pub(super) fn fit(guess: &Guess, levels: &[Reading]) -> MagnetisingCurve {
         (libm::log(guess.l_s * 1.2), PRIOR_PLATE),
         PRIOR_C,
         PRIOR_S,
-        (0.0, PRIOR_D),
+        (0.0, libm::hypot(PRIOR_D, guess.loss)),
         PRIOR_BAR,
     ];
     let mut p = prior.map(|x| x.0);

@@ -55,7 +55,9 @@ const U_DC: (f64, f64) = (0.6, 1.45);
 /// Bandwidth of current control relative to the switching frequency, for the nameplate's leakage inductance.
 const BANDWIDTH: f64 = 0.012;
 /// Periods in which the current goes from one value to the next.
-const RISE: f64 = 60.0;
+const RISE: f64 = 50.0;
+/// Time for which a current settles, in rotor time constants of the nameplate.
+const SETTLE: f64 = 0.2;
 /// Periods for which the voltage may be at its limit.
 const LIMITED: u32 = 400;
 /// Duration of a level of the magnetising curve in rotor time constants of the nameplate, and its limit, s.
@@ -223,8 +225,9 @@ impl<R: Real> CommissioningConfig<R> {
         // Pulses of a quarter of rated voltage give the response that the wiring's check wants.
         let volt_seconds = wiring::RESPONSE * pu.sigma_l_s;
         let pulse = ((volt_seconds / (0.25 * pu.t_s) + 0.5) as u32).clamp(1, 50);
-        let settle = (0.02 * f_s).max(200.0) as u32;
         let tau_r = machine.L_M / machine.R_R;
+        // Short against the rotor time constant, so that the flux stays small; long enough for the control.
+        let settle = (SETTLE * tau_r * f_s).clamp(120.0, (0.02 * f_s).max(200.0)) as u32;
         let window = ((LEVEL * tau_r).min(LEVEL_MAX) * f_s / WINDOWS as f64).max(1.0) as u32;
         let offset_periods = (0.1 * f_s) as u32;
         Ok(Self {

@@ -137,6 +137,7 @@ impl<R: Real> Commissioning<R> {
             r_r: r_fast * (1.0 - share),
             l_s: pu.l_s,
             l_sigma,
+            loss: found.deviation_inverter[0],
             settle: f64::from(c.magnetising.settle) * pu.t_s,
             window: f64::from(c.magnetising.window) * pu.t_s,
         };
