@@ -429,3 +429,62 @@ impl<R: Real> State<R> {
         Ok((command.unwrap_or(zero), x.i))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scalar::Q;
+    use proptest::prelude::*;
+
+    const PLATE: Nameplate =
+        Nameplate { P_N: 4000.0, U_N: 400.0, I_N: 8.2, f_N: 50.0, n_N: 1435.0, cos_phi: 0.82, T_max: None, J: None };
+
+    /// At every stage, whatever is measured: duties within their range, gates off after a fault, and a result.
+    fn survives<R: Real>(skip: usize, readings: &[(f64, f64, f64, f64)]) {
+        let sheet = Inverter { f_clk: 0.0, ..Inverter::preset_2k2() };
+        let mut x = Commissioning::new(CommissioningConfig::<R>::new(&PLATE, &sheet).unwrap());
+        x.state.stage = [Stage::Wiring, Stage::Bridge, Stage::Leakage, Stage::Magnetising][skip];
+        for &(a, b, c, u) in readings {
+            let out = x.step(&Measurement { i_abc: [a, b, c].map(R::from_f64), u_dc: R::from_f64(u) });
+            assert!(out.duty.iter().all(|d| *d >= R::ZERO && *d <= R::ONE));
+            assert!(!out.gates_on || x.status() == Status::Running);
+        }
+        if let Ok(found) = x.result() {
+            found.machine.validate().unwrap();
+            found.inverter.validate().unwrap();
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn no_measurement_makes_a_step_panic_or_a_duty_leave_its_range(
+            skip in 0..4usize,
+            readings in proptest::collection::vec(
+                prop_oneof![
+                    4 => (-1.4..1.4, -1.4..1.4, -1.4..1.4, 1.0..2.3),
+                    1 => (any::<f64>(), any::<f64>(), any::<f64>(), any::<f64>()),
+                ],
+                1..300,
+            ),
+        ) {
+            survives::<f32>(skip, &readings);
+            survives::<f64>(skip, &readings);
+            survives::<Q>(skip, &readings);
+        }
+    }
+
+    #[test]
+    fn an_abort_blocks_the_gates_in_the_same_period_and_stays() {
+        let mut x = Commissioning::<f32>::new(CommissioningConfig::new(&PLATE, &Inverter::preset_2k2()).unwrap());
+        let measured = Measurement { i_abc: [0.0; 3], u_dc: 1.65 };
+        for _ in 0..1500 {
+            x.step(&measured);
+        }
+        x.abort();
+        for _ in 0..3 {
+            assert!(!x.step(&measured).gates_on);
+        }
+        assert!(matches!(x.status(), Status::Faulted { cause: Cause::Aborted | Cause::NoMotor, .. }));
+    }
+}
