@@ -237,6 +237,7 @@ impl<R: Real> CommissioningConfig<R> {
                 k_p: r(k_p),
                 k_i: r(k_p * pu.t_s * omega_c / 3.0),
                 r: r(pu.r_s + pu.r_r),
+                l: r(pu.sigma_l_s / pu.t_s),
                 u_max: r(u_max),
                 inv_rise: r(1.0 / RISE),
             },
