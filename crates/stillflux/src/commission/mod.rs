@@ -396,7 +396,7 @@ impl<R: Real> State<R> {
         let mut i_abc = m.i_abc;
         if self.stage > Stage::Wiring {
             for (i, o) in i_abc.iter_mut().zip(self.wiring.offset()) {
-                *i = *i - o;
+                *i -= o;
             }
             if !i_abc.iter().all(|i| i.within(c.trip)) {
                 return Err(Cause::OverCurrent);
