@@ -50,9 +50,20 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         assert re.search(expected, error)
         assert error.count("\n") == 1
     assert main(["simulate", str(tmp_path / "none.toml")]) == 2
+    path.write_text(SCENARIO)
+    capsys.readouterr()
+    for output, expected in [
+        (["--save", "run.csv"], "run.csv: .csv is not one of .npz"),
+        (["--plot", str(tmp_path / "none" / "x.png")], "there is no folder"),
+        (["--plot", "run"], "no suffix"),
+    ]:
+        assert main(["simulate", str(path), *output]) == 2
+        assert expected in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [[], ["demo"], ["reproduce"], ["beyond"], ["simulate"], ["replay"]])
+@pytest.mark.parametrize(
+    "command", [[], ["demo"], ["reproduce"], ["beyond"], ["simulate"], ["sweep"], ["replay"]]
+)
 def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main([*command, "--help"])

@@ -24,7 +24,7 @@ cost: Any = importlib.import_module("tools.cost")
 
 ISR = "control_isr"
 #: First word of a parameter page.
-MAGIC = b"sfr2"
+MAGIC = b"sfr3"
 FEATURES = {"f32": [], "q": ["q"], "paper f32": ["paper"], "paper q": ["paper", "q"]}
 
 

@@ -9,7 +9,7 @@ use std::hint::black_box;
 use stillflux::base::{Base, PerUnit};
 use stillflux::config::{DriveConfig, DriveParams, SPEED_PERIODS, Scheme};
 use stillflux::control::current::CurrentController;
-use stillflux::control::flux::FluxController;
+use stillflux::control::flux::{FluxController, Range};
 use stillflux::control::modulator::{applied, modulate};
 use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Measurement, Reference, Status};
@@ -107,7 +107,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
     let enhanced: &'static DriveConfig<R> = Box::leak(Box::new(configuration(Scheme::Enhanced)));
     let filter_config = enhanced.filter_config();
     let model = InverterModel::<R>::new(&PerUnit::new(&machine, &inverter).expect("valid"));
-    let timer = Timer::new(8500);
+    let timer = Timer::new(8500).expect("within its range");
     let (u, i) = (AlphaBeta::new(r(0.05), r(0.03)), AlphaBeta::new(r(0.6), r(0.4)));
     let (i_dq, i_ref) = (Dq::new(r(0.6), r(0.4)), Dq::new(r(0.61), r(0.42)));
     let psi = AlphaBeta::new(r(0.9), r(0.4));
@@ -150,7 +150,14 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
             black_box(current.step(config.current_config(), black_box(&i_ref), &i_dq, &i_dq, R::ONE));
         }),
         Box::new(move || {
-            black_box(flux_control.step(config.flux_control_config(), R::ONE, black_box(R::ONE), r(0.4), r(0.03)));
+            black_box(flux_control.step(
+                config.flux_control_config(),
+                R::ONE,
+                black_box(R::ONE),
+                r(0.4),
+                r(0.03),
+                Range::Low,
+            ));
         }),
         Box::new(move || {
             black_box(speed_control.step(config.speed_control_config(), black_box(r(0.03)), r(0.02), R::ONE));

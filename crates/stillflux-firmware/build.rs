@@ -3,15 +3,13 @@
 #[path = "src/blob.rs"]
 #[allow(dead_code)]
 mod blob;
-#[path = "src/page.rs"]
-mod page;
 
 use std::path::Path;
 use std::{env, fs};
 
 use stillflux::config::Scheme;
+use stillflux::page::Page;
 use stillflux::scalar::{Q, Real};
-use stillflux::words::Words;
 
 fn main() {
     let out = env::var_os("OUT_DIR").expect("cargo sets OUT_DIR");
@@ -22,12 +20,11 @@ fn main() {
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rerun-if-changed=memory.x");
     println!("cargo:rerun-if-changed=src/blob.rs");
-    println!("cargo:rerun-if-changed=src/page.rs");
 }
 
 /// The preset's page as the source of an array.
-fn write_page<R: Real + Words>(out: &Path) {
-    let ready = page::Ready::<R>::new(&blob::Parameters::preset(Scheme::default())).expect("the preset is valid");
-    let page = page::Page::seal(&ready).expect("a page holds a configuration");
+fn write_page<R: Real>(out: &Path) {
+    let ready = blob::Parameters::preset(Scheme::default()).ready::<R>().expect("the preset is valid");
+    let page = Page::seal(&ready);
     fs::write(out.join(format!("page-{}.rs", R::NAME)), format!("{:?}", page.words())).expect("OUT_DIR can be written");
 }

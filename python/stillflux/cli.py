@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -139,13 +140,31 @@ def _motor_option(parser: argparse.ArgumentParser, default: str | None) -> None:
     )
 
 
+_PLOTS = (".png", ".svg", ".pdf")
+
+
+def _check_outputs(path: Path | None, *suffixes: str) -> None:
+    """Before a run: whether its output can be written. Raises ValueError or OSError."""
+    if path is None:
+        return
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: {path.suffix or 'no suffix'} is not one of {', '.join(suffixes)}")
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        reason = "is a folder" if path.is_dir() else f"there is no folder {path.parent}"
+        raise ValueError(f"{path}: {reason}")
+    if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
+        raise ValueError(f"{path} cannot be written")
+
+
 def _simulate(options: argparse.Namespace) -> int:
+    _check_outputs(options.save, ".npz")
+    _check_outputs(options.plot, *_PLOTS)
     scenario = Scenario.from_dict(_with_motor(read_toml(options.file), options.motor))
     try:
         result, status = simulate(scenario, progress=True), 0
     except Interrupted as stop:
         result, status = stop.result, 130
-    print(f"status: {result.status}, {result.t[-1] if len(result.t) else 0.0:.3f} s simulated")
+    print(result.summary())
     if options.save:
         result.save(options.save)
         print(f"record: {options.save}")
@@ -156,6 +175,8 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
+    _check_outputs(options.out, ".csv", ".npz", ".parquet")
+    _check_outputs(options.plot, *_PLOTS)
     columns: dict[str, Any] = {}
     for text in options.column:
         quantity, equals, name = text.partition("=")
@@ -186,6 +207,8 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _sweep(options: argparse.Namespace) -> int:
+    _check_outputs(options.out, ".csv")
+    _check_outputs(options.plot, *_PLOTS)
     asked = sweep_file.parse(_with_motor(read_toml(options.file), options.motor, "scenario"))
     status = 0
     try:

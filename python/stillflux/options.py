@@ -46,6 +46,11 @@ class DriveSettings(TypedDict, total=False):
     low_confidence: Literal["keep", "limit", "fault"]
     """What to do while the confidence in the field angle is below 0.5: nothing, limit the torque in
     proportion, or stop with a fault."""
+    supervision: bool
+    """Monitors of phases, current channels and stall; off for tests of a bridge without a machine."""
+    stall_time: float
+    """Time for which the torque may be at its limit at low speed without the speed approaching its reference,
+    s, 0.1 to 60; 0: any."""
 
     # Of the scheme "paper" alone; an error in the other one.
     offset_estimator: bool

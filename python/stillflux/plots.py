@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import io
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,9 +19,53 @@ if TYPE_CHECKING:
     from stillflux.result import Result
     from stillflux.sweep import Sweep
 
-__all__ = ["flux_trajectory", "overview", "replayed", "sweep_map", "sweep_spread", "thin"]
+__all__ = [
+    "flux_trajectory",
+    "new_figure",
+    "overview",
+    "panels",
+    "replayed",
+    "sweep_map",
+    "sweep_spread",
+    "thin",
+]
 
 _MOST = 1200
+
+
+def new_figure(**how: Any) -> Figure:
+    """A figure that a notebook shows by itself; no window, no global state."""
+    from matplotlib.figure import Figure
+
+    class Shown(Figure):
+        def _repr_png_(self) -> bytes:
+            image = io.BytesIO()
+            self.savefig(image, format="png", dpi=90)
+            return image.getvalue()
+
+    return Shown(**how)
+
+
+def panels(runs: Mapping[str, Result], signals: Sequence[str]) -> Figure:
+    """Signals over the time, a panel each, of one run or several. Space vectors by magnitude, angles in
+    degrees."""
+    figure = new_figure(figsize=(9, 1.0 + 2.0 * len(signals)), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(len(signals), 1, sharex=True))
+    for panel, name in zip(axes, signals, strict=True):
+        for label, run in runs.items():
+            values, unit = run[name], run.units[name]
+            if np.iscomplexobj(values):
+                values = np.abs(values)
+            if unit == "rad":
+                values, unit = np.degrees(values), "°"
+            panel.plot(*thin(run.t, values), linewidth=0.9, label=label or None)
+            text = f"|{name}|" if np.iscomplexobj(run[name]) else name
+            panel.set_ylabel(f"{text}, {unit}" if unit else text)
+        panel.grid(alpha=0.3)
+    axes[-1].set_xlabel("time, s")
+    if len(runs) > 1:
+        axes[0].legend(loc="upper right", fontsize="small")
+    return figure
 
 
 def thin(t: NDArray[Any], x: NDArray[Any], most: int = _MOST) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -39,9 +84,7 @@ def thin(t: NDArray[Any], x: NDArray[Any], most: int = _MOST) -> tuple[NDArray[A
 
 def overview(result: Result) -> Figure:
     """Speed, torque, currents, field-angle error, offset voltage and resistance over time."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 12), layout="constrained")
+    figure = new_figure(figsize=(9, 12), layout="constrained")
     axes = figure.subplots(6, 1, sharex=True)
     speed, torque, currents, angle, offset, resistance = axes
     current = result["estimate.i_dq"]
@@ -82,9 +125,7 @@ def overview(result: Result) -> Figure:
 
 def flux_trajectory(result: Result) -> Figure:
     """True and estimated stator flux in the complex plane, while the drive runs."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.5, 4.5), layout="constrained")
+    figure = new_figure(figsize=(4.5, 4.5), layout="constrained")
     panel = figure.subplots()
     begun = np.flatnonzero(running(result))
     for signal, label in (("psi_s", "true"), ("estimate.psi_s", "estimated")):
@@ -103,9 +144,7 @@ def flux_trajectory(result: Result) -> Figure:
 def replayed(found: Replay) -> Figure:
     """Estimates of a replayed log over time: speed, torque with a band of two standard deviations, flux,
     resistance, deviation of the angle with the confidence."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 11), layout="constrained")
+    figure = new_figure(figsize=(9, 11), layout="constrained")
     speed, torque, flux, resistance, angle = axes = figure.subplots(5, 1, sharex=True)
     known = found.angle_deviation < np.pi
 
@@ -168,9 +207,7 @@ def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
 
 def sweep_spread(found: Sweep, metrics: Sequence[str]) -> Figure:
     """Distribution of metrics over the rows of a sweep; rows that failed count as not reached."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(1.0 + 3.2 * len(metrics), 3.4), layout="constrained")
+    figure = new_figure(figsize=(1.0 + 3.2 * len(metrics), 3.4), layout="constrained")
     for panel, name in zip(np.atleast_1d(figure.subplots(1, len(metrics))), metrics, strict=True):
         values = np.sort(found[name].astype(float))
         values = values[np.isfinite(values)]

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
-import tempfile
-from collections.abc import Mapping
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stillflux import _core
+from stillflux import _core, metrics
 from stillflux._core import Status
 from stillflux.scenario import Scenario, plain, rich
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["Result"]
 
 _META = "meta"
+_COMPARED = ("omega_m", "torque", "angle_error", "estimate.confidence")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,6 +46,23 @@ class Result:
     memory: dict[str, Any]
     """What the drive would store at the end."""
 
+    def __contains__(self, name: object) -> bool:
+        return name in self.data
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.data)
+
+    def __len__(self) -> int:
+        """Number of recorded signals."""
+        return len(self.data)
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of what was recorded."""
+        return tuple(self.data)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.data)
+
     def __getitem__(self, name: str) -> NDArray[Any]:
         try:
             return self.data[name]
@@ -54,6 +73,10 @@ class Result:
     def signals(self) -> tuple[str, ...]:
         """Names of what was recorded."""
         return tuple(self.data)
+
+    def select(self, *names: str) -> Self:
+        """With the named signals only. Raises KeyError for one that was not recorded."""
+        return replace(self, data={name: self[name] for name in names})
 
     @property
     def units(self) -> dict[str, str]:
@@ -71,11 +94,69 @@ class Result:
         data = {name: values[chosen] for name, values in self.data.items()}
         return replace(self, t=self.t[chosen], data=data)
 
-    def plot(self) -> Figure:
-        """Overview: speed, torque, currents, angle error, offset voltage, resistance."""
-        from stillflux.plots import overview
+    def plot(self, *signals: str) -> Figure:
+        """The named signals, a panel each; without names an overview: speed, torque, currents, angle error,
+        offset voltage, resistance."""
+        from stillflux.plots import overview, panels
 
-        return overview(self)
+        return panels({"": self}, signals) if signals else overview(self)
+
+    def compare(self, *others: Self, signals: Sequence[str] = _COMPARED) -> Figure:
+        """Signals of this run and of others over the time, each run with the name of its scenario."""
+        from stillflux.plots import panels
+
+        runs: dict[str, Result] = {}
+        for k, run in enumerate((self, *others)):
+            name = run.scenario.name or f"run {k + 1}"
+            runs[name if name not in runs else f"{name} ({k + 1})"] = run
+        return panels(runs, signals)
+
+    def to_pandas(self) -> Any:
+        """A pandas frame over the time; space vectors as two columns, `psi_s.re` and `psi_s.im`; units in
+        `frame.attrs["units"]`. Parquet takes it."""
+        from stillflux.frames import to_pandas
+
+        return to_pandas(self.t, self.data, self.units)
+
+    def to_xarray(self) -> Any:
+        """An xarray data set over the time; space vectors as two variables, units as attributes; scenario and
+        status as attributes of the set. NetCDF takes it."""
+        from stillflux.frames import to_xarray
+
+        attributes = {"scenario": json.dumps(self.scenario.to_dict()), "status": str(self.status)}
+        return to_xarray(self.t, self.data, self.units, attributes)
+
+    def summary(self) -> str:
+        """A few lines: status, length, and worst angle, speed error and confidence, as far as recorded."""
+        return "\n".join(f"{name}: {value}" for name, value in self._facts())
+
+    def _facts(self) -> list[tuple[str, str]]:
+        facts = [("status", str(self.status))]
+        end = self.t[-1] if len(self.t) else 0.0
+        facts.append(("simulated", f"{end:.4g} s, {len(self.t)} rows of {len(self.data)} signals"))
+        if not len(self.t) or "status" not in self or not metrics.running(self).any():
+            return facts
+        if "angle_error" in self:
+            worst = f"{metrics.worst_angle(self):.3g}° at most, {metrics.rms_angle(self):.3g}° rms"
+            facts.append(("field angle error", worst))
+        if "omega_m" in self and "reference" in self and self.scenario.torque_ref is None:
+            facts.append(("speed error at the end", f"{metrics.last_speed_error(self):.2g} pu"))
+        if "estimate.confidence" in self:
+            facts.append(("confidence", f"{metrics.least_confidence(self):.2f} at least"))
+        if "estimate.R_s" in self and "R_s" in self:
+            facts.append(("R_s at the end", f"{100 * metrics.last_resistance_error(self):+.2g} %"))
+        return facts
+
+    def __repr__(self) -> str:
+        name = f" {self.scenario.name!r}" if self.scenario.name else ""
+        return f"<Result{name}: {self.status}, {len(self.t)} rows of {len(self.data)} signals>"
+
+    def _repr_html_(self) -> str:
+        cells = "".join(
+            f"<tr><th style='text-align:left'>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
+            for name, value in self._facts()
+        )
+        return f"<table><caption>{html.escape(self.scenario.name or 'closed loop')}</caption>{cells}</table>"
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes an npz file, whole or not at all."""
@@ -85,15 +166,16 @@ class Result:
             "memory": plain(self.memory),
         }
         path = Path(path)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
-            try:
-                arrays: dict[str, Any] = {"t": self.t, **self.data, _META: json.dumps(meta)}
+        arrays: dict[str, Any] = {"t": self.t, **self.data, _META: json.dumps(meta)}
+        # Opened as any other file: it gets the user's permissions.
+        part = path.with_name(f".{path.name}.{os.getpid()}.{uuid.uuid4().hex}")
+        try:
+            with part.open("xb") as file:
                 np.savez_compressed(file, **arrays)
-                file.close()
-                os.replace(file.name, path)
-            except BaseException:
-                os.unlink(file.name)
-                raise
+            os.replace(part, path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:

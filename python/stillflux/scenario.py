@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
 
 from stillflux import _core
 from stillflux.machine_file import part
@@ -12,14 +16,23 @@ from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import Inverter, Motor
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from typing_extensions import Self, Unpack
 
-__all__ = ["Profile", "Scenario"]
+__all__ = ["Profile", "ProfileLike", "Scenario"]
 
 Profile: TypeAlias = float | Sequence[tuple[float, float]]
 """A constant, or points (t in s, value) joined by straight lines; two points at one time make a step."""
+ProfileLike: TypeAlias = "Profile | NDArray[Any] | Callable[[float], float]"
+"""A profile, points as an array of shape (n, 2), or a function of the time, taken every millisecond. A
+scenario holds numbers or points."""
 
 _RECORD_LIMIT = 4e9
+_EVERY = 1e-3  # s between the points of a profile that is given as a function
+_TORQUE_LIMIT = 10.0  # largest load and reference, of rated torque
+_SPEED_LIMIT = 20.0  # largest speed reference, of rated frequency
+_LEAST_LINK = 0.3  # least rated dc link over that of the motor's rated voltage, √2 U_N
+_COUNTS = ("adc_bits", "seed")
 _OFFSETS = ("current_offset", "current_offset_drift", "u_off")
 
 
@@ -48,11 +61,11 @@ class Scenario:
     """The real motor; None: as the drive knows it."""
     plant_inverter: Inverter | None = None
     """The real inverter; None: as the drive knows it."""
-    omega_ref: Profile = 0.0
+    omega_ref: ProfileLike = 0.0
     """Speed reference, mechanical rad/s."""
-    torque_ref: Profile | None = None
+    torque_ref: ProfileLike | None = None
     """Torque reference, N·m, instead of a speed reference."""
-    load_torque: Profile = 0.0
+    load_torque: ProfileLike = 0.0
     """Load torque, N·m; opposes positive rotation."""
     changes: Sequence[tuple[float, dict[str, Any]]] = ()
     """(t, {name: value}) in ascending order: R_s (Ω), current_offset (A), u_dc (V), speed (rad/s or None)."""
@@ -66,6 +79,8 @@ class Scenario:
     """Title of plots."""
 
     def __post_init__(self) -> None:
+        self._normalise()
+        self._check()
         if self.torque_ref is not None and self.omega_ref != 0.0:
             raise ValueError(
                 f"omega_ref = {self.omega_ref} and torque_ref = {self.torque_ref}: give only one"
@@ -79,6 +94,65 @@ class Scenario:
                 f"{_RECORD_LIMIT:.0e}: raise record_every or choose signals"
             )
         _core.Run(self)
+
+    def _normalise(self) -> None:
+        """Plain immutable values in place of arrays, lists and functions: equal scenarios compare equal,
+        pickle and save."""
+
+        def set_field(name: str, value: Any) -> None:
+            object.__setattr__(self, name, value)
+
+        set_field("duration", _number("duration", self.duration))
+        if not isinstance(self.record_every, int) or isinstance(self.record_every, bool):
+            whole = _number("record_every", self.record_every)
+            if whole != int(whole):
+                raise ValueError(f"record_every = {self.record_every} is not a whole number of periods")
+            set_field("record_every", int(whole))
+        for name in ("omega_ref", "torque_ref", "load_torque"):
+            set_field(name, _profile(name, getattr(self, name), self.duration))
+        if isinstance(self.signals, str):
+            raise TypeError(f"signals = {self.signals!r}: give a list of names, [{self.signals!r}]")
+        if self.signals is not None:
+            set_field("signals", tuple(self.signals))
+        for name in ("settings", "plant", "memory"):
+            if getattr(self, name) is not None:
+                set_field(name, {key: _immutable(value) for key, value in getattr(self, name).items()})
+        set_field("changes", tuple(_change(k, change) for k, change in enumerate(self.changes)))
+
+    def _check(self) -> None:
+        """What the compiled part cannot see or would not name."""
+        for name in _COUNTS:
+            value = self.plant.get(name, 0)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                raise ValueError(f"{name} = {value!r} is not a whole number from 0 on")
+        times = [t for t, _ in self.changes]
+        for before, t in pairwise(times):
+            if t < before:
+                raise ValueError(f"changes time = {t:g} s stands after {before:g} s: sort them by time")
+        motor = self.plant_motor or self.motor
+        for name, most in (
+            ("load_torque", _TORQUE_LIMIT * motor.T_N),
+            ("torque_ref", _TORQUE_LIMIT * self.motor.T_N),
+            ("omega_ref", _SPEED_LIMIT * self.motor.base["omega_m"]),
+        ):
+            profile = getattr(self, name)
+            values = [value for _, value in profile] if isinstance(profile, tuple) else [profile or 0.0]
+            for value in values:
+                if not abs(value) <= most:
+                    raise ValueError(
+                        f"{name} = {value:g} is outside the admissible range {-most:.6g} to {most:.6g}"
+                    )
+        for title, link, of in (
+            ("inverter", self.inverter, self.motor),
+            ("plant_inverter", self.plant_inverter or self.inverter, motor),
+        ):
+            least = _LEAST_LINK * math.sqrt(2.0) * of.U_N
+            if link.u_dc < least:
+                raise ValueError(
+                    f"{title}.u_dc = {link.u_dc:g} V is outside the admissible range from {least:.4g} V on "
+                    f"for a "
+                    f"machine of U_N = {of.U_N:g} V"
+                )
 
     def replace(self, **changes: Any) -> Self:
         """A copy with changed fields."""
@@ -152,9 +226,55 @@ class Scenario:
         if "inverter" not in data and isinstance(data.get("motor"), str):
             data = {**data, "inverter": data["motor"]}
         kinds = {"motor": Motor, "plant_motor": Motor, "inverter": Inverter, "plant_inverter": Inverter}
-        rest = {key: rich(value) for key, value in data.items() if key not in kinds}
+        rest = {key: rich(value, key) for key, value in data.items() if key not in kinds}
         parts = {key: part(kind, data[key]) for key, kind in kinds.items() if key in data}
         return cls(**rest, **parts)
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool | str | bytes | complex):
+        raise TypeError(f"{name} = {value!r} is not a number")
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {value!r} is not a number") from None
+
+
+def _profile(name: str, value: Any, duration: float) -> Any:
+    """A number, or pairs (t, value)."""
+    if value is None:
+        return None
+    if callable(value):
+        count = math.ceil(max(duration, 0.0) / _EVERY) if math.isfinite(duration) else 0
+        times = [duration * k / count for k in range(count + 1)] if 0 < count <= 10_000_000 else [0.0]
+        return tuple((t, _number(name, value(t))) for t in times)
+    if isinstance(value, np.ndarray) and value.ndim:
+        if value.ndim != 2 or value.shape[1] != 2:
+            raise ValueError(f"{name} has the shape {value.shape}, points have (n, 2): time in s and value")
+        value = value.tolist()
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        for k, point in enumerate(value):
+            if not isinstance(point, Sequence | np.ndarray) or isinstance(point, str) or len(point) != 2:
+                raise ValueError(f"{name}[{k}] = {point!r} is not a point (t, value)")
+        return tuple(
+            (_number(f"{name}[{k}]", t), _number(f"{name}[{k}]", x)) for k, (t, x) in enumerate(value)
+        )
+    return _number(name, value)
+
+
+def _change(k: int, change: Any) -> tuple[float, dict[str, Any]]:
+    try:
+        t, what = change
+        return _number(f"changes[{k}]", t), {key: _immutable(value) for key, value in what.items()}
+    except (AttributeError, ValueError, TypeError):
+        raise TypeError(f"changes[{k}] = {change!r} is not (t, {{name: value}})") from None
+
+
+def _immutable(value: Any) -> Any:
+    """Numbers and tuples instead of numpy's scalars, arrays and lists."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    return tuple(map(_immutable, value)) if isinstance(value, list | tuple) else value
 
 
 def plain(value: Any) -> Any:

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from typing import TypeAlias
 
+import numpy as np
+
 from stillflux._core import Run
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -33,7 +35,8 @@ class Interrupted(KeyboardInterrupt):
 def simulate(scenario: Scenario, progress: Progress = None) -> Result:
     """Runs a scenario and returns what it recorded.
 
-    Releases the GIL; raises `Interrupted` within 0.2 s of Ctrl-C.
+    Releases the GIL; raises `Interrupted` within 0.2 s of Ctrl-C, ArithmeticError if the plant's state
+    leaves what can be computed.
     """
     run = Run(scenario)
     report = progress_bar(scenario.name) if progress is True else progress or None
@@ -48,7 +51,16 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
             periods = max(1, int(periods * min(2.0, _PIECE / max(elapsed, 1e-6))))
     except KeyboardInterrupt:
         raise Interrupted(_result(scenario, run)) from None
-    return _result(scenario, run)
+    result = _result(scenario, run)
+    for name, values in result.data.items():
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise ArithmeticError(
+                f"{name} is not finite from t = {result.t[bad[0]]:.4g} s on: the shaft runs away beyond what "
+                f"the "
+                f"plant can compute; is the load torque right?"
+            )
+    return result
 
 
 def _result(scenario: Scenario, run: Run) -> Result:

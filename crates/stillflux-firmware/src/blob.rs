@@ -1,17 +1,17 @@
-//! Parameters and what a drive remembers, as they lie in a page of flash: magic, length, values, CRC-32.
+//! Parameters and what a drive remembers in SI, as they lie in a page of flash: magic, length, values, CRC-32.
 //!
 //! A firmware writes such a page after commissioning and after every stop (`Drive::memory`). It is read
 //! once at power-up; an image whose page is erased, torn or of another layout does not start the bridge.
-//! The image reads one only with the feature `si-page`; else it has [`crate::page`], which needs less flash.
+//! The image reads one only with the feature `si-page`; else it has [`stillflux::page`], which needs less flash.
 //! Values are SI in double precision: the page does not depend on the arithmetic of the image.
 
 #![allow(non_snake_case)]
 
-use stillflux::config::Scheme;
-use stillflux::drive::Memory;
-use stillflux::params::{Inverter, Machine, Saturation};
+use stillflux::config::{DriveParams, Scheme};
+use stillflux::page::{Ready, crc};
+use stillflux::params::{Inverter, Machine, ParamError, Saturation};
 use stillflux::scalar::Real;
-use stillflux::si::{MemorySi, SiUnits};
+use stillflux::si::MemorySi;
 
 /// `sfx2`: changes with the layout.
 const MAGIC: u32 = 0x3278_6673;
@@ -47,7 +47,7 @@ impl Parameters {
         Self {
             machine: Machine::preset_2k2(),
             inverter: Inverter::preset_2k2(),
-            i_full: 17.5,
+            i_full: 17.7,
             u_full: 810.0,
             u_off: [0.05, -0.03],
             r_s: 3.9,
@@ -56,18 +56,15 @@ impl Parameters {
         }
     }
 
-    /// What the drive takes back, per unit.
-    pub fn memory<R: Real>(&self) -> Memory<R> {
-        let Self { machine, u_off, r_s: R_s, i_off, .. } = *self;
-        SiUnits::new(&machine).memory_per_unit(&MemorySi {
-            u_off,
-            R_s,
-            i_off,
-            loss_error: 0.0,
-            knee: 1.0,
-            L_sigma: machine.L_sigma,
-            L_M: machine.L_M,
-        })
+    /// The same per unit.
+    ///
+    /// # Errors
+    /// The first parameter outside its admissible range.
+    pub fn ready<R: Real>(&self) -> Result<Ready<R>, ParamError> {
+        let Self { ref machine, ref inverter, i_full, u_full, u_off, r_s: R_s, i_off, scheme } = *self;
+        let params = DriveParams { scheme, ..DriveParams::new(machine, inverter) };
+        let memory = MemorySi { u_off, R_s, i_off, ..MemorySi::of(machine, inverter) };
+        Ready::new(machine, inverter, &params, (i_full, u_full), &memory)
     }
 }
 
@@ -152,22 +149,4 @@ impl Blob {
             scheme: if scheme == Scheme::Paper as u32 as f64 { Scheme::Paper } else { Scheme::Enhanced },
         })
     }
-}
-
-/// CRC-32 (IEEE 802.3) of all words but the last.
-pub const fn crc(words: &[u32]) -> u32 {
-    let mut crc = u32::MAX;
-    let mut k = 0;
-    while k + 1 < words.len() {
-        crc ^= words[k];
-        let mut bit = 0;
-        while bit < 32 {
-            // Opaque: a compiler that sees what this is makes a table of 1 KiB of it.
-            crc = core::hint::black_box(crc);
-            crc = if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 };
-            bit += 1;
-        }
-        k += 1;
-    }
-    !crc
 }

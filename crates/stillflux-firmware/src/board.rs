@@ -1,14 +1,13 @@
 //! The board: QEMU's mps2-an386 (Cortex-M4F). **The one file to replace for a port**, with `memory.x`.
 //!
-//! On an STM32G4 the same functions are: [`readings`] the injected data registers of the converters
-//! (left-aligned, sensor zero in `OFRy`), which the timer triggers at the carrier's peak; [`command`] the
-//! timer's `CCR1..3` with preload and its main-output-enable bit; the interrupt is the converters' end of
-//! injected sequence; [`Clock`] is `DWT::CYCCNT`. `docs/firmware.md` has the wiring.
+//! On an STM32G4 the same functions are: [`Mailbox::readings`] the injected data registers of the converters through
+//! [`Counts::from_raw`](stillflux::counts::Counts::from_raw), which the timer triggers at the carrier's peak;
+//! [`Mailbox::command`] the timer's `CCR1..3` with preload and its main-output-enable bit; the interrupt is the
+//! converters' end of injected sequence; [`Clock`] is `DWT::CYCCNT`. `docs/firmware.md` has the wiring.
 //!
 //! Here the peripherals are a mailbox that the main loop fills from a file on the host; the interrupt is
 //! SysTick, pended by software once for each period.
 
-use crate::control::Command;
 use crate::exchange::Frame;
 use core::cell::UnsafeCell;
 use core::fmt::{self, Write};
@@ -16,8 +15,8 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{SCB, SYST};
 use cortex_m_semihosting::{debug, hio, nr, syscall};
-use stillflux::drive::Reference;
-use stillflux::scalar::Real;
+use stillflux::counts::{Command, Counts};
+use stillflux::telemetry::SetPoint;
 
 /// A static that the control interrupt and the main loop hand to each other: the main loop touches it only
 /// while the interrupt cannot run.
@@ -45,25 +44,24 @@ impl<T> Handover<T> {
 }
 
 /// Peripheral registers of this board: readings and reference in, command out.
-pub struct Mailbox<R: Real> {
-    frame: Frame<R>,
+pub struct Mailbox {
+    frame: Frame,
     command: Command,
 }
 
-impl<R: Real> Mailbox<R> {
+impl Mailbox {
     /// Gates off.
     #[allow(clippy::new_without_default, reason = "a static takes a const fn")]
     pub const fn new() -> Self {
-        let counts = stillflux::counts::Counts { i_abc: [0; 3], u_dc: 0 };
         Self {
-            frame: Frame { counts, reference: Reference::Stop },
+            frame: Frame { counts: Counts { i_abc: [0; 3], u_dc: 0 }, set_point: SetPoint::Stop },
             command: Command { compare: [0; 3], gates_on: false },
         }
     }
 
     /// What the converters have read, and what the application wants.
     #[inline(always)]
-    pub fn readings(&self) -> Frame<R> {
+    pub fn readings(&self) -> Frame {
         self.frame
     }
 
@@ -75,7 +73,7 @@ impl<R: Real> Mailbox<R> {
 }
 
 /// One sampling instant: runs the control interrupt on `frame`, returns what it commanded.
-pub fn sample<R: Real>(mailbox: &Handover<Mailbox<R>>, frame: Frame<R>) -> Command {
+pub fn sample(mailbox: &Handover<Mailbox>, frame: Frame) -> Command {
     // SAFETY: the interrupt is pended only between the two accesses.
     unsafe {
         mailbox.with(|m| m.frame = frame);

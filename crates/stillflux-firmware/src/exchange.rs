@@ -1,12 +1,12 @@
 //! Format of the processor-in-the-loop exchange: little-endian words, the same source on host and target.
 //!
-//! To the target, 16 bytes a period: four converter readings, kind of the reference, its value. Back,
+//! To the target, 16 bytes a period: four converter readings, kind of the set point, its value (`f32`, SI). Back,
 //! 17 words a period: duties, compare values, state, and the main estimates as the arithmetic holds them.
 
-use crate::control::{Command, Control};
-use stillflux::counts::Counts;
-use stillflux::drive::{Reference, Status};
+use stillflux::counts::{Command, Counts, CountsDrive};
+use stillflux::drive::Status;
 use stillflux::scalar::{Q, Real};
+use stillflux::telemetry::SetPoint;
 
 /// Bytes of a frame to the target.
 pub const FRAME: usize = 16;
@@ -17,16 +17,11 @@ pub const ANSWER: usize = 68;
 pub trait Word: Real {
     /// The representation.
     fn to_word(self) -> u32;
-    /// From the representation.
-    fn from_word(word: u32) -> Self;
 }
 
 impl Word for f32 {
     fn to_word(self) -> u32 {
         self.to_bits()
-    }
-    fn from_word(word: u32) -> Self {
-        f32::from_bits(word)
     }
 }
 
@@ -34,31 +29,28 @@ impl Word for Q {
     fn to_word(self) -> u32 {
         self.to_bits() as u32
     }
-    fn from_word(word: u32) -> Self {
-        Q::from_bits(word as i32)
-    }
 }
 
 /// One period's input.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Frame<R: Real> {
+pub struct Frame {
     /// Readings.
     pub counts: Counts,
-    /// Reference.
-    pub reference: Reference<R>,
+    /// Set point.
+    pub set_point: SetPoint,
 }
 
-impl<R: Word> Frame<R> {
+impl Frame {
     /// As it travels.
     pub fn to_bytes(self) -> [u8; FRAME] {
-        let (kind, value) = match self.reference {
-            Reference::Stop => (0_u32, R::ZERO),
-            Reference::Speed(x) => (1, x),
-            Reference::Torque(x) => (2, x),
+        let (kind, value) = match self.set_point {
+            SetPoint::Stop => (0_u32, 0.0),
+            SetPoint::Speed(x) => (1, x),
+            SetPoint::Torque(x) => (2, x),
         };
         let [a, b, c] = self.counts.i_abc.map(i16::to_le_bytes);
         let u = self.counts.u_dc.to_le_bytes();
-        let (k, v) = (kind.to_le_bytes(), value.to_word().to_le_bytes());
+        let (k, v) = (kind.to_le_bytes(), value.to_le_bytes());
         #[rustfmt::skip]
         let bytes = [
             a[0], a[1], b[0], b[1], c[0], c[1], u[0], u[1],
@@ -70,20 +62,20 @@ impl<R: Word> Frame<R> {
     /// As it arrives; an unknown kind is a stop.
     pub fn from_bytes(b: &[u8; FRAME]) -> Self {
         let half = |k: usize| i16::from_le_bytes([b[k], b[k + 1]]);
-        let value = R::from_word(u32::from_le_bytes([b[12], b[13], b[14], b[15]]));
-        let reference = match b[8] {
-            1 => Reference::Speed(value),
-            2 => Reference::Torque(value),
-            _ => Reference::Stop,
+        let value = f32::from_le_bytes([b[12], b[13], b[14], b[15]]);
+        let set_point = match b[8] {
+            1 => SetPoint::Speed(value),
+            2 => SetPoint::Torque(value),
+            _ => SetPoint::Stop,
         };
-        Self { counts: Counts { i_abc: [half(0), half(2), half(4)], u_dc: half(6) }, reference }
+        Self { counts: Counts { i_abc: [half(0), half(2), half(4)], u_dc: half(6) }, set_point }
     }
 }
 
-/// What a period gave, as it travels.
-pub fn answer<R: Word>(control: &Control<R>, command: &Command) -> [u8; ANSWER] {
-    let e = control.drive.estimate();
-    let status = control.drive.status();
+/// What a period gave, as it travels; zeros without a drive.
+pub fn answer<R: Word>(control: &CountsDrive<R>, command: &Command) -> [u8; ANSWER] {
+    let Some(drive) = control.drive() else { return [0; ANSWER] };
+    let (e, status) = (drive.estimate(), drive.status());
     let fault = match status {
         Status::Faulted { cause, .. } => cause.code(),
         _ => 0,

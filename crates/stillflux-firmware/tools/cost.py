@@ -20,6 +20,7 @@ BLOCKS = (
     "inverter_model",
     "modulator",
     "drive_step",
+    "interrupt",
 )
 #: Those of the enhanced scheme, and the periods of its filter's block.
 ENHANCED = (
@@ -27,6 +28,8 @@ ENHANCED = (
     "filter",
     *(f"filter_{k}" for k in ("close", *range(1, 10))),
     "drive_step_enhanced",
+    "interrupt_enhanced",
+    "trace",
 )
 ARITHMETICS = ("f32", "q")
 #: Schemes and the features of their images.

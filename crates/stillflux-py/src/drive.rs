@@ -22,21 +22,35 @@ pub struct Status {
     fault: Option<String>,
     /// Time of the fault since power-up in s, else None.
     time: Option<f64>,
+    /// What was measured when it happened, in `unit`, else None.
+    value: Option<f64>,
+    /// The limit that it violated, in `unit`, else None; 0 where there is none.
+    limit: Option<f64>,
 }
 
 impl Status {
     /// Of a drive with control frequency `f_s`.
     pub fn of(drive: &SiDrive, f_s: f64) -> Self {
-        let (state, fault, time) = match drive.status() {
-            core::Status::Stopped => ("stopped", None, None),
-            core::Status::ReadingOffset => ("reading offset", None, None),
-            core::Status::Magnetising => ("magnetising", None, None),
-            core::Status::Running => ("running", None, None),
-            core::Status::Faulted { cause, period } => {
-                ("faulted", Some(cause.to_string()), Some(f64::from(period) / f_s))
-            }
+        let state = match drive.status() {
+            core::Status::Stopped => "stopped",
+            core::Status::ReadingOffset => "reading offset",
+            core::Status::Magnetising => "magnetising",
+            core::Status::Running => "running",
+            core::Status::Faulted { .. } => "faulted",
         };
-        Self { state: state.to_owned(), fault, time }
+        let report = drive.fault();
+        Self {
+            state: state.to_owned(),
+            fault: report.map(|r| r.cause.to_string()),
+            time: report.map(|r| f64::from(r.period) / f_s),
+            value: report.map(|r| r.value),
+            limit: report.map(|r| r.limit),
+        }
+    }
+
+    fn cause(&self) -> Option<Fault> {
+        let name = self.fault.as_deref()?;
+        Fault::ALL.iter().copied().find(|fault| fault.text() == name)
     }
 
     fn coarse(&self) -> &str {
@@ -51,20 +65,26 @@ impl Status {
 #[pymethods]
 impl Status {
     #[new]
-    #[pyo3(signature = (state, fault=None, time=None))]
-    fn new(state: String, fault: Option<String>, time: Option<f64>) -> Self {
-        Self { state, fault, time }
+    #[pyo3(signature = (state, fault=None, time=None, value=None, limit=None))]
+    fn new(state: String, fault: Option<String>, time: Option<f64>, value: Option<f64>, limit: Option<f64>) -> Self {
+        Self { state, fault, time, value, limit }
     }
 
     /// The cause of the fault as a stable number, else None.
     #[getter]
     fn fault_code(&self) -> Option<u32> {
-        let name = self.fault.as_deref()?;
-        Fault::ALL.into_iter().find(|fault| fault.to_string() == name).map(Fault::code)
+        self.cause().map(Fault::code)
     }
 
-    fn __getnewargs__(&self) -> (String, Option<String>, Option<f64>) {
-        (self.state.clone(), self.fault.clone(), self.time)
+    /// Unit of `value` and `limit`, empty for numbers, else None.
+    #[getter]
+    fn unit(&self) -> Option<&'static str> {
+        self.cause().map(|fault| fault.quantity().unit())
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn __getnewargs__(&self) -> (String, Option<String>, Option<f64>, Option<f64>, Option<f64>) {
+        (self.state.clone(), self.fault.clone(), self.time, self.value, self.limit)
     }
 
     fn __str__(&self) -> String {
@@ -219,6 +239,7 @@ pub struct Drive {
     drive: SiDrive,
     settings: Py<PyDict>,
     f_s: f64,
+    duty: [f64; 3],
     gates_on: bool,
 }
 
@@ -238,7 +259,13 @@ impl Drive {
         let params = drive_params(&machine, &inverter, scheme, settings)?;
         let arithmetic = self::arithmetic(arithmetic)?;
         let drive = SiDrive::new(&machine, &inverter, &params, arithmetic).map_err(value_error)?;
-        Ok(Self { drive, settings: settings_dict(py, &params)?.unbind(), f_s: inverter.f_s, gates_on: false })
+        Ok(Self {
+            drive,
+            settings: settings_dict(py, &params)?.unbind(),
+            f_s: inverter.f_s,
+            duty: [0.5; 3],
+            gates_on: false,
+        })
     }
 
     /// One control period.
@@ -253,17 +280,21 @@ impl Drive {
     ///     Speed reference, mechanical rad/s.
     /// torque_ref
     ///     Torque reference in N·m, instead of a speed reference. Neither: stop.
+    /// cycle
+    ///     Stamp of the PWM period, a number that the hardware counts up by one in each, 0 to 65535, then 0 again: missed
+    ///     and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the first.
     ///
     /// Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
     /// Raises ValueError if both references are given or one is not finite. Implausible measurements do not
     /// raise: they are faults, see `status`.
-    #[pyo3(signature = (i_abc, u_dc, omega_ref=None, torque_ref=None))]
+    #[pyo3(signature = (i_abc, u_dc, omega_ref=None, torque_ref=None, cycle=None))]
     fn step<'py>(
         &mut self,
         i_abc: &Bound<'py, PyAny>,
         u_dc: f64,
         omega_ref: Option<f64>,
         torque_ref: Option<f64>,
+        cycle: Option<u16>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let command = match (omega_ref, torque_ref) {
             (None, None) => ReferenceSi::Stop,
@@ -276,9 +307,14 @@ impl Drive {
             }
         };
         let sample = MeasurementSi { i_abc: three("i_abc", i_abc)?, u_dc };
-        let (duty, gates_on) = self.drive.step(&sample, &command);
-        self.gates_on = gates_on;
-        Ok(PyArray1::from_slice(i_abc.py(), &duty))
+        let out = match cycle {
+            None => Some(self.drive.step(&sample, &command)),
+            Some(stamp) => self.drive.step_at(stamp, &sample, &command),
+        };
+        if let Some((duty, gates_on)) = out {
+            (self.duty, self.gates_on) = (duty, gates_on);
+        }
+        Ok(PyArray1::from_slice(i_abc.py(), &self.duty))
     }
 
     /// False: the bridge has to be blocked; the duties are then 0.5 each.

@@ -232,7 +232,7 @@ drive_settings! {
     common:
     psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
-    inverter_model, calibrate_offset, offset_time, magnetise_time;
+    inverter_model, calibrate_offset, offset_time, magnetise_time, supervision, stall_time;
     paper:
     offset_estimator, offset_gain, noise_compensator, noise_gain, resistance_adaptation, resistance_gain;
     enhanced:

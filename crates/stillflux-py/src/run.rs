@@ -73,6 +73,7 @@ impl Scenario<'_> {
             record_every: self.record_every,
             signals: self.signals,
             memory: self.memory.map(|m| memory_from(&m)).transpose()?,
+            cycle_stamps: false,
         })
     }
 }

@@ -10,7 +10,7 @@ use std::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 use stillflux::control::current::CurrentController;
-use stillflux::control::flux::FluxController;
+use stillflux::control::flux::{FluxController, Range};
 use stillflux::control::modulator::{applied, modulate};
 use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Measurement, Reference, Status};
@@ -23,6 +23,7 @@ use stillflux::estimate::speed::SpeedEstimator;
 use stillflux::params::{Inverter, Machine};
 use stillflux::scalar::{Real, Sum, Timer};
 use stillflux::space::{AlphaBeta, Dq};
+use stillflux::words::Words;
 
 thread_local! {
     static COUNT: Cell<u32> = const { Cell::new(0) };
@@ -86,6 +87,16 @@ impl num_traits::One for Counted {
     }
 }
 
+impl Words for Counted {
+    const LEN: usize = 2;
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        self.0.put(out);
+    }
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        Self(f64::take(from))
+    }
+}
+
 impl Real for Counted {
     type Sum = f64;
     type Quick = f64;
@@ -95,12 +106,20 @@ impl Real for Counted {
     const ONE: Self = Self(1.0);
     const TWO: Self = Self(2.0);
     const NAME: &'static str = "counted";
+    const LARGEST: f64 = f64::LARGEST;
+    const LEAST_GAIN: f64 = f64::LEAST_GAIN;
 
     fn from_f64(x: f64) -> Self {
         Self(x)
     }
     fn to_f64(self) -> f64 {
         self.0
+    }
+    fn from_f32(x: f32) -> Self {
+        Self(x.into())
+    }
+    fn to_f32(self) -> f32 {
+        self.0 as f32
     }
     fn is_finite(self) -> bool {
         self.0.is_finite()
@@ -244,7 +263,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("speed_control", operations(|| speed_control.step(config.speed_control_config(), r(0.05), r(0.049), r(1.0)))),
         (
             "flux_control",
-            operations(|| flux_control.step(config.flux_control_config(), r(1.0), r(0.99), r(0.3), r(0.05))),
+            operations(|| {
+                flux_control.step(config.flux_control_config(), r(1.0), r(0.99), r(0.3), r(0.05), Range::Low)
+            }),
         ),
         (
             "current_control",

@@ -1,31 +1,26 @@
 //! Records a closed loop for the processor in the loop: frames to the target, and the host's own answers.
 //!
-//! `record_pil f32|q enhanced|paper FRAMES ANSWERS`; the format is that of `stillflux-firmware/src/exchange.rs`, the code
-//! between converter and timer that of its `control.rs`: host and target compile the same source.
+//! `record_pil f32|q enhanced|paper FRAMES ANSWERS PAGE`; the format is that of `stillflux-firmware/src/exchange.rs`, the
+//! page that of the image as it lies in flash. Host and target compile the same source.
 
 #[path = "../../stillflux-firmware/src/blob.rs"]
 #[allow(dead_code)]
 mod blob;
-#[path = "../../stillflux-firmware/src/control.rs"]
-#[allow(dead_code)]
-mod control;
 #[path = "../../stillflux-firmware/src/exchange.rs"]
 #[allow(dead_code)]
 mod exchange;
-#[path = "../../stillflux-firmware/src/page.rs"]
-#[allow(dead_code)]
-mod page;
 
 use std::error::Error;
 
 use blob::Parameters;
-use control::Control;
 use exchange::{Frame, Word, answer};
 use stillflux::base::Base;
 use stillflux::config::Scheme;
-use stillflux::counts::Counts;
-use stillflux::drive::{Reference, Status};
+use stillflux::counts::{Counts, CountsDrive};
+use stillflux::drive::Status;
+use stillflux::page::Page;
 use stillflux::scalar::Q;
+use stillflux::telemetry::SetPoint;
 use stillflux_sim::{Plant, PlantParams};
 
 /// Reference speed (per unit) and load (of rated torque) from a time on: start-up, low speed, load step,
@@ -54,9 +49,9 @@ enum Set {
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     match args.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["f32", scheme, frames, answers] => record::<f32>(scheme_of(scheme)?, frames, answers),
-        ["q", scheme, frames, answers] => record::<Q>(scheme_of(scheme)?, frames, answers),
-        _ => Err("usage: record_pil f32|q enhanced|paper FRAMES ANSWERS".into()),
+        ["f32", scheme, frames, answers, page] => record::<f32>(scheme_of(scheme)?, frames, answers, page),
+        ["q", scheme, frames, answers, page] => record::<Q>(scheme_of(scheme)?, frames, answers, page),
+        _ => Err("usage: record_pil f32|q enhanced|paper FRAMES ANSWERS PAGE".into()),
     }
 }
 
@@ -69,37 +64,40 @@ fn scheme_of(name: &str) -> Result<Scheme, String> {
 }
 
 #[allow(clippy::cast_possible_truncation)]
-fn record<R: Word>(scheme: Scheme, frames_to: &str, answers_to: &str) -> Result<(), Box<dyn Error>> {
+fn record<R: Word>(scheme: Scheme, frames_to: &str, answers_to: &str, page_to: &str) -> Result<(), Box<dyn Error>> {
     let p = Parameters::preset(scheme);
     let base = Base::new(&p.machine);
     let mut plant = Plant::new(PlantParams::new(p.machine, p.inverter))?;
-    let mut control = Control::<R>::new(&p)?;
+    let ready = p.ready::<R>()?;
+    std::fs::write(page_to, Page::seal(&ready).words().map(u32::to_le_bytes).concat())?;
+    let mut control = CountsDrive::new(&ready);
+    let full = f64::from(control.timer().ok_or("no timer")?.full());
     let mut sample = plant.sample();
     let (mut frames, mut answers) = (Vec::new(), Vec::new());
     let mut speed = 0.0_f64;
     for k in 0..(DURATION * p.inverter.f_s) as u32 {
         let t = f64::from(k) / p.inverter.f_s;
         let &(_, set, load) = PROFILE.iter().rev().find(|x| x.0 <= t).unwrap_or(&PROFILE[0]);
-        let reference = match set {
-            Set::Stop => Reference::Stop,
+        let set_point = match set {
+            Set::Stop => SetPoint::Stop,
             Set::Speed(x) => {
                 // One rated speed a second.
                 speed += (x - speed).clamp(-1.0 / p.inverter.f_s, 1.0 / p.inverter.f_s);
-                Reference::Speed(R::from_f64(speed))
+                SetPoint::Speed((speed * base.omega_m) as f32)
             }
-            Set::Torque(x) => Reference::Torque(R::from_f64(x * p.machine.T_N / base.torque)),
+            Set::Torque(x) => SetPoint::Torque((x * p.machine.T_N) as f32),
         };
         let counts = Counts {
             i_abc: sample.i_abc.map(|i| left_aligned(i / p.i_full)),
             u_dc: left_aligned(sample.u_dc / p.u_full),
         };
-        let command = control.period(&counts, &reference);
-        frames.extend(Frame { counts, reference }.to_bytes());
+        let command = control.period(&counts, &set_point);
+        frames.extend(Frame { counts, set_point }.to_bytes());
         answers.extend(answer(&control, &command));
-        let duty = command.compare.map(|n| f64::from(n) / f64::from(control.timer().full()));
+        let duty = command.compare.map(|n| f64::from(n) / full);
         sample = plant.step(duty, command.gates_on, load * p.machine.T_N);
-        if matches!(control.drive.status(), Status::Faulted { .. }) {
-            return Err(format!("{:?} at {t} s", control.drive.status()).into());
+        if matches!(control.status(), Status::Faulted { .. }) {
+            return Err(format!("{:?} at {t} s", control.status()).into());
         }
     }
     std::fs::write(frames_to, &frames)?;

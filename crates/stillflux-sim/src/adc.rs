@@ -73,9 +73,25 @@ pub(crate) fn nearest(x: f64) -> f64 {
     (x + M) - M
 }
 
+/// What a failed current channel reads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ChannelFault {
+    /// The same value from now on, A.
+    Stuck(f64),
+    /// The value that it has now, from now on.
+    Held,
+    /// The current times a factor: −1 inverted, 0 broken.
+    Gain(f64),
+    /// The current of another channel (0 to 2): with two such channels, swapped ones.
+    Of(usize),
+    /// One sample of this value, A.
+    Once(f64),
+}
+
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Converter {
     adc: Adc,
+    faults: [Option<ChannelFault>; 3],
     pub offset: [f64; 3],
     rng: Rng,
     lsb: f64,
@@ -87,7 +103,13 @@ impl Converter {
     pub fn new(adc: Adc, seed: u64) -> Self {
         let lsb = 2.0 * adc.range / (1u64 << adc.bits) as f64;
         let u_lsb = adc.u_dc_range / (1u64 << adc.u_dc_bits) as f64;
-        Self { adc, offset: adc.offset, rng: Rng::new(seed), lsb, inv_lsb: 1.0 / lsb, u_lsb }
+        Self { adc, faults: [None; 3], offset: adc.offset, rng: Rng::new(seed), lsb, inv_lsb: 1.0 / lsb, u_lsb }
+    }
+
+    pub fn set_fault(&mut self, channel: usize, fault: Option<ChannelFault>) {
+        if let Some(state) = self.faults.get_mut(channel) {
+            *state = fault.filter(|fault| !matches!(fault, ChannelFault::Of(other) if *other > 2));
+        }
     }
 
     pub fn drift(&mut self, dt: f64) {
@@ -98,7 +120,11 @@ impl Converter {
 
     pub fn read(&mut self, i_abc: [f64; 3], u_dc: f64) -> MeasurementSi {
         let a = &self.adc;
-        let mut i = i_abc;
+        let mut i = [0, 1, 2].map(|k| match self.faults[k] {
+            Some(ChannelFault::Of(other)) => i_abc[other],
+            Some(ChannelFault::Gain(gain)) => gain * i_abc[k],
+            _ => i_abc[k],
+        });
         for k in 0..3 {
             i[k] = a.gain[k] * i[k] + self.offset[k];
             if a.noise > 0.0 {
@@ -109,6 +135,14 @@ impl Converter {
                 i[k] = i[k].clamp(-a.range, a.range - self.lsb);
             } else {
                 i[k] = i[k].clamp(-a.range, a.range);
+            }
+        }
+        for k in 0..3 {
+            match self.faults[k] {
+                Some(ChannelFault::Stuck(value)) => i[k] = value,
+                Some(ChannelFault::Held) => self.faults[k] = Some(ChannelFault::Stuck(i[k])),
+                Some(ChannelFault::Once(value)) => (i[k], self.faults[k]) = (value, None),
+                _ => {}
             }
         }
         let u = if a.u_dc_bits > 0 {

@@ -75,6 +75,9 @@ pub(crate) struct Leg {
     to: [Gate; LIST],
 }
 
+/// Bound of the potential of a disconnected phase, V: never reached.
+const ISOLATED: f64 = 1e9;
+
 const LIST: usize = 16;
 
 impl Leg {
@@ -172,6 +175,8 @@ pub(crate) struct Bridge {
     pub legs: [Leg; 3],
     /// Sign of each leg's current; 0: the leg floats.
     pub sign: [f64; 3],
+    /// Phases that are disconnected from the machine: a current flows on to its next zero, then never again.
+    pub open: [bool; 3],
 }
 
 /// How the bridge presently feeds the stator.
@@ -217,6 +222,7 @@ impl Bridge {
             on: false,
             legs: [0, 1, 2].map(|k| Leg { on_delay: delays.on[k], off_delay: delays.off[k], ..Leg::BLOCKED }),
             sign: [0.0; 3],
+            open: [false; 3],
         }
     }
 
@@ -273,11 +279,17 @@ impl Bridge {
 
     #[inline(always)]
     pub fn lo(&self, k: usize) -> f64 {
+        if self.open[k] && self.sign[k] == 0.0 {
+            return -ISOLATED;
+        }
         (if self.legs[k].gate & 0b01 != 0 { self.u_dc } else { 0.0 }) - self.u_th
     }
 
     #[inline(always)]
     pub fn hi(&self, k: usize) -> f64 {
+        if self.open[k] && self.sign[k] == 0.0 {
+            return ISOLATED;
+        }
         (if self.legs[k].gate & 0b10 != 0 { self.u_dc } else { 0.0 }) + self.u_th
     }
 

@@ -18,7 +18,7 @@ mod rng;
 pub mod simulate;
 mod thermal;
 
-pub use adc::Adc;
+pub use adc::{Adc, ChannelFault};
 pub use branches::{DeepBar, IronLoss};
 pub use bridge::GateDelays;
 pub use machine::Energy;

@@ -8,7 +8,7 @@
 //! zero, a node reaches a rail.
 #![allow(non_snake_case)]
 
-use crate::adc::{Adc, Converter};
+use crate::adc::{Adc, ChannelFault, Converter};
 use crate::branches::{DeepBar, IronLoss};
 use crate::bridge::{Bridge, Feed, GateDelays, phase};
 use crate::machine::{BRANCHED, Circuit, Energy, Field, LINEAR, SATURATING, State, Step, V2, dot, phases};
@@ -359,6 +359,22 @@ impl Plant {
     /// Sets the present offset of the current channels, A; the drift goes on from there.
     pub fn set_offset(&mut self, offset: [f64; 3]) {
         self.adc.offset = offset;
+    }
+
+    /// Disconnects phase `phase` (0 to 2) from its leg, or connects it again: its current flows on to its next zero. Of
+    /// the switching model; capacitances of the nodes are neglected from then on.
+    pub fn set_open_phase(&mut self, phase: usize, open: bool) {
+        if let Some(state) = self.bridge.open.get_mut(phase) {
+            *state = open;
+            self.nodes = None;
+            self.h_taylor = 0.0;
+            self.stale = true;
+        }
+    }
+
+    /// Lets a current channel (0 to 2) fail, or heals it.
+    pub fn set_channel(&mut self, channel: usize, fault: Option<ChannelFault>) {
+        self.adc.set_fault(channel, fault);
     }
 
     /// Sets the dc-link voltage, V.

@@ -9,6 +9,7 @@ use std::borrow::Cow;
 use stillflux::config::DriveParams;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 
+use crate::adc::ChannelFault;
 use crate::plant::{Calls, Plant, PlantParams};
 use crate::rng::Rng;
 use stillflux::si::{Arithmetic, EstimateSi, MeasurementSi, MemorySi, ReferenceSi, SiDrive, Vector};
@@ -78,6 +79,10 @@ pub enum Change {
     DcLink(f64),
     /// Imposed shaft speed, rad/s, or free again.
     Speed(Option<f64>),
+    /// A phase (0 to 2) that is disconnected from its leg.
+    OpenPhase(usize),
+    /// A current channel (0 to 2) that fails, or a single sample that is wrong.
+    Channel(usize, ChannelFault),
 }
 
 /// A closed-loop experiment.
@@ -107,6 +112,8 @@ pub struct Scenario {
     pub signals: Option<Vec<String>>,
     /// What an earlier run stored.
     pub memory: Option<MemorySi>,
+    /// Whether every call carries the stamp of its PWM period.
+    pub cycle_stamps: bool,
 }
 
 impl Scenario {
@@ -126,6 +133,7 @@ impl Scenario {
             record_every: 10,
             signals: None,
             memory: None,
+            cycle_stamps: false,
         }
     }
 }
@@ -376,6 +384,8 @@ impl<'s> Run<'s> {
                 Change::CurrentOffset(o) => self.plant.set_offset(o),
                 Change::DcLink(u) => self.plant.set_u_dc(u),
                 Change::Speed(w) => self.plant.set_speed(w),
+                Change::OpenPhase(k) => self.plant.set_open_phase(k, true),
+                Change::Channel(k, fault) => self.plant.set_channel(k, Some(fault)),
             }
         }
         let (command, reference) = match &self.scenario.reference {
@@ -389,8 +399,15 @@ impl<'s> Run<'s> {
             }
         };
         for _ in 0..self.calls() {
-            (self.duty, self.gates_on) = self.drive.step(&self.sample, &command);
-            self.book_drift();
+            let out = if self.scenario.cycle_stamps {
+                self.drive.step_at(self.period as u16, &self.sample, &command)
+            } else {
+                Some(self.drive.step(&self.sample, &command))
+            };
+            if let Some(out) = out {
+                (self.duty, self.gates_on) = out;
+                self.book_drift();
+            }
         }
         if self.period.is_multiple_of(u64::from(self.scenario.record_every)) {
             self.write_row(t, reference);

@@ -9,8 +9,21 @@
 //! is `omega_sR`, time is normalised by it (`tau = omega_sR t`). Torque base is `3/2 n_p psi_b i_b`, so
 //! that `T = psi_s × i_s`; mechanical speed base is `omega_sR / n_p`, so that electrical and mechanical
 //! speed share one per-unit number.
+//!
+//! A rating that does not belong to its machine shows in per unit. [`PerUnit::new`] refuses, by the name of the SI
+//! field,
+//!
+//! | field | quantity | range, per unit |
+//! |---|---|---|
+//! | `R_s`, `R_R` | with the inverter's `r_d` in series with `R_s` | 5e-4 to 0.5 |
+//! | `L_sigma` | `σl_s` | 0.02 to 0.8 |
+//! | `L_M` | `l_M` | 0.3 to 20 |
+//! | `J` | `j` | 0.1 to 1e6 |
+//! | `T_N` | rated torque | 0.05 to 2 |
+//! | `U_N` | rated dc link | 0.2 to 8 |
+//! | `f_s` | `t_s` | 1e-3 to 2π/20: at least 20 periods a turn of the rated field |
 
-use crate::params::{Inverter, Machine, ParamError};
+use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::Real;
 
 /// Base quantities, SI.
@@ -102,6 +115,19 @@ impl PerUnit {
         machine.validate()?;
         inverter.validate()?;
         let b = Base::new(machine);
+        let within = |field, value: f64, base: f64, (min, max): (f64, f64), unit| {
+            check(field, value, min * base, max * base, unit)
+                .map_err(|e| e.with_note("limited by its per-unit value; is the rating that of this machine?"))
+        };
+        within("R_s", machine.R_s + inverter.r_d, b.z, (5e-4, 0.5), "ohm")?;
+        within("R_R", machine.R_R, b.z, (5e-4, 0.5), "ohm")?;
+        within("L_sigma", machine.L_sigma, b.l, (0.02, 0.8), "H")?;
+        within("L_M", machine.L_M, b.l, (0.3, 20.0), "H")?;
+        within("J", machine.J, b.torque / (b.omega_m * b.omega), (0.1, 1e6), "kg m^2")?;
+        within("T_N", machine.T_N, b.torque, (0.05, 2.0), "N m")?;
+        // u_b is proportional to U_N.
+        within("U_N", machine.U_N, inverter.u_dc * machine.U_N / b.u, (1.0 / 8.0, 1.0 / 0.2), "V")?;
+        within("f_s", inverter.f_s, machine.f_N, (20.0, 1e3 * core::f64::consts::TAU), "Hz")?;
         Ok(Self {
             base: b,
             r_s: (machine.R_s + inverter.r_d) / b.z,

@@ -24,6 +24,7 @@ use crate::control::flux::FluxControlConfig;
 #[cfg(feature = "enhanced")]
 use crate::control::shift::ShiftConfig;
 use crate::control::speed::SpeedControlConfig;
+use crate::control::weakening::WeakeningConfig;
 #[cfg(feature = "enhanced")]
 use crate::estimate::balance::BalanceConfig;
 #[cfg(feature = "paper")]
@@ -36,10 +37,18 @@ use crate::estimate::kalman::FilterConfig;
 use crate::estimate::resistance::ResistanceConfig;
 use crate::estimate::speed::SpeedConfig;
 use crate::inverter::InverterModel;
-use crate::params::{Inverter, Machine, ParamError};
+use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Real, Timer};
 use crate::space::Dq;
-use crate::words::words;
+use crate::supervision::SupervisionConfig;
+#[cfg(feature = "supervision")]
+use crate::supervision::channels::ChannelConfig;
+#[cfg(feature = "supervision")]
+use crate::supervision::phases::PhaseConfig;
+use crate::supervision::plausibility::PlausibilityConfig;
+#[cfg(feature = "supervision")]
+use crate::supervision::stall::StallConfig;
+use crate::words::{Words, words};
 #[cfg(feature = "enhanced")]
 pub(crate) use enhanced::EnhancedConfig;
 #[cfg(feature = "paper")]
@@ -47,6 +56,15 @@ pub(crate) use paper::PaperConfig;
 
 /// Largest offset of a current channel at rest, per unit.
 pub(crate) const I_OFF_MAX: f64 = 0.15;
+
+/// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
+pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
+/// Flux control in field weakening ([`crate::control::flux`]): gain by the leakage, and crossing frequency of its integral
+/// part in parts of the bandwidth of current control. Largest correction at high frequency in units of the magnetising
+/// current: the flux of the largest machines falls over some tenths of a second only by a current against it.
+const WEAK_GAIN: f64 = 0.15;
+const WEAK_RATE: f64 = 0.05;
+const LIMIT_HIGH: f64 = 2.0;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,7 +82,9 @@ pub struct DriveConfig<R: Real> {
     pub(crate) speed: SpeedConfig<R>,
     pub(crate) current: CurrentConfig<R>,
     pub(crate) flux_control: FluxControlConfig<R>,
+    pub(crate) weakening: WeakeningConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
+    pub(crate) supervision: SupervisionConfig<R>,
     pub(crate) low_confidence: LowConfidence,
     /// From a sample to the middle of the period in which its duties act.
     pub(crate) t_ahead: R,
@@ -72,14 +92,16 @@ pub struct DriveConfig<R: Real> {
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.
     pub(crate) i_plain_sq: R,
     pub(crate) i_trip: R,
+    /// Square of the largest current, the largest direct current (97 % of it), and the largest torque current.
+    pub(crate) i_max_sq: R,
+    pub(crate) i_d_max: R,
     pub(crate) i_q_max: R,
     pub(crate) pull_out_use: R,
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
     pub(crate) omega_max: R,
-    pub(crate) omega_trip: R,
-    pub(crate) psi_deviation: R,
-    pub(crate) implausible_max: u32,
+    /// Periods after a sample that could not be used in which another one is a fault.
+    pub(crate) bridged_periods: u32,
     pub(crate) calibrate_offset: bool,
     pub(crate) offset_periods: u32,
     pub(crate) inv_offset_periods: R,
@@ -91,9 +113,9 @@ words! {
     t_s, inverter, timer, scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, speed_control, low_confidence, t_ahead, i_range, i_plain_sq,
-    i_trip, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max, omega_trip, psi_deviation,
-    implausible_max, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
+    speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
+    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max,
+    bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
 impl<R: Real> DriveConfig<R> {
@@ -184,15 +206,20 @@ impl<R: Real> DriveConfig<R> {
 
         let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));
         let slow_periods = |t: f64| periods(t / f64::from(SLOW_PERIODS));
+        #[cfg(feature = "supervision")]
+        let watched = |t: f64| if p.supervision { slow_periods(t) } else { u32::MAX };
         let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
         let i_q_max = libm::sqrt(i_max * i_max - i_0 * i_0);
         let i_trip = p.i_trip / b.i;
+        // The highest code of a 12-bit converter is a 2048th below full scale.
+        let i_range = (1.0 - 1.0 / 512.0) * p.i_range / b.i;
         // Readings are within their range if the currents are, less the largest offset taken off them.
-        let plain = (p.i_range / b.i - I_OFF_MAX).max(0.0);
+        let plain = (i_range - I_OFF_MAX).max(0.0);
 
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
+        let u_max = U_UTILISATION * pu.u_dc;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
         let omega_n = pu.hz(p.pll_bandwidth);
@@ -200,10 +227,35 @@ impl<R: Real> DriveConfig<R> {
         // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
 
-        Ok(Self {
+        let inv_two_l_product = 0.5 / l_product;
+        let k_i = t_s * k_p * pu.hz(p.current_bandwidth) / 5.0;
+        let speed_k_i = t_slow * speed_gain * pu.hz(p.speed_bandwidth) / 4.0;
+        fits::<R>("J", machine.J, "kg m^2", speed_gain, 1.0)?;
+        fits::<R>("speed_bandwidth", p.speed_bandwidth, "Hz", speed_k_i, 2.0)?;
+        fits::<R>("flux_bandwidth", p.flux_bandwidth, "Hz", flux_gain * tau_r, 1.0)?;
+        fits::<R>("flux_bandwidth", p.flux_bandwidth, "Hz", t_slow * flux_gain, 1.0)?;
+        fits::<R>("current_bandwidth", p.current_bandwidth, "Hz", 1.0 / k_p, -1.0)?;
+        fits::<R>("current_bandwidth", p.current_bandwidth, "Hz", k_i, 2.0)?;
+        fits::<R>("current_bandwidth", p.current_bandwidth, "Hz", k_p, 1.0)?;
+        fits::<R>("pll_bandwidth", p.pll_bandwidth, "Hz", 2.0 * omega_n, 1.0)?;
+        fits::<R>("pll_bandwidth", p.pll_bandwidth, "Hz", t_speed * omega_n * omega_n, 2.0)?;
+        #[cfg(feature = "enhanced")]
+        if p.scheme == Scheme::Enhanced {
+            FilterConfig::<R>::check(machine, inverter)?;
+        }
+        fits::<R>("L_M", machine.L_M, "H", pu.l_m * pu.l_m, 2.0)?;
+        fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * l_product * l_product, 4.0)?;
+        fits::<R>("L_sigma", machine.L_sigma, "H", inv_two_l_product, -1.0)?;
+        fits::<R>("i_max", p.i_max, "A", 1.0 / (0.9 * i_q_max * p.psi_ref), -1.0)?;
+        #[cfg(feature = "paper")]
+        if p.scheme == Scheme::Paper {
+            fits::<R>("R_s", machine.R_s, "ohm", 1.0 / pu.r_s, -1.0)?;
+        }
+
+        let config = Self {
             t_s: r(t_s),
             inverter: if p.inverter_model { InverterModel::new(&pu) } else { InverterModel::ideal() },
-            timer: (inverter.f_clk > 0.0).then(|| Timer::new((inverter.f_clk / (2.0 * inverter.f_s)) as u32)),
+            timer: inverter.timer()?,
             scheme: p.scheme,
             #[cfg(feature = "paper")]
             paper: PaperConfig::new(&pu, inverter, p, magnetise_periods),
@@ -216,53 +268,98 @@ impl<R: Real> DriveConfig<R> {
                 k_p: r(2.0 * omega_n),
                 k_i: r(t_speed * omega_n * omega_n),
             },
-            current: CurrentConfig {
-                k_p: r(k_p),
-                k_i: r(t_s * k_p * pu.hz(p.current_bandwidth) / 5.0),
-                inv_k_p: r(1.0 / k_p),
-            },
+            current: CurrentConfig { k_p: r(k_p), k_i: r(k_i), inv_k_p: r(1.0 / k_p) },
             flux_control: FluxControlConfig {
                 psi_rated: r(p.psi_ref),
                 inv_psi_rated: r(1.0 / p.psi_ref),
-                psi_min: r(0.2 * p.psi_ref),
                 l_sum: r(l_s + sigma_l_s),
                 root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
                 root_i_q: r(4.0 * l_product * l_product),
-                inv_two_l_product: r(0.5 / l_product),
+                inv_two_l_product: r(inv_two_l_product),
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
                 limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
+                limit_high: r(LIMIT_HIGH * i_0),
+                k_p_weak: r(WEAK_GAIN / sigma_l_s),
+                k_i_weak: r(t_slow * WEAK_RATE * pu.hz(p.current_bandwidth) / sigma_l_s),
+            },
+            weakening: WeakeningConfig {
+                psi_rated: r(p.psi_ref),
+                psi_min: r(0.2 * p.psi_ref),
+                // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
+                resistance: r(pu.r_s + pu.r_r * (l_s / pu.l_m) * (l_s / pu.l_m) / 0.8),
+                k: r(t_slow * pu.hz(p.flux_bandwidth) / 2.0),
+                inv_u_max_sq: r(1.0 / (u_max * u_max)),
             },
             speed_control: SpeedControlConfig {
                 k_p: r(speed_gain),
-                k_i: r(t_slow * speed_gain * pu.hz(p.speed_bandwidth) / 4.0),
+                k_i: r(speed_k_i),
                 torque_max: r(p.torque_max / b.torque),
+            },
+            supervision: SupervisionConfig {
+                plausibility: PlausibilityConfig {
+                    psi_deviation: r(0.4 * p.psi_ref),
+                    omega_max: r(1.3 * p.omega_max / b.omega_m),
+                    calls: slow_periods(0.05),
+                    confidence: p.low_confidence == LowConfidence::Fault,
+                },
+                #[cfg(feature = "supervision")]
+                phases: PhaseConfig {
+                    floor_sq: r(0.05 * 0.05),
+                    small_floor_sq: r(0.02 * 0.02),
+                    calls_open: watched(0.004),
+                    calls_control: watched(0.25),
+                    calls_zero: watched(0.008),
+                },
+                #[cfg(feature = "supervision")]
+                channels: ChannelConfig { limit: r(0.05 * i_range + 0.08), calls: watched(0.004) },
+                #[cfg(feature = "supervision")]
+                stall: StallConfig { calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX } },
             },
             low_confidence: p.low_confidence,
             t_ahead: r(1.5 * t_s),
-            i_range: r(p.i_range / b.i),
+            i_range: r(i_range),
             i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
             i_trip: r(i_trip),
+            i_max_sq: r(i_max * i_max),
+            // Leaves a quarter of the current to the torque.
+            i_d_max: r(libm::sqrt(15.0 / 16.0) * i_max),
             i_q_max: r(i_q_max),
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
             omega_max: r(p.omega_max / b.omega_m),
-            omega_trip: r(1.3 * p.omega_max / b.omega_m),
-            psi_deviation: r(0.4 * p.psi_ref),
-            implausible_max: slow_periods(0.05),
+            bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
             offset_periods: periods(p.offset_time),
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),
             magnetise_periods,
             boost_periods: periods(boost_time),
-        })
+        };
+        // The checks above name their field; this one holds for every constant.
+        if config.is_representable() {
+            Ok(config)
+        } else {
+            let (value, max) = (f64::INFINITY, R::LARGEST);
+            let note = "a per-unit constant of the configuration is beyond the range of the arithmetic";
+            Err(ParamError { field: "configuration", value, min: -max, max, unit: "p.u.", note })
+        }
     }
+}
+
+/// Checks that the arithmetic `R` holds a constant `x`, which is proportional to this power of a field (or grows with
+/// at least this power).
+fn fits<R: Real>(field: &'static str, value: f64, unit: &'static str, x: f64, power: f64) -> Result<(), ParamError> {
+    let at = |limit: f64| value * libm::pow(limit / x, 1.0 / power);
+    let (a, b) = (at(R::LEAST_GAIN), at(R::LARGEST));
+    check(field, value, a.min(b), a.max(b), unit)
+        .map_err(|e| e.with_note("a gain that follows from it must fit the arithmetic"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scalar::Q;
 
     #[test]
     fn a_scheme_that_is_not_built_is_refused_by_name() {
@@ -275,6 +372,59 @@ mod tests {
             }
         }
         assert!(Scheme::ALL.contains(&Scheme::default()));
+    }
+
+    /// What the arithmetic `R` says of a change to the presets.
+    fn refused<R: Real>(change: impl Fn(&mut Machine, &mut Inverter, &mut DriveParams)) -> Option<ParamError> {
+        let (mut machine, mut inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        // Twice: the defaults of the settings are those of the changed machine.
+        let mut params = DriveParams::new(&machine, &inverter);
+        change(&mut machine, &mut inverter, &mut params);
+        let mut params = DriveParams::new(&machine, &inverter);
+        change(&mut machine, &mut inverter, &mut params);
+        DriveConfig::<R>::new(&machine, &inverter, &params).err()
+    }
+
+    #[test]
+    fn what_its_arithmetic_cannot_hold_is_refused_by_name_with_the_range_that_it_can() {
+        // 25 times the inertia, a speed gain of 151: beyond fixed point, nothing special in floating point.
+        let heavy = |factor: f64| move |m: &mut Machine, _: &mut Inverter, _: &mut DriveParams| m.J = 0.015 * factor;
+        assert_eq!(refused::<f32>(heavy(25.0)), None);
+        assert_eq!(refused::<Q>(heavy(10.0)), None);
+        let e = refused::<Q>(heavy(25.0)).unwrap();
+        assert!(e.field == "J" && e.max > 0.015 * 20.0 && e.max < 0.015 * 25.0, "{e}");
+        assert_eq!(refused::<Q>(heavy(0.999 * e.max / 0.015)), None, "the range is the admissible one");
+        let e = refused::<Q>(|_, i, p| {
+            i.f_s = 40e3;
+            p.speed_bandwidth = 0.05;
+        });
+        assert_eq!(e.map(|e| e.field), Some("speed_bandwidth"), "an integral gain of less than one bit");
+    }
+
+    #[test]
+    fn a_rating_that_does_not_belong_to_the_machine_is_refused_by_name_in_every_arithmetic() {
+        fn everywhere(field: &str, change: impl Fn(&mut Machine, &mut Inverter, &mut DriveParams)) {
+            for e in [refused::<f32>(&change), refused::<f64>(&change), refused::<Q>(&change)] {
+                let e = e.unwrap();
+                assert!(e.field == field && !(e.min..=e.max).contains(&e.value), "{field}: {e}");
+            }
+        }
+        // 1 V on a dc link of 80 V, with impedances to match.
+        everywhere("U_N", |m, i, _| {
+            (m.R_s, m.R_R, m.L_sigma, m.L_M) = (0.008, 0.004, 5e-5, 5e-4);
+            (m.U_N, m.T_N, i.r_d, i.u_dc, i.u_th) = (1.0, 0.03, 0.0, 80.0, 0.0);
+            m.J = 1e-4;
+            m.saturation = None;
+        });
+        // 1664 Hz at 1469 periods a second.
+        everywhere("f_s", |m, i, _| {
+            (m.L_sigma, m.L_M) = (6.3e-4, 6.73e-3);
+            (m.J, m.T_N, m.f_N, m.saturation) = (1e-4, 0.5, 1664.0, None);
+            i.f_s = 1469.0;
+            (i.dead_time, i.c_out) = (0.0, 0.0);
+        });
+        everywhere("L_M", |m, _, _| (m.L_M, m.L_sigma) = (5.0, 0.1));
+        everywhere("f_clk", |_, i, _| i.f_clk = 1e5);
     }
 
     #[test]

@@ -30,12 +30,14 @@ mod scheme;
 mod sequence;
 mod voltage;
 
-pub use interface::{Estimate, Fault, Measurement, Memory, Output, Reference, Status};
+pub use crate::supervision::{Fault, FaultReport, Quantity, Trip};
+pub use interface::{Estimate, Measurement, Memory, Output, Reference, Status};
 
-use crate::config::{DriveConfig, LowConfidence};
+use crate::config::DriveConfig;
 use crate::control::modulator::zero_duty;
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
+use crate::supervision::{Course, Currents, Supervision};
 use control::Control;
 use estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use scheme::{SchemeEstimators, with_estimators};
@@ -58,7 +60,7 @@ impl<R: Real> Drive<R> {
         Self {
             config,
             estimators: SchemeEstimators::new(&config),
-            common: Common { sequence: Sequence::new(), control: Control::new() },
+            common: Common { sequence: Sequence::new(), supervision: Supervision::new(), control: Control::new() },
         }
     }
 
@@ -72,6 +74,11 @@ impl<R: Real> Drive<R> {
         self.common.sequence.status()
     }
 
+    /// The latched fault: cause, period, and what was measured; `None` unless the drive is in a fault.
+    pub fn fault(&self) -> Option<FaultReport<R>> {
+        self.common.sequence.report()
+    }
+
     /// Control periods since power-up (wraps).
     pub fn period(&self) -> u32 {
         self.common.sequence.period()
@@ -81,6 +88,16 @@ impl<R: Real> Drive<R> {
     pub fn step(&mut self, measured: &Measurement<R>, reference: &Reference<R>) -> Output<R> {
         let Self { config, estimators, common } = self;
         with_estimators!(estimators, e => common.step(config, e, measured, reference))
+    }
+
+    /// One control period with the stamp of its PWM period, a number that the hardware counts up by one in each
+    /// ([`crate::supervision::timing`]). `None`: the period has been computed before, its duties stay.
+    #[cfg(feature = "supervision")]
+    pub fn step_at(&mut self, stamp: u16, measured: &Measurement<R>, reference: &Reference<R>) -> Option<Output<R>> {
+        if !self.common.in_time(stamp) {
+            return None;
+        }
+        Some(self.step(measured, reference))
     }
 
     /// Estimates of the latest period; what the step does not need in this form is computed here.
@@ -137,6 +154,7 @@ impl<R: Real> Drive<R> {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 struct Common<R: Real> {
     sequence: Sequence<R>,
+    supervision: Supervision<R>,
     control: Control<R>,
 }
 
@@ -151,9 +169,17 @@ impl<R: Real> Common<R> {
         reference: &Reference<R>,
     ) -> Output<R> {
         self.sequence.count();
-        let Some((i_abc, i_s)) = self.sequence.acquire(c, measured) else {
-            return self.blocked();
+        let bridged;
+        let measured = if likely(self.sequence.accepts(c, measured)) {
+            measured
+        } else {
+            let Some(instead) = self.bridge(c, estimators, measured) else {
+                return self.blocked();
+            };
+            bridged = instead;
+            &bridged
         };
+        let (i_abc, i_s) = self.sequence.currents(measured);
         let running = likely(self.sequence.status() == Status::Running && reference.is_admissible());
         if !running && !self.prepare(c, estimators, measured, reference, &i_s) {
             return self.blocked();
@@ -162,10 +188,10 @@ impl<R: Real> Common<R> {
         let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, running);
         let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter(c));
         if likely(running) {
-            let healthy = self.slow_tasks(c, estimators, reference, u_dc);
-            if !likely(healthy) {
-                return self.blocked();
-            }
+            self.slow_tasks(c, estimators, reference, u_dc);
+        }
+        if period & 3 == 2 && !likely(self.supervise(c, estimators, reference, (&i_abc, &field), running)) {
+            return self.blocked();
         }
         Output { duty, gates_on: true }
     }
@@ -187,6 +213,7 @@ impl<R: Real> Common<R> {
         if action == Action::Ready {
             estimators.begin();
             self.control.begin();
+            self.supervision.begin();
         }
         estimators.idle(i_s);
         false
@@ -214,7 +241,39 @@ impl<R: Real> Common<R> {
         field
     }
 
-    /// Tasks slower than the control period, each in a period of its own; `false`: supervision has found a fault.
+    /// Books the stamp of a call; `false`: it is the second one of its period.
+    #[cfg(feature = "supervision")]
+    #[inline(always)]
+    fn in_time(&mut self, stamp: u16) -> bool {
+        let timing = &mut self.supervision.timing;
+        let doubled = timing.is_last(stamp);
+        if let Some(trip) = timing.step(stamp)
+            && matches!(self.sequence.status(), Status::Magnetising | Status::Running)
+        {
+            self.sequence.fault(trip);
+        }
+        !doubled
+    }
+
+    /// In place of a measurement that cannot be used: the current of the latest one, with the dc link's voltage then;
+    /// nothing while the bridge is blocked, or at the second such measurement.
+    #[cold]
+    #[inline(never)]
+    fn bridge<E: Estimators<R>>(
+        &mut self,
+        c: &DriveConfig<R>,
+        estimators: &E,
+        measured: &Measurement<R>,
+    ) -> Option<Measurement<R>> {
+        if !self.sequence.bridges(c, measured) {
+            return None;
+        }
+        let switching = matches!(self.sequence.status(), Status::Magnetising | Status::Running);
+        let u_dc = self.control.voltage.u_dc().filter(|_| switching)?;
+        Some(self.sequence.measurement(&estimators.estimated().i_s, u_dc))
+    }
+
+    /// Tasks slower than the control period, each in a period of its own.
     #[inline(always)]
     fn slow_tasks<E: Estimators<R>>(
         &mut self,
@@ -222,25 +281,55 @@ impl<R: Real> Common<R> {
         estimators: &mut E,
         reference: &Reference<R>,
         u_dc: R,
-    ) -> bool {
+    ) {
         match self.sequence.period() & 3 {
             0 => self.control.set_references(c, estimators, reference, u_dc),
-            2 => return self.adapt(c, estimators),
+            2 => self.adapt(c, estimators),
             _ => estimators.update_speed(c),
         }
-        true
     }
 
-    /// Slow adaptation of the estimators, then supervision: the flux on its circle, the speed within reach, the
-    /// confidence as high as the user asks for. `false`: one of them has been missing for too long.
+    /// Slow adaptation of the estimators.
     #[inline(never)]
-    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E) -> bool {
-        let psi_s = estimators.psi_s();
+    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E) {
         estimators.adapt(c, &self.control.i_dq);
-        let plausible =
-            (psi_s - self.control.psi_ref).within(c.psi_deviation) && estimators.speed().omega_m.within(c.omega_trip);
-        let trusted = c.low_confidence != LowConfidence::Fault || estimators.confidence() >= R::HALF;
-        self.sequence.supervise(c, plausible, trusted)
+    }
+
+    /// Supervision while the bridge switches, every fourth period. `false`: a monitor has found a fault.
+    #[inline(never)]
+    fn supervise<E: Estimators<R>>(
+        &mut self,
+        c: &DriveConfig<R>,
+        estimators: &E,
+        reference: &Reference<R>,
+        (i_abc, x): (&[R; 3], &FieldQuantities<R>),
+        running: bool,
+    ) -> bool {
+        let control = &self.control;
+        let currents = Currents { i_abc, i_dq: &x.i_dq, i_dq_ref: &control.i_dq_ref, field: &x.field };
+        let mut trip = self.supervision.currents(&c.supervision, &currents);
+        if likely(running) {
+            let omega_m = estimators.speed().omega_m;
+            let speed_deviation = match *reference {
+                Reference::Speed(omega) => omega.limit(c.omega_max) - omega_m,
+                _ => R::ZERO,
+            };
+            let course = Course {
+                psi_deviation: x.psi_s - control.psi_ref,
+                omega_m,
+                speed_deviation,
+                torque_limited: control.torque_limited,
+            };
+            let confidence = || estimators.confidence();
+            trip = trip.or_else(|| self.supervision.course(&c.supervision, &course, confidence));
+        }
+        match trip {
+            None => true,
+            Some(trip) => {
+                self.sequence.fault(trip);
+                false
+            }
+        }
     }
 
     /// The bridge is blocked in this period.

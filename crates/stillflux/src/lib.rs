@@ -11,6 +11,9 @@
 //! [`control`]. Parameters are SI and validated ([`params`], [`config`]); inside, everything is per unit
 //! ([`base`]). [`si`] converts measurements, references, estimates and memory for callers in SI.
 //!
+//! [`supervision`] is what watches the drive, with its fault codes; all but the basic of it is the feature `supervision`,
+//! on by default.
+//!
 //! The features `paper` (the published scheme) and `enhanced` choose the estimators that a build of the drive holds;
 //! both are on by default, a product needs one. The feature `commission` adds self-commissioning.
 //!
@@ -34,6 +37,9 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+#[cfg(test)]
+extern crate std;
+
 #[cfg(not(any(feature = "paper", feature = "enhanced")))]
 compile_error!("a drive needs a scheme: enable the feature `paper`, `enhanced` or both");
 
@@ -46,8 +52,12 @@ pub mod counts;
 pub mod drive;
 pub mod estimate;
 pub mod inverter;
+pub mod page;
 pub mod params;
 pub mod scalar;
 pub mod si;
 pub mod space;
+pub mod supervision;
+pub mod telemetry;
+pub mod trace;
 pub mod words;

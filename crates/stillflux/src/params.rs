@@ -9,6 +9,7 @@
 //! exactly; the T form has one parameter more, of which the terminals see only four combinations.
 #![allow(non_snake_case)]
 
+use crate::scalar::Timer;
 use core::fmt;
 
 /// A parameter outside its admissible range: which, what was given, what is admitted.
@@ -49,7 +50,7 @@ impl core::error::Error for ParamError {}
 
 /// Checks `min <= value <= max` (and with it that the value is finite).
 #[inline(never)]
-pub fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'static str) -> Result<(), ParamError> {
+pub const fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'static str) -> Result<(), ParamError> {
     if value >= min && value <= max { Ok(()) } else { Err(ParamError { field, value, min, max, unit, note: "" }) }
 }
 
@@ -300,6 +301,18 @@ impl Inverter {
         Self { r_d: 0.05, c_out: 2e-9, ..Self::preset_2k2() }
     }
 
+    /// The PWM timer, if duties are multiples of its counts. The counts of half a period are a whole number.
+    ///
+    /// # Errors
+    /// A clock for which they are beyond the range of [`Timer`].
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn timer(&self) -> Result<Option<Timer>, ParamError> {
+        if self.f_clk == 0.0 {
+            return Ok(None);
+        }
+        Timer::new((self.f_clk / (2.0 * self.f_s) + 0.5) as u32).map(Some)
+    }
+
     /// Control periods in a time, s, to the nearest.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub(crate) fn periods(&self, time: f64) -> u32 {
@@ -318,7 +331,8 @@ impl Inverter {
         check("r_d", self.r_d, 0.0, 1e2, "ohm")?;
         check("dead_time", self.dead_time, 0.0, 0.1 / self.f_s, "s")?;
         if self.f_clk != 0.0 {
-            check("f_clk", self.f_clk, 200.0 * self.f_s, 1e10, "Hz")?;
+            let (least, most) = (2.0 * f64::from(Timer::MIN) * self.f_s, 2.0 * f64::from(Timer::MAX) * self.f_s);
+            check("f_clk", self.f_clk, least, most.min(1e10), "Hz")?;
         }
         check("c_out", self.c_out, 0.0, 10e-9, "F")
     }

@@ -11,7 +11,7 @@
 
 use crate::base::Base;
 use crate::config::{DriveConfig, DriveParams};
-use crate::drive::{Drive, Estimate, Measurement, Memory, Reference, Status};
+use crate::drive::{Drive, Estimate, Fault, FaultReport, Measurement, Memory, Quantity, Reference, Status};
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Q, Real};
 use crate::space::{AlphaBeta, Space};
@@ -124,6 +124,31 @@ pub struct MemorySi {
     pub L_M: f64,
 }
 
+impl MemorySi {
+    /// What a drive that has not run yet remembers: the parameters.
+    #[must_use]
+    #[allow(non_snake_case)]
+    pub fn of(machine: &Machine, inverter: &Inverter) -> Self {
+        let Machine { L_sigma, L_M, .. } = *machine;
+        let R_s = machine.R_s + inverter.r_d;
+        Self { u_off: [0.0; 2], R_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
+    }
+}
+
+/// A latched fault with what was measured, SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FaultSi {
+    /// What happened.
+    pub cause: Fault,
+    /// Control period in which it happened, since power-up.
+    pub period: u32,
+    /// What was measured, in the unit of the cause's quantity ([`Fault::quantity`]).
+    pub value: f64,
+    /// The limit that it violated, in the same unit; zero where there is none.
+    pub limit: f64,
+}
+
 /// Conversion between SI and per unit for one machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SiUnits {
@@ -194,6 +219,21 @@ impl SiUnits {
             angle_deviation: e.angle_deviation.to_f64(),
             confidence: e.confidence.to_f64(),
         }
+    }
+
+    /// A fault report in SI.
+    #[must_use]
+    pub fn fault<R: Real>(&self, report: &FaultReport<R>) -> FaultSi {
+        let (b, trip) = (&self.base, &report.trip);
+        let base = match trip.cause.quantity() {
+            Quantity::Current => b.i,
+            Quantity::Voltage => b.u,
+            Quantity::Flux => b.psi,
+            Quantity::Speed => b.omega_m,
+            Quantity::Nothing | Quantity::Number | Quantity::Channel => 1.0,
+        };
+        let (value, limit) = (trip.value.to_f64() * base, trip.limit.to_f64() * base);
+        FaultSi { cause: trip.cause, period: report.period, value, limit }
     }
 
     /// Stored data in SI.
@@ -291,10 +331,32 @@ impl SiDrive {
         })
     }
 
+    /// One control period with the stamp of its PWM period ([`Drive::step_at`]). `None`: it has been computed before, its
+    /// duties stay.
+    #[cfg(feature = "supervision")]
+    pub fn step_at(
+        &mut self,
+        stamp: u16,
+        measured: &MeasurementSi,
+        reference: &ReferenceSi,
+    ) -> Option<([f64; 3], bool)> {
+        let units = &self.units;
+        with!(&mut self.inner, d => {
+            let out = d.step_at(stamp, &units.measurement(measured), &units.reference(reference))?;
+            Some((out.duty.map(Real::to_f64), out.gates_on))
+        })
+    }
+
     /// State of the sequence.
     #[must_use]
     pub fn status(&self) -> Status {
         with!(&self.inner, d => d.status())
+    }
+
+    /// The latched fault: cause, period, and what was measured; `None` unless the drive is in a fault.
+    #[must_use]
+    pub fn fault(&self) -> Option<FaultSi> {
+        with!(&self.inner, d => d.fault().map(|report| self.units.fault(&report)))
     }
 
     /// Control periods since power-up.
@@ -372,9 +434,11 @@ mod tests {
         for arithmetic in [Arithmetic::F32, Arithmetic::F64, Arithmetic::Q] {
             let mut drive = SiDrive::new(&machine, &inverter, &params, arithmetic).unwrap();
             let measured = MeasurementSi { i_abc: [f64::NAN, 0.0, 0.0], u_dc: 540.0 };
+            drive.step(&measured, &ReferenceSi::Speed(0.0));
             let (duty, gates_on) = drive.step(&measured, &ReferenceSi::Speed(0.0));
             assert!(!gates_on && duty == [0.5; 3]);
-            assert!(matches!(drive.status(), Status::Faulted { .. }));
+            let fault = drive.fault().unwrap();
+            assert!(fault.cause == Fault::Measurement && fault.value == 1.0, "channel a: {fault:?}");
         }
     }
 }

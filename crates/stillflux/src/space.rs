@@ -46,7 +46,11 @@ impl<R: Real, F> From<Space<R, F>> for [R; 2] {
     }
 }
 
-impl<R: Real + Words, F> Words for Space<R, F> {
+impl<R: Real, F> Words for Space<R, F> {
+    const LEN: usize = <[R; 2]>::LEN;
+    fn is_representable(&self) -> bool {
+        [self.re(), self.im()].is_representable()
+    }
     fn put(&self, out: &mut impl FnMut(u32)) {
         [self.re(), self.im()].put(out);
     }

@@ -2,15 +2,42 @@
 //!
 //! [`crate::config::DriveConfig::new`] computes in double precision, which a microcontroller without such an
 //! FPU does in software: 15 kB of code for a hundred numbers. A host can compute them once and store them as
-//! they are; [`Words::take`] reads them back without any arithmetic. The words carry neither layout nor check:
-//! that belongs to the page around them.
+//! they are; [`Words::take`] reads them back without any arithmetic. [`Words::LAYOUT`] identifies names and order of
+//! all fields; it and the check of the content belong to the page around the words ([`crate::page`]).
 
 /// A value that is stored as a fixed sequence of words.
 pub trait Words: Sized {
+    /// Number of words.
+    const LEN: usize = 1;
+    /// Hash of the layout: a field renamed, moved, added or removed changes it, at whatever depth.
+    const LAYOUT: u32 = layout(Self::LEN as u32, "word");
     /// Hands the words to `out`, one after the other.
     fn put(&self, out: &mut impl FnMut(u32));
     /// Takes them back in the same order.
     fn take(from: &mut impl FnMut() -> u32) -> Self;
+    /// Whether no per-unit number lies at or beyond the end of its arithmetic's range: a constant that does was limited
+    /// to that range, and is not what it stands for.
+    fn is_representable(&self) -> bool {
+        true
+    }
+}
+
+/// Continues the hash of a layout with a name (FNV-1a).
+#[must_use]
+pub const fn layout(hash: u32, name: &str) -> u32 {
+    let (name, mut hash, mut k) = (name.as_bytes(), hash ^ 0x811C_9DC5, 0);
+    while k < name.len() {
+        hash = (hash ^ name[k] as u32).wrapping_mul(0x0100_0193);
+        k += 1;
+    }
+    hash
+}
+
+/// [`Words::LEN`] and [`Words::LAYOUT`] of a field, by a function that reads it: its type need not be written down.
+#[doc(hidden)]
+#[must_use]
+pub const fn of_field<S, T: Words>(_: fn(&S) -> &T) -> (usize, u32) {
+    (T::LEN, T::LAYOUT)
 }
 
 impl Words for u32 {
@@ -42,6 +69,9 @@ impl Words for bool {
 }
 
 impl Words for f32 {
+    fn is_representable(&self) -> bool {
+        self.is_finite() && self.abs() < f32::MAX
+    }
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(self.to_bits());
     }
@@ -51,6 +81,10 @@ impl Words for f32 {
 }
 
 impl Words for f64 {
+    const LEN: usize = 2;
+    fn is_representable(&self) -> bool {
+        self.is_finite() && self.abs() < f64::MAX
+    }
     #[allow(clippy::cast_possible_truncation)]
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(self.to_bits() as u32);
@@ -63,6 +97,11 @@ impl Words for f64 {
 }
 
 impl<T: Words, const N: usize> Words for [T; N] {
+    const LEN: usize = N * T::LEN;
+    const LAYOUT: u32 = layout(T::LAYOUT ^ N as u32, "array");
+    fn is_representable(&self) -> bool {
+        self.iter().all(T::is_representable)
+    }
     fn put(&self, out: &mut impl FnMut(u32)) {
         for x in self {
             x.put(out);
@@ -74,6 +113,11 @@ impl<T: Words, const N: usize> Words for [T; N] {
 }
 
 impl<T: Words> Words for Option<T> {
+    const LEN: usize = 1 + T::LEN;
+    const LAYOUT: u32 = layout(T::LAYOUT, "option");
+    fn is_representable(&self) -> bool {
+        self.as_ref().is_none_or(T::is_representable)
+    }
     /// As long without a value as with one: every word has its place, so that reading takes no arithmetic.
     fn put(&self, out: &mut impl FnMut(u32)) {
         self.is_some().put(out);
@@ -92,7 +136,25 @@ impl<T: Words> Words for Option<T> {
 /// [`Words`] of a struct over an arithmetic, field by field; a field that is forgotten does not compile.
 macro_rules! words {
     ($name:ident: $($(#[$built:meta])* $field:ident),* $(,)?) => {
-        impl<R: $crate::scalar::Real + $crate::words::Words> $crate::words::Words for $name<R> {
+        impl<R: $crate::scalar::Real> $crate::words::Words for $name<R> {
+            const LEN: usize = {
+                let mut n = 0;
+                $($(#[$built])* { n += $crate::words::of_field(|x: &Self| &x.$field).0; })*
+                n
+            };
+            const LAYOUT: u32 = {
+                let mut hash = $crate::words::layout(0, stringify!($name));
+                $($(#[$built])* {
+                    hash = $crate::words::layout(hash, stringify!($field));
+                    hash ^= $crate::words::of_field(|x: &Self| &x.$field).1;
+                })*
+                hash
+            };
+            fn is_representable(&self) -> bool {
+                let Self { $($(#[$built])* $field),* } = self;
+                $($(#[$built])* if !$crate::words::Words::is_representable($field) { return false; })*
+                true
+            }
             fn put(&self, out: &mut impl FnMut(u32)) {
                 let Self { $($(#[$built])* $field),* } = self;
                 $($(#[$built])* $crate::words::Words::put($field, out);)*
@@ -113,16 +175,18 @@ mod tests {
     use crate::params::{Inverter, Machine};
     use crate::scalar::{Q, Real};
 
-    fn round_trip<R: Real + Words>(params: impl Fn(DriveParams) -> DriveParams) {
+    fn round_trip<R: Real>(params: impl Fn(DriveParams) -> DriveParams) {
         let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
         let config =
             DriveConfig::<R>::new(&machine, &inverter, &params(DriveParams::new(&machine, &inverter))).unwrap();
         let mut words = [0; 512];
         let mut n = 0;
+        assert!(config.is_representable());
         config.put(&mut |w| {
             words[n] = w;
             n += 1;
         });
+        assert_eq!(n, DriveConfig::<R>::LEN);
         let mut back = words[..n].iter();
         assert_eq!(DriveConfig::<R>::take(&mut || *back.next().unwrap()), config);
         assert!(back.next().is_none());
@@ -139,5 +203,53 @@ mod tests {
             let paper = PaperParams { resistance_adaptation: false, offset_estimator: false, ..PaperParams::default() };
             round_trip::<Q>(|p| DriveParams { scheme: Scheme::Paper, paper, ..p });
         }
+    }
+
+    #[derive(Debug, PartialEq)]
+    struct Pair<R> {
+        first: R,
+        second: R,
+    }
+    words!(Pair: first, second);
+
+    mod other {
+        pub struct Pair<R> {
+            pub first: R,
+            pub second: R,
+        }
+        words!(Pair: second, first);
+    }
+
+    mod renamed {
+        pub struct Pair<R> {
+            pub first: R,
+            pub third: R,
+        }
+        words!(Pair: first, third);
+    }
+
+    #[test]
+    fn fields_in_another_order_or_under_another_name_are_another_layout() {
+        let layouts = [
+            Pair::<f32>::LAYOUT,
+            other::Pair::<f32>::LAYOUT,
+            renamed::Pair::<f32>::LAYOUT,
+            <[Pair<f32>; 2]>::LAYOUT,
+            Option::<Pair<f32>>::LAYOUT,
+        ];
+        for (k, a) in layouts.iter().enumerate() {
+            assert!(layouts[k + 1..].iter().all(|b| a != b), "{layouts:x?}");
+        }
+        assert_eq!(Pair::<f32>::LAYOUT, Pair::<Q>::LAYOUT, "the arithmetic is a word of its own in the page");
+        assert_eq!((Pair::<f64>::LEN, Option::<Pair<f32>>::LEN), (4, 3));
+    }
+
+    #[test]
+    fn a_number_that_was_limited_to_the_range_of_its_arithmetic_is_noticed() {
+        assert!(Pair { first: Q::from_f64(127.9), second: -Q::from_f64(127.9) }.is_representable());
+        assert!(!Pair { first: Q::ONE, second: Q::from_f64(128.0) }.is_representable());
+        assert!(!Pair { first: Q::from_f64(-129.0), second: Q::ONE }.is_representable());
+        assert!(!Pair { first: 1.0, second: f32::from_f64(1e39) }.is_representable());
+        assert!(!Some(f32::NAN).is_representable());
     }
 }

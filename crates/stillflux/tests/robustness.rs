@@ -11,6 +11,11 @@ use stillflux::space::AlphaBeta;
 const SCHEMES: &[Scheme] = Scheme::ALL;
 
 fn drive<R: Real>(scheme: Scheme) -> Drive<R> {
+    limited(scheme, 2.2)
+}
+
+/// A drive with a largest speed, per unit.
+fn limited<R: Real>(scheme: Scheme, omega_max: f64) -> Drive<R> {
     let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
     // A short start-up reaches every stage within a test.
     let params = DriveParams {
@@ -18,6 +23,7 @@ fn drive<R: Real>(scheme: Scheme) -> Drive<R> {
         offset_time: 0.002,
         magnetise_time: 0.4,
         u_dc_min: 1.0,
+        omega_max: omega_max * machine.omega_sR() / f64::from(machine.n_p),
         ..DriveParams::new(&machine, &inverter)
     };
     Drive::new(DriveConfig::new(&machine, &inverter, &params).unwrap())
@@ -29,7 +35,10 @@ fn healthy<R: Real>() -> Measurement<R> {
 
 /// Steps until the drive runs; the currents that magnetisation would see are handed to it.
 fn running<R: Real>(scheme: Scheme) -> Drive<R> {
-    let mut d = drive::<R>(scheme);
+    started(drive(scheme))
+}
+
+fn started<R: Real>(mut d: Drive<R>) -> Drive<R> {
     while d.status() != Status::Running {
         let i = if d.status() == Status::Magnetising { d.estimate().i_dq_ref.re() } else { R::ZERO };
         let half = i * R::HALF;
@@ -125,6 +134,8 @@ fn each_bad_measurement_gives_its_fault_blocks_the_gates_and_latches() {
     ];
     for ((bad, cause), scheme) in cases.into_iter().flat_map(|case| SCHEMES.iter().map(move |&scheme| (case, scheme))) {
         let mut d = running::<f32>(scheme);
+        let out = d.step(&bad, &Reference::Speed(0.0));
+        assert!(out.gates_on && d.status() == Status::Running, "a single one is bridged: {bad:?}");
         let period = d.period() + 1;
         let out = d.step(&bad, &Reference::Speed(0.0));
         assert_eq!(d.status(), Status::Faulted { cause, period }, "{bad:?}");
@@ -217,11 +228,13 @@ fn whatever_a_memory_holds_a_drive_takes_no_more_than_its_limits() {
 fn the_period_of_a_fault_has_its_gates_off_whatever_the_cause() {
     let ok = healthy::<f32>();
     for &scheme in SCHEMES {
-        // No current and no torque: the estimate leaves its circle without any measurement being wrong.
-        let mut d = running::<f32>(scheme);
+        // Currents as asked for whatever the voltage: the estimate leaves its range without any measurement being wrong.
+        let mut d = started(limited::<f32>(scheme, 0.3));
         let mut periods = 0;
         let last = loop {
-            let out = d.step(&ok, &Reference::Speed(1.0));
+            let e = d.estimate();
+            let i_abc = e.flux.field.to_stator(&e.i_dq_ref).to_phases();
+            let out = d.step(&Measurement { i_abc, ..ok }, &Reference::Torque(0.5));
             periods += 1;
             assert!(periods < 100_000, "{scheme:?}: no fault");
             if matches!(d.status(), Status::Faulted { .. }) {
@@ -229,7 +242,11 @@ fn the_period_of_a_fault_has_its_gates_off_whatever_the_cause() {
             }
             assert!(out.gates_on);
         };
-        assert!(matches!(d.status(), Status::Faulted { cause: Fault::EstimateLost, .. }), "{:?}", d.status());
+        assert!(
+            matches!(d.status(), Status::Faulted { cause: Fault::EstimateLost | Fault::OverSpeed, .. }),
+            "{:?}",
+            d.status()
+        );
         assert!(!last.gates_on && last.duty == [0.5; 3], "{scheme:?}");
     }
 }

@@ -10,15 +10,15 @@
 use cortex_m_rt::{entry, exception};
 #[cfg(feature = "si-page")]
 use stillflux::config::Scheme;
-use stillflux::drive::Reference;
+use stillflux::counts::{Counts, CountsDrive};
+#[cfg(not(feature = "si-page"))]
+use stillflux::page::{Page, WORDS};
 use stillflux::scalar::Real;
+use stillflux::telemetry::SetPoint;
 #[cfg(feature = "si-page")]
 use stillflux_firmware::blob::{Blob, Parameters};
 use stillflux_firmware::board::{self, File, Handover, Mailbox, print};
-use stillflux_firmware::control::Control;
 use stillflux_firmware::exchange::{ANSWER, FRAME, Frame, answer};
-#[cfg(not(feature = "si-page"))]
-use stillflux_firmware::page::{Page, WORDS};
 use stillflux_firmware::violation;
 
 #[cfg(feature = "q")]
@@ -44,9 +44,9 @@ static PAGE: Blob = Blob::seal(&Parameters::preset(SCHEME));
 #[cfg(feature = "si-page")]
 const SCHEME: Scheme = if cfg!(feature = "enhanced") { Scheme::Enhanced } else { Scheme::Paper };
 
-/// The one drive; none until the page is read.
-static CONTROL: Handover<Option<Control<Arithmetic>>> = Handover::new(None);
-static MAILBOX: Handover<Mailbox<Arithmetic>> = Handover::new(Mailbox::new());
+/// The one drive; it blocks the bridge until the page is read.
+static CONTROL: Handover<CountsDrive<Arithmetic>> = Handover::new(CountsDrive::empty());
+static MAILBOX: Handover<Mailbox> = Handover::new(Mailbox::new());
 
 #[exception]
 fn SysTick() {
@@ -61,12 +61,10 @@ fn control_isr() {
     unsafe {
         CONTROL.with(|control| {
             MAILBOX.with(|mailbox| {
-                if let Some(control) = control {
-                    let frame = mailbox.readings();
-                    let command = control.period(&frame.counts, &frame.reference);
-                    mailbox.command(command);
-                    violation::planted(&command);
-                }
+                let frame = mailbox.readings();
+                let command = control.period(&frame.counts, &frame.set_point);
+                mailbox.command(command);
+                violation::planted(&command);
             });
         });
     }
@@ -76,7 +74,7 @@ fn control_isr() {
 fn main() -> ! {
     match load() {
         // SAFETY: the interrupt is not pended yet.
-        Ok(control) => unsafe { CONTROL.with(|c| *c = Some(control)) },
+        Ok(control) => unsafe { CONTROL.with(|c| *c = control) },
         Err(why) => {
             print(format_args!("{why}: the bridge stays blocked"));
             board::exit(false)
@@ -94,17 +92,17 @@ fn main() -> ! {
 // Not inlined: its code has a size of its own in the report.
 #[cfg(not(feature = "si-page"))]
 #[inline(never)]
-fn load() -> Result<Control<Arithmetic>, &'static str> {
+fn load() -> Result<CountsDrive<Arithmetic>, &'static str> {
     // Opaque: flash is written after the image is linked, its content must not be folded into the code.
     let page = core::hint::black_box(&PAGE).open().ok_or("parameter page is not valid")?;
-    Ok(Control::ready(&page))
+    Ok(CountsDrive::new(&page))
 }
 #[cfg(feature = "si-page")]
 #[inline(never)]
-fn load() -> Result<Control<Arithmetic>, &'static str> {
+fn load() -> Result<CountsDrive<Arithmetic>, &'static str> {
     let parameters = core::hint::black_box(&PAGE).open().ok_or("parameter page is not valid")?;
     // The field alone: printing its value would bring in the formatting of floating-point numbers.
-    Control::new(&parameters).map_err(|e| e.field)
+    parameters.ready().map(|ready| CountsDrive::new(&ready)).map_err(|e| e.field)
 }
 
 /// Feeds the frames of one file to the drive and writes its answers to another.
@@ -131,25 +129,25 @@ fn replay(from: &str, to: &str) -> bool {
 }
 
 /// One sampling instant and what it gave.
-fn period(frame: Frame<Arithmetic>) -> [u8; ANSWER] {
+fn period(frame: Frame) -> [u8; ANSWER] {
     let command = board::sample(&MAILBOX, frame);
     // SAFETY: the interrupt has run and is not pended.
-    unsafe { CONTROL.with(|c| c.as_ref().map_or([0; ANSWER], |c| answer(c, &command))) }
+    unsafe { CONTROL.with(|c| answer(c, &command)) }
 }
 
 /// A drive on idle readings at its rated dc link: reads its offsets and begins to magnetise.
 fn idle() -> bool {
-    let counts = stillflux::counts::Counts { i_abc: [0; 3], u_dc: 21_845 };
+    let counts = Counts { i_abc: [0; 3], u_dc: 21_845 };
     for _ in 0..1100 {
-        period(Frame { counts, reference: Reference::Speed(Arithmetic::ZERO) });
+        period(Frame { counts, set_point: SetPoint::Speed(0.0) });
     }
     // SAFETY: the interrupt is not pended.
-    let status = unsafe { CONTROL.with(|c| c.as_ref().map(|c| c.drive.status())) };
+    let status = unsafe { CONTROL.with(|c| c.status()) };
     let (drive, config) =
         (size_of::<stillflux::drive::Drive<Arithmetic>>(), size_of::<stillflux::config::DriveConfig<Arithmetic>>());
     print(format_args!(
         "{{\"arithmetic\": \"{}\", \"status\": \"{status:?}\", \"drive_bytes\": {drive}, \"config_bytes\": {config}}}",
         Arithmetic::NAME
     ));
-    matches!(status, Some(stillflux::drive::Status::Magnetising))
+    status == stillflux::drive::Status::Magnetising
 }

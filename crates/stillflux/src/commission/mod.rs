@@ -41,7 +41,7 @@ use crate::control::modulator::zero_duty;
 use crate::drive::{Measurement, Output};
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};
-use crate::scalar::{Real, Timer};
+use crate::scalar::Real;
 use bridge::Bridge;
 use excitation::{Command, Excitation, ExcitationConfig};
 use leakage::Leakage;
@@ -233,7 +233,7 @@ impl<R: Real> CommissioningConfig<R> {
         Ok(Self {
             excitation: ExcitationConfig {
                 inverter: InverterModel::new(&pu),
-                timer: (sheet.f_clk > 0.0).then(|| Timer::new((sheet.f_clk / (2.0 * f_s)) as u32)),
+                timer: sheet.timer()?,
                 k_p: r(k_p),
                 k_i: r(k_p * pu.t_s * omega_c / 3.0),
                 r: r(pu.r_s + pu.r_r),

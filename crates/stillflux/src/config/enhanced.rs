@@ -43,9 +43,9 @@ impl<R: Real> EnhancedConfig<R> {
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
-        // At rest the rotor flux rises as r_R i τ.
+        // At rest the rotor flux rises as r_R i τ, up to l_M i.
         let tau = pu.base.omega * PROBE_TIME;
-        let built_up = pu.r_r * BOOST * p.psi_ref / pu.l_s * tau;
+        let built_up = (pu.r_r * tau).min(pu.l_m) * BOOST * p.psi_ref / pu.l_s;
         // ψ² (1 - σ)/(2 σl_s).
         let pull_out = p.psi_ref * p.psi_ref * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s);
         let identified = {

@@ -1,6 +1,6 @@
 //! Configuration of the published scheme: constants of its estimators, per unit.
 
-use super::settings::{DriveParams, SLOW_PERIODS, SPEED_PERIODS};
+use super::settings::{DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 use crate::base::{PerUnit, rounded};
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
@@ -71,7 +71,8 @@ impl<R: Real> PaperConfig<R> {
                 corner: r(t_slow * pu.hz(0.2)),
             },
             r_s: r(pu.r_s),
-            inv_r_s: r(1.0 / pu.r_s),
+            // Where the scheme does not run, a resistance too small for it is none of its concern.
+            inv_r_s: r(if p.scheme == Scheme::Paper { 1.0 / pu.r_s } else { (1.0 / pu.r_s).min(R::LARGEST) }),
             r_s_periods,
             inv_r_s_periods: r(1.0 / f64::from(r_s_periods)),
         }

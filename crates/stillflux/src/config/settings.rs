@@ -35,13 +35,15 @@ impl Scheme {
         Self::Enhanced,
     ];
 
-    /// The same as a word: bit 0 the published one, bit 1 the enhanced one. A stored configuration fits only
-    /// a build of the same schemes.
-    pub const BUILT: u32 = cfg!(feature = "paper") as u32 | (cfg!(feature = "enhanced") as u32) << 1;
+    /// The same as a word: bit 0 the published one, bit 1 the enhanced one, bit 2 supervision. A stored configuration
+    /// fits only a build of the same features.
+    pub const BUILT: u32 = cfg!(feature = "paper") as u32
+        | (cfg!(feature = "enhanced") as u32) << 1
+        | (cfg!(feature = "supervision") as u32) << 2;
 
     /// An error if the scheme is left out of this build.
     pub(super) fn check(self) -> Result<(), ParamError> {
-        let (first, last) = (f64::from(u8::from(Self::BUILT & 1 == 0)), f64::from(Self::BUILT >> 1));
+        let (first, last) = (f64::from(u8::from(Self::BUILT & 1 == 0)), f64::from(Self::BUILT >> 1 & 1));
         check("scheme", f64::from(self as u8), first, last, "")
             .map_err(|e| e.with_note("0 is built with the feature `paper`, 1 with `enhanced`"))
     }
@@ -269,6 +271,12 @@ pub struct DriveParams {
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
     pub low_confidence: LowConfidence,
+    /// Monitors of phases, current channels and stall. Off, a drive checks its measurements and the plausibility of its
+    /// estimate alone: for tests of the bridge without a machine.
+    pub supervision: bool,
+    /// Time for which the torque may be at its limit at low speed without the speed approaching its reference, s, 0.1 to
+    /// 60; 0: any ([`crate::supervision::stall`]).
+    pub stall_time: f64,
     /// Settings of the published scheme: the defaults, unless the drive runs it.
     pub paper: PaperParams,
     /// Settings of the enhanced scheme: the defaults, unless the drive runs it.
@@ -300,6 +308,8 @@ impl DriveParams {
             offset_time: 0.1,
             magnetise_time: (4.0 * tau_r).max(1.4),
             low_confidence: LowConfidence::Keep,
+            supervision: true,
+            stall_time: 0.35,
             paper: PaperParams::default(),
             enhanced: EnhancedParams::new(machine),
         }
@@ -318,7 +328,9 @@ impl DriveParams {
         check("i_max", self.i_max, 1.1 * i_0, 5.0 * i_n, "A")?;
         check("torque_max", self.torque_max, 0.05 * machine.T_N, 5.0 * machine.T_N, "N m")?;
         let omega_n = machine.omega_sR() / f64::from(machine.n_p);
-        check("omega_max", self.omega_max, 0.01 * omega_n, 3.0 * omega_n, "rad/s")?;
+        // Nine control periods a turn of the field at the least.
+        let fastest = f_s * 0.7 / f64::from(machine.n_p);
+        check("omega_max", self.omega_max, 0.01 * omega_n, (3.0 * omega_n).min(fastest), "rad/s")?;
         check("i_trip", self.i_trip, self.i_max, 8.0 * i_n, "A")?;
         check("i_range", self.i_range, self.i_trip, 20.0 * i_n, "A")?;
         check("u_dc_min", self.u_dc_min, 0.0, inverter.u_dc, "V")?;
@@ -330,6 +342,9 @@ impl DriveParams {
         check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
         check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
+        if self.stall_time != 0.0 {
+            check("stall_time", self.stall_time, 0.1, 60.0, "s")?;
+        }
         self.paper.validate()?;
         self.enhanced.validate(machine)?;
         match self.scheme {

@@ -10,7 +10,15 @@
 //! ```
 //!
 //! The bracket is the anti-windup: the integrator sees the error that the limited voltage would have
-//! asked for. The voltage vector is limited to the circle `|u*| <= u_max`.
+//! asked for. The voltage vector is limited to the circle `|u*| <= u_max` with priority for the axis that sets the flux:
+//!
+//! ```text
+//! |u_d| ≤ u_max/2,    |u_q| ≤ √(u_max² - u_d²)
+//! ```
+//!
+//! With too little voltage the torque current falls, and the flux is what its controller asks for. A vector shortened
+//! along its direction would lose the small `u_d` that lowers the flux, and stay short of voltage. The bound of `u_d`
+//! leaves 87 % to `u_q`: without it the field would stop, which is full braking torque.
 
 use crate::scalar::{QuickIntegrator, Real, likely};
 use crate::space::Dq;
@@ -36,12 +44,20 @@ words!(CurrentConfig: k_p, k_i, inv_k_p);
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct CurrentController<R: Real> {
     x: [QuickIntegrator<R>; 2],
+    /// Square of the last voltage reference before its limitation.
+    u_sq: R,
 }
 
 impl<R: Real> CurrentController<R> {
     /// Forgets the past.
     pub fn start(&mut self) {
         *self = Self::default();
+    }
+
+    /// Square of the last voltage reference before its limitation.
+    #[inline(always)]
+    pub fn u_sq(&self) -> R {
+        self.u_sq
     }
 
     /// One period; `u_ff` is the voltage fed forward. Returns the limited voltage reference.
@@ -52,11 +68,13 @@ impl<R: Real> CurrentController<R> {
         let u = error * c.k_p + x + *u_ff;
         self.x[0].add(c.k_i, error.re());
         self.x[1].add(c.k_i, error.im());
-        let n2 = u.norm_sq();
-        let u_limited = if likely(n2 <= u_max * u_max) {
+        let (n2, most) = (u.norm_sq(), u_max * u_max);
+        self.u_sq = n2;
+        let u_limited = if likely(n2 <= most) {
             u
         } else {
-            let limited = u * (u_max * n2.rsqrt());
+            let u_d = u.re().limit(u_max.half());
+            let limited = Dq::new(u_d, u.im().limit((most - u_d * u_d).sqrt()));
             let cut = (limited - u) * c.inv_k_p;
             self.x[0].add(c.k_i, cut.re());
             self.x[1].add(c.k_i, cut.im());
@@ -76,14 +94,30 @@ mod tests {
     fn in_saturation_integrator_and_feedforward_add_up_to_the_limited_voltage() {
         let c = CurrentConfig { k_p: 1.0, k_i: 0.03, inv_k_p: 1.0 };
         let mut ctrl = CurrentController::<f32>::default();
-        let u_ff = Dq::new(0.3, -0.2);
+        let u_ff = Dq::new(0.3, 0.2);
         assert_eq!(ctrl.step(&c, &Dq::default(), &Dq::default(), &u_ff, 1.0), u_ff, "acts at once");
         for _ in 0..10_000 {
             let u = ctrl.step(&c, &Dq::new(3.0, 4.0), &Dq::default(), &u_ff, 1.0);
             assert!(u.norm_sq() < 1.0 + 1e-5);
         }
         let u = ctrl.step(&c, &Dq::default(), &Dq::default(), &u_ff, 1.0);
-        assert!((u - Dq::new(0.6, 0.8)).norm_sq() < 1e-8, "control goes on from where the limit was: {u:?}");
+        let limit = Dq::new(0.5, 0.75f32.sqrt());
+        assert!((u - limit).norm_sq() < 1e-8, "control goes on from where the limit was: {u:?}");
+    }
+
+    #[test]
+    fn the_axis_of_the_flux_comes_first_and_leaves_the_torque_most_of_the_voltage() {
+        let c = CurrentConfig { k_p: 1.0, k_i: 0.0, inv_k_p: 1.0 };
+        let u = |d: f64, q: f64| {
+            let mut ctrl = CurrentController::<f64>::default();
+            let u = ctrl.step(&c, &Dq::new(d, q), &Dq::default(), &Dq::default(), 1.0);
+            assert!((ctrl.u_sq() - d * d - q * q).abs() < 1e-12, "before the limitation");
+            (u.re(), u.im())
+        };
+        assert_eq!(u(-0.1, 5.0), (-0.1, 0.99f64.sqrt()), "a small u_d beside a large u_q is kept as it is");
+        assert_eq!(u(0.1, -5.0), (0.1, -0.99f64.sqrt()));
+        assert_eq!(u(-5.0, 5.0), (-0.5, 0.75f64.sqrt()));
+        assert_eq!(u(-5.0, 0.3), (-0.5, 0.3));
     }
 
     #[test]

@@ -19,15 +19,39 @@
 //! variance of `|ψ̂_s|` at every frequency, and is reduced to 0.12 of that in regeneration near zero stator frequency
 //! only.
 //!
-//! Beyond pull-out the radicand is taken as zero: `i_d*` is that at pull-out. Field weakening: `ψ* = u_max/|ω_s|`, at
-//! least `psi_min`.
+//! Beyond pull-out the radicand is taken as zero: `i_d*` is that at pull-out.
+//!
+//! At high stator frequency the estimate is that of the voltage model in either scheme, and the limit is wider
+//! ([`Range`]). In field weakening the flux has to follow the speed: there the gains belong to the leakage, through which
+//! `i_d` acts on the stator flux within the rotor's transient time constant `στ_r`, `ψ_s ≈ σl_s i_d + ψ_R`,
+//!
+//! ```text
+//! k_p = 0.15/σl_s,    k_i = 0.05 ω_c/σl_s
+//! ```
+//!
+//! with the bandwidth `ω_c` of current control. The integral part alone crosses at `0.05 ω_c` there; below `1/στ_r` the
+//! loop gain rises.
 
-use crate::scalar::{Integrator, Real, clamp_seldom, likely};
+use crate::scalar::{Integrator, Real, likely};
 use crate::words::words;
 
 /// Stator frequency, per unit, below which [`weight_by_frequency`] is zero, and reciprocal of the width to one.
 const OMEGA_BEGIN: f64 = 0.02;
 const INV_FADE: f64 = 25.0;
+
+/// Where a drive runs, as far as flux control is concerned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Range {
+    /// Low stator frequency.
+    Low,
+    /// High stator frequency, [`FREQUENCY_HIGH`]: the limit is wider.
+    High,
+    /// Field weakening: the limit is wider, and the gains are those of the transient.
+    Weakened,
+}
+
+/// Stator frequency, per unit, from which on the limit is wider.
+pub const FREQUENCY_HIGH: f64 = 0.3;
 
 /// Settings of the flux controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,8 +62,6 @@ pub struct FluxControlConfig<R: Real> {
     pub psi_rated: R,
     /// Its reciprocal.
     pub inv_psi_rated: R,
-    /// Smallest flux reference in field weakening.
-    pub psi_min: R,
     /// `l_s + σl_s`.
     pub l_sum: R,
     /// `(l_s + σl_s)² - 4 l_s σl_s`, coefficient of `ψ*²` in the radicand of (12).
@@ -54,10 +76,16 @@ pub struct FluxControlConfig<R: Real> {
     pub k_i: R,
     /// Largest correction of i_d.
     pub limit: R,
+    /// Largest correction at high frequency.
+    pub limit_high: R,
+    /// Gains in field weakening.
+    pub k_p_weak: R,
+    /// Integral gain times the time between two calls.
+    pub k_i_weak: R,
 }
 words! {
     FluxControlConfig:
-    psi_rated, inv_psi_rated, psi_min, l_sum, root_psi, root_i_q, inv_two_l_product, k_p, k_i, limit,
+    psi_rated, inv_psi_rated, l_sum, root_psi, root_i_q, inv_two_l_product, k_p, k_i, limit, limit_high, k_p_weak, k_i_weak,
 }
 
 /// State of the flux controller.
@@ -71,17 +99,6 @@ pub struct FluxController<R: Real> {
 }
 
 impl<R: Real> FluxControlConfig<R> {
-    /// Flux reference at a stator frequency: rated, and beyond the voltage limit `u_max` as `u_max/|ω_s|`.
-    #[inline]
-    pub fn reference(&self, omega_s: R, u_max: R) -> R {
-        let omega = omega_s.abs();
-        if omega * self.psi_rated <= u_max {
-            self.psi_rated
-        } else {
-            clamp_seldom(u_max * omega.recip(), self.psi_min, self.psi_rated)
-        }
-    }
-
     /// `1/ψ*`; a division in field weakening only.
     #[inline]
     pub fn reciprocal(&self, psi_ref: R) -> R {
@@ -121,14 +138,19 @@ impl<R: Real> FluxController<R> {
     /// One period; returns `i_d*`: that of (12) for a flux `psi`, and the PI part of an `error` of the flux with a
     /// `weight` from 0 to 1.
     #[inline(always)]
-    pub fn step(&mut self, c: &FluxControlConfig<R>, psi: R, error: R, i_q: R, weight: R) -> R {
+    pub fn step(&mut self, c: &FluxControlConfig<R>, psi: R, error: R, i_q: R, weight: R, range: Range) -> R {
+        let (k_p, k_i, limit) = match range {
+            Range::Low => (c.k_p, c.k_i, c.limit),
+            Range::High => (c.k_p, c.k_i, c.limit_high),
+            Range::Weakened => (c.k_p_weak, c.k_i_weak, c.limit_high),
+        };
         let x = self.x.value();
         // At weight zero the integrator decays with the rate k_i.
         let leak = x * (R::ONE - weight);
-        let x = self.x.add_limited(c.k_i, error * weight - leak, c.limit);
+        let x = self.x.add_limited(k_i, error * weight - leak, limit);
         let radicand = c.radicand(psi, i_q).max(R::ZERO);
         self.inv_root = radicand.rsqrt_near(self.inv_root);
-        c.solve(psi, radicand * self.inv_root) + (error * c.k_p * weight + x).limit(c.limit)
+        c.solve(psi, radicand * self.inv_root) + (error * k_p * weight + x).limit(limit)
     }
 }
 
@@ -141,7 +163,6 @@ mod tests {
         FluxControlConfig {
             psi_rated: 1.0,
             inv_psi_rated: 1.0,
-            psi_min: 0.2,
             l_sum: l_s + sl,
             root_psi: (l_s - sl) * (l_s - sl),
             root_i_q: 4.0 * (l_s * sl) * (l_s * sl),
@@ -149,6 +170,9 @@ mod tests {
             k_p: 1.0,
             k_i: 0.003,
             limit: 0.2,
+            k_p_weak: 2.0,
+            k_i_weak: 0.02,
+            limit_high: 1.0,
         }
     }
 
@@ -168,20 +192,12 @@ mod tests {
         assert!((c.root_psi - c.root_i_q * pull_out * pull_out).abs() < 1e-9);
     }
 
-    #[test]
-    fn reference_weakens_beyond_the_voltage_limit_only() {
-        let c = config();
-        assert_eq!(c.reference(0.5, 0.9), 1.0);
-        assert!((c.reference(-1.8, 0.9) - 0.5).abs() < 1e-12);
-        assert_eq!(c.reference(100.0, 0.9), 0.2);
-    }
-
     /// `i_d*` beyond the feedforward, after `periods` at a flux and a stator frequency.
     fn correction(ctrl: &mut FluxController<f64>, psi_s: f64, omega_s: f64, periods: u32) -> f64 {
         let c = config();
         let mut i_d = 0.0;
         for _ in 0..periods {
-            i_d = ctrl.step(&c, 1.0, 1.0 - psi_s, 0.3, weight_by_frequency(omega_s));
+            i_d = ctrl.step(&c, 1.0, 1.0 - psi_s, 0.3, weight_by_frequency(omega_s), Range::Low);
         }
         i_d - c.feedforward(1.0, 0.3)
     }
@@ -220,7 +236,7 @@ mod tests {
     fn beyond_pull_out_the_current_is_that_of_pull_out() {
         let (c, mut ctrl) = (config(), FluxController::default());
         for i_q in [6.0, -50.0] {
-            let i_d = ctrl.step(&c, 1.0, 0.0, i_q, 0.0);
+            let i_d = ctrl.step(&c, 1.0, 0.0, i_q, 0.0, Range::Low);
             assert!((i_d - c.l_sum * c.inv_two_l_product).abs() < 1e-6, "{i_d}");
         }
     }

@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn quantised_duties_are_whole_counts() {
-        let timer = Timer::new(8500);
+        let timer = Timer::new(8500).unwrap();
         for k in 0..1000 {
             let x = f64::from(k) / 999.0;
             let n = (x * 8500.0).round();
@@ -85,7 +85,7 @@ mod tests {
         #[test]
         fn duties_stay_between_zero_and_one(a: i32, b: i32, c: i32, v in 1i32 << 19..) {
             let u = [Q::from_bits(a), Q::from_bits(b), Q::from_bits(c)];
-            for d in modulate(u, Q::from_bits(v), Some(&Timer::new(8500))) {
+            for d in modulate(u, Q::from_bits(v), Some(&Timer::new(8500).unwrap())) {
                 prop_assert!(d >= Q::ZERO && d <= Q::ONE);
             }
             let f = u.map(|x| x.to_f64() as f32 * 1e30);

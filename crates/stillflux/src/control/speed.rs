@@ -27,12 +27,26 @@ words!(SpeedControlConfig: k_p, k_i, torque_max);
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct SpeedController<R: Real> {
     x: Integrator<R>,
+    /// Torque that the last call would have asked for without a limit to its proportional part.
+    demand: R,
 }
 
 impl<R: Real> SpeedController<R> {
     /// Begins with a torque in force.
     pub fn start(&mut self, torque: R) {
+        self.follow(torque, torque);
+    }
+
+    /// Torque control: holds the torque in force, and the one that was asked for.
+    pub fn follow(&mut self, torque: R, demand: R) {
         self.x = Integrator::new(torque);
+        self.demand = demand;
+    }
+
+    /// Torque that the last call would have asked for without a limit to its proportional part.
+    #[inline(always)]
+    pub fn demand(&self) -> R {
+        self.demand
     }
 
     /// One period; `torque_max` is the torque available now. Returns the torque reference.
@@ -40,7 +54,9 @@ impl<R: Real> SpeedController<R> {
     pub fn step(&mut self, c: &SpeedControlConfig<R>, omega_ref: R, omega_m: R, torque_max: R) -> R {
         let error = omega_ref - omega_m;
         let limit = torque_max.min(c.torque_max);
-        let p = (error * c.k_p).limit(limit);
+        let p = error * c.k_p;
+        self.demand = p + self.x.value();
+        let p = p.limit(limit);
         let x = self.x.add_clamped(c.k_i, error, -limit - p.min(R::ZERO), limit - p.max(R::ZERO));
         (p + x).limit(limit)
     }

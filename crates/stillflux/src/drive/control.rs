@@ -1,29 +1,32 @@
 //! Speed, flux and current control of Fig. 3 on the quantities that a scheme estimates, per unit.
 //!
 //! ```text
-//! ψ* = min(ψ_N κ, 0.88 u_max/|ω_s|),    i_q* = T*/ψ,    i_d* by (12) at ψ and i_q*, with the flux controller's correction
-//! |T*| ≤ ψ min(0.8 i_q,pull-out(ψ_p), √(i_max² - i_0²))
+//! ψ* = min(κ ψ_N, ψ*_u),    i_q* = T*/ψ,    i_d* by (12) at ψ and i_q*, with the flux controller's correction
+//! |T*| ≤ ψ min(0.8 i_q,pull-out(ψ_p), √(i_max² - i_0²), √(i_max² - i_d*²), i_q,u)
 //! ```
 //!
-//! `ψ` is the flux of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`], `κ` that of the flux shift, `u_max = 0.98 u_dc/√3`. The limit keeps
-//! 20 % of distance to pull-out.
+//! `ψ` is the flux of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`], `κ` that of the flux
+//! shift, `ψ*_u` that of field weakening ([`crate::control::weakening`]), `u_max = 0.98 u_dc/√3`. The limit keeps 20 %
+//! of distance to pull-out. `i_q,u` is the torque current for which there is voltage: where the voltage is
+//! at its limit while the drive is motoring it is the one that flows, and a little more so that the limit is felt again
+//! as soon as there is voltage. The speed controller does not integrate what it limits.
 
 use super::estimators::{Estimators, FieldQuantities};
 use super::interface::Reference;
 use super::voltage::Voltage;
-use crate::config::{DriveConfig, LowConfidence};
+use crate::config::{DriveConfig, LowConfidence, U_UTILISATION};
 use crate::control::current::CurrentController;
-use crate::control::flux::FluxController;
+use crate::control::flux::{FREQUENCY_HIGH, FluxController, Range};
 use crate::control::modulator::Duty;
 use crate::control::speed::SpeedController;
+use crate::control::weakening::Weakening;
+use crate::estimate::speed::SpeedEstimate;
 use crate::inverter::Knee;
-use crate::scalar::Real;
+use crate::scalar::{Real, likely};
 use crate::space::Dq;
 
-/// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
-const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
-/// Part of the largest voltage that `ω_s ψ*` may take; the rest is for leakage and resistance under load.
-const U_FLUX: f64 = 0.88;
+/// Torque current, per unit, by which the reference may exceed the one that flows at the voltage limit.
+const AHEAD_OF_CURRENT: f64 = 0.1;
 
 /// Largest magnitude of the voltage vector.
 #[inline(always)]
@@ -38,11 +41,16 @@ fn largest_voltage<R: Real>(u_dc: R) -> R {
 pub(super) struct Control<R: Real> {
     current: CurrentController<R>,
     flux: FluxController<R>,
+    weakening: Weakening<R>,
     speed: SpeedController<R>,
     pub i_dq: Dq<R>,
     pub i_dq_ref: Dq<R>,
     pub psi_ref: R,
+    /// Torque current for which the current limit leaves room beside `i_d*`.
+    i_q_room: R,
     pub voltage: Voltage<R>,
+    /// The torque reference is at its limit, under speed control.
+    pub torque_limited: bool,
 }
 
 impl<R: Real> Control<R> {
@@ -51,11 +59,14 @@ impl<R: Real> Control<R> {
         Self {
             current: CurrentController::default(),
             flux: FluxController::default(),
+            weakening: Weakening::default(),
             speed: SpeedController::default(),
             i_dq: Dq::default(),
             i_dq_ref: Dq::default(),
             psi_ref: R::ZERO,
+            i_q_room: R::ONE,
             voltage: Voltage::new(),
+            torque_limited: false,
         }
     }
 
@@ -68,6 +79,8 @@ impl<R: Real> Control<R> {
     pub fn start(&mut self, c: &DriveConfig<R>) {
         self.psi_ref = c.flux_control.psi_rated;
         self.flux.start();
+        self.weakening = Weakening::default();
+        self.i_q_room = c.i_q_max;
         self.speed.start(R::ZERO);
     }
 
@@ -100,30 +113,88 @@ impl<R: Real> Control<R> {
         reference: &Reference<R>,
         u_dc: R,
     ) {
-        let (omega_s, omega_m) = (estimators.speed().omega_s, estimators.speed().omega_m);
+        let speed = *estimators.speed();
         let factor = estimators.flux_factor(c, self.i_dq_ref.im() * self.psi_ref);
-        let psi_ref = c.flux_control.reference(omega_s, largest_voltage(u_dc) * R::from_f64(U_FLUX));
-        let psi_ref = psi_ref.min(c.flux_control.psi_rated * factor);
+        let (u_max, u_sq) = (largest_voltage(u_dc), self.current.u_sq());
+        let psi_weak = self.weakened_flux(c, &speed, estimators.psi_s(), u_max, u_sq);
+        let psi_ref = psi_weak.min(c.flux_control.psi_rated * factor);
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
-        let (psi, weight) = estimators.present_flux(psi_ref);
-        let i_q_max = (c.pull_out_use * estimators.pull_out_flux(psi)).min(c.i_q_max);
+        let (range, (psi, weight), psi_ff);
+        if likely(psi_weak == c.flux_control.psi_rated) {
+            (psi, weight) = estimators.present_flux(psi_ref);
+            psi_ff = psi;
+            range = if speed.omega_s.within(R::from_f64(FREQUENCY_HIGH)) { Range::Low } else { Range::High };
+        } else {
+            // At this frequency nothing is known better than the flux that the voltage model integrates. The
+            // feedforward is that of the reference, which the flux has to follow.
+            (psi, weight) = (estimators.psi_s().max(c.weakening.psi_min), R::ONE);
+            psi_ff = psi_ref;
+            range = Range::Weakened;
+        }
+        let mut i_q_max = (c.pull_out_use * estimators.pull_out_flux(psi)).min(self.i_q_room);
+        if !likely(u_sq <= u_max * u_max) {
+            i_q_max = i_q_max.min(self.i_q_at_voltage_limit(speed.omega_s));
+        }
         let mut torque_max = i_q_max * psi;
         if c.low_confidence == LowConfidence::LimitTorque {
             let part = (estimators.confidence() * R::TWO).min(R::ONE);
             torque_max = torque_max.min(c.speed_control.torque_max) * part;
         }
+        self.torque_limited = false;
         let torque_ref = match *reference {
-            Reference::Speed(omega) => self.speed.step(&c.speed_control, omega.limit(c.omega_max), omega_m, torque_max),
-            Reference::Torque(torque) => {
-                let torque = torque.limit(torque_max.min(c.speed_control.torque_max));
-                self.speed.start(torque);
+            Reference::Speed(omega) => {
+                let torque = self.speed.step(&c.speed_control, omega.limit(c.omega_max), speed.omega_m, torque_max);
+                self.torque_limited = torque.abs() >= torque_max.min(c.speed_control.torque_max) * R::from_f64(0.98);
                 torque
+            }
+            Reference::Torque(torque) => {
+                let torque_ref = torque.limit(torque_max.min(c.speed_control.torque_max));
+                self.speed.follow(torque_ref, torque);
+                torque_ref
             }
             Reference::Stop => R::ZERO,
         };
         let i_q = torque_ref * c.flux_control.reciprocal(psi);
-        let i_d = self.flux.step(&c.flux_control, psi, psi_ref - estimators.psi_s(), i_q, weight);
+        let i_d = self.flux.step(&c.flux_control, psi_ff, psi_ref - estimators.psi_s(), i_q, weight, range);
+        self.i_q_room = c.i_q_max;
         self.i_dq_ref = Dq::new(i_d, i_q);
+        if !likely(self.i_dq_ref.norm_sq() <= c.i_max_sq) {
+            self.limit_current(c);
+        }
+    }
+
+    /// Flux reference by the voltage, for the torque current that is wanted.
+    #[inline(always)]
+    fn weakened_flux(&mut self, c: &DriveConfig<R>, speed: &SpeedEstimate<R>, psi_s: R, u_max: R, u_sq: R) -> R {
+        // The loop of the speed estimator turns at the frequency of the flux also in a ramp of the speed, behind which
+        // the estimated speed lags.
+        let omega = speed.omega_turn - speed.omega_r;
+        let most = (c.pull_out_use * self.psi_ref).min(self.i_q_room);
+        let i_q = self.speed.demand().limit(c.speed_control.torque_max) * c.flux_control.reciprocal(self.psi_ref);
+        self.weakening.step(&c.weakening, omega, i_q.limit(most), psi_s, u_max, u_sq)
+    }
+
+    /// Current references within the current limit, with priority for `i_d*`; the next torque reference is limited to
+    /// what is left.
+    #[cold]
+    #[inline(never)]
+    fn limit_current(&mut self, c: &DriveConfig<R>) {
+        let i_d = self.i_dq_ref.re();
+        let room = (c.i_max_sq - i_d * i_d).max(c.i_max_sq.quarter().quarter()).sqrt();
+        self.i_q_room = room.min(c.i_q_max);
+        self.i_dq_ref = Dq::new(i_d.limit(c.i_d_max), self.i_dq_ref.im().limit(room));
+    }
+
+    /// Largest torque current while the voltage is at its limit: braking needs less voltage and is not limited.
+    #[cold]
+    #[inline(never)]
+    fn i_q_at_voltage_limit(&self, omega_s: R) -> R {
+        let (i_q, i_q_ref) = (self.i_dq.im(), self.i_dq_ref.im());
+        if i_q_ref * omega_s <= R::ZERO {
+            return R::from_f64(100.0);
+        }
+        let along = if i_q_ref < R::ZERO { -i_q } else { i_q };
+        along.max(R::ZERO) + R::from_f64(AHEAD_OF_CURRENT)
     }
 }

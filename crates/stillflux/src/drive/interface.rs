@@ -1,12 +1,11 @@
 //! Inputs and outputs of a drive, per unit ([`crate::base`]); angles in rad.
 
-use core::fmt;
-
 use crate::control::modulator::Duty;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::SpeedEstimate;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq};
+use crate::supervision::Fault;
 use crate::words::words;
 
 /// What the drive measures at the start of a period, per unit.
@@ -54,66 +53,6 @@ pub struct Output<R: Real> {
     pub duty: Duty<R>,
     /// `false`: block the bridge at once.
     pub gates_on: bool,
-}
-
-/// Why a drive blocked its bridge. The numbers are stable: a log or a field bus may carry them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-#[repr(u8)]
-pub enum Fault {
-    /// Current above the trip level.
-    OverCurrent = 1,
-    /// dc-link voltage below its range.
-    UnderVoltage = 2,
-    /// dc-link voltage above its range.
-    OverVoltage = 3,
-    /// A measurement is not finite, or beyond what its sensor can read.
-    Measurement = 4,
-    /// The reference is not finite.
-    Reference = 5,
-    /// Current offsets at standstill beyond what a healthy sensor shows.
-    CurrentOffset = 6,
-    /// The flux estimate left its circle, or the speed estimate its range, for longer than a transient.
-    EstimateLost = 7,
-    /// The confidence in the field angle was below one half for longer than a transient, and the drive is set to stop
-    /// then ([`crate::config::LowConfidence::Fault`]).
-    LowConfidence = 8,
-}
-
-impl Fault {
-    /// All faults.
-    pub const ALL: [Self; 8] = [
-        Self::OverCurrent,
-        Self::UnderVoltage,
-        Self::OverVoltage,
-        Self::Measurement,
-        Self::Reference,
-        Self::CurrentOffset,
-        Self::EstimateLost,
-        Self::LowConfidence,
-    ];
-
-    /// Its number, 1 to 8.
-    #[must_use]
-    pub fn code(self) -> u32 {
-        self as u32
-    }
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::OverCurrent => "over-current",
-            Self::UnderVoltage => "under-voltage",
-            Self::OverVoltage => "over-voltage",
-            Self::Measurement => "measurement",
-            Self::Reference => "reference",
-            Self::CurrentOffset => "current offset",
-            Self::EstimateLost => "estimate lost",
-            Self::LowConfidence => "low confidence",
-        })
-    }
 }
 
 /// State of the sequence.
@@ -215,14 +154,4 @@ pub struct Estimate<R: Real> {
     pub angle_deviation: R,
     /// Confidence in the field angle, 0 to 1; below 0.5 an error of 15° must be expected.
     pub confidence: R,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::Fault;
-
-    #[test]
-    fn faults_are_numbered_from_one_without_a_gap() {
-        assert!(Fault::ALL.iter().zip(1..).all(|(fault, code)| fault.code() == code));
-    }
 }

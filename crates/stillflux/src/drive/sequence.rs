@@ -1,10 +1,11 @@
 //! Sequence and measurement checks: the state of a drive, the offsets of its current sensors at standstill, and the
 //! faults that block the bridge.
 
-use super::interface::{Fault, Measurement, Reference, Status};
+use super::interface::{Measurement, Reference, Status};
 use crate::config::{DriveConfig, I_OFF_MAX};
 use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::space::AlphaBeta;
+use crate::supervision::{Fault, FaultReport, Trip};
 
 /// dc-link voltage, per unit, beyond every sensor's range.
 const U_DC_RANGE: f64 = 100.0;
@@ -29,8 +30,10 @@ pub(super) struct Sequence<R: Real> {
     /// Periods since power-up, and since the present stage began.
     period: u32,
     stage: u32,
-    /// Slow periods for which the estimate has been implausible, or its confidence too low.
-    implausible: u32,
+    /// Period of the latest sample that could not be used.
+    last_bad: u32,
+    /// What was measured at the fault, and its limit.
+    trip: (R, R),
     i_off: [R; 3],
     offset_mean: [Integrator<R>; 3],
 }
@@ -42,7 +45,8 @@ impl<R: Real> Sequence<R> {
             status: Status::Stopped,
             period: 0,
             stage: 0,
-            implausible: 0,
+            last_bad: u32::MAX / 2,
+            trip: (R::ZERO, R::ZERO),
             i_off: [R::ZERO; 3],
             offset_mean: [Integrator::default(); 3],
         }
@@ -91,38 +95,63 @@ impl<R: Real> Sequence<R> {
         [a - off[0], b - off[1], c - off[2]]
     }
 
-    /// Checks the measurement: phase currents without their offsets and the current vector, unless there is a fault.
-    #[inline]
-    pub fn acquire(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> Option<([R; 3], AlphaBeta<R>)> {
+    /// Whether a measurement can be used as it is.
+    #[inline(always)]
+    pub fn accepts(&self, c: &DriveConfig<R>, m: &Measurement<R>) -> bool {
         let i = self.without_offset(m);
         // One comparison for four: no channel near its range, the vector below the trip level. Written so that
         // NaN fails it.
         let sum = i[0] * i[0] + i[1] * i[1] + i[2] * i[2];
-        if !likely(sum <= c.i_plain_sq && m.u_dc >= c.u_dc_min && m.u_dc <= c.u_dc_max) {
-            self.examine(c, m)?;
-        }
-        Some((i, AlphaBeta::from_phases(i)))
+        likely(sum <= c.i_plain_sq && m.u_dc >= c.u_dc_min && m.u_dc <= c.u_dc_max) || self.examine(c, m).is_none()
     }
 
-    /// The full check of a measurement.
+    /// Phase currents without their offsets, and the current vector.
+    #[inline(always)]
+    pub fn currents(&self, m: &Measurement<R>) -> ([R; 3], AlphaBeta<R>) {
+        let i = self.without_offset(m);
+        (i, AlphaBeta::from_phases(i))
+    }
+
+    /// The full check of a measurement: what is wrong with it.
     #[cold]
     #[inline(never)]
-    fn examine(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> Option<()> {
+    fn examine(&self, c: &DriveConfig<R>, m: &Measurement<R>) -> Option<Trip<R>> {
         let i_s = AlphaBeta::<R>::from_phases(self.without_offset(m));
-        let readable = m.i_abc.iter().all(|i| i.abs() < c.i_range) && m.u_dc.abs() < R::from_f64(U_DC_RANGE);
-        let cause = if !readable {
-            Fault::Measurement
+        // Written so that NaN is not readable.
+        let readable =
+            |k: usize| if k < 3 { m.i_abc[k].abs() < c.i_range } else { m.u_dc.abs() < R::from_f64(U_DC_RANGE) };
+        if let Some((_, number)) = (0..4).zip([1.0, 2.0, 3.0, 4.0]).find(|&(k, _)| !readable(k)) {
+            Some(Trip::new(Fault::Measurement, R::from_f64(number), R::ZERO))
         } else if m.u_dc < c.u_dc_min {
-            Fault::UnderVoltage
+            Some(Trip::new(Fault::UnderVoltage, m.u_dc, c.u_dc_min))
         } else if m.u_dc > c.u_dc_max {
-            Fault::OverVoltage
+            Some(Trip::new(Fault::OverVoltage, m.u_dc, c.u_dc_max))
         } else if i_s.norm_sq() > c.i_trip * c.i_trip {
-            Fault::OverCurrent
+            Some(Trip::new(Fault::OverCurrent, i_s.norm_sq().sqrt(), c.i_trip))
         } else {
-            return Some(());
-        };
-        self.fault(cause);
-        None
+            None
+        }
+    }
+
+    /// A measurement that cannot be used: whether it is the only one for a while, which is bridged. The second within
+    /// 10 ms is a fault.
+    #[cold]
+    #[inline(never)]
+    pub fn bridges(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> bool {
+        let alone = self.period.wrapping_sub(self.last_bad) > c.bridged_periods;
+        self.last_bad = self.period;
+        if !alone && let Some(trip) = self.examine(c, m) {
+            self.fault(trip);
+        }
+        alone
+    }
+
+    /// The measurement that a current vector without offsets and a dc-link voltage would have been.
+    #[cold]
+    #[inline(never)]
+    pub fn measurement(&self, i_s: &AlphaBeta<R>, u_dc: R) -> Measurement<R> {
+        let ([a, b, c], off) = (i_s.to_phases(), &self.i_off);
+        Measurement { i_abc: [a + off[0], b + off[1], c + off[2]], u_dc }
     }
 
     /// All states but `Running`.
@@ -131,7 +160,7 @@ impl<R: Real> Sequence<R> {
     pub fn advance(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, reference: &Reference<R>) -> Action {
         self.stage = self.stage.saturating_add(1);
         if !reference.is_admissible() && *reference != Reference::Stop {
-            self.fault(Fault::Reference);
+            self.fault(Trip::new(Fault::Reference, R::ZERO, R::ZERO));
         }
         match (self.status, reference) {
             (Status::Faulted { .. }, _) | (Status::Stopped, Reference::Stop) => return Action::Blocked,
@@ -163,8 +192,9 @@ impl<R: Real> Sequence<R> {
             for (to, mean) in self.i_off.iter_mut().zip(&self.offset_mean) {
                 *to = mean.value();
             }
-            if self.i_off.iter().any(|i| i.abs() > R::from_f64(I_OFF_MAX)) {
-                self.fault(Fault::CurrentOffset);
+            let limit = R::from_f64(I_OFF_MAX);
+            if let Some(&i) = self.i_off.iter().find(|i| i.abs() > limit) {
+                self.fault(Trip::new(Fault::CurrentOffset, i, limit));
                 return Action::Blocked;
             }
         }
@@ -172,36 +202,31 @@ impl<R: Real> Sequence<R> {
         Action::Ready
     }
 
-    /// Supervision: a fault, and `false`, if the estimate is implausible or its confidence too low for longer than
-    /// `implausible_max` slow periods.
-    #[inline(always)]
-    pub fn supervise(&mut self, c: &DriveConfig<R>, plausible: bool, trusted: bool) -> bool {
-        if likely(plausible && trusted) {
-            self.implausible = 0;
-            return true;
-        }
-        self.implausible = self.implausible.saturating_add(1);
-        let tolerated = self.implausible <= c.implausible_max;
-        if !tolerated {
-            self.fault(if plausible { Fault::LowConfidence } else { Fault::EstimateLost });
-        }
-        tolerated
-    }
-
     /// Enters a state.
     #[inline(never)]
     pub fn enter(&mut self, status: Status) {
         self.status = status;
         self.stage = 0;
-        self.implausible = 0;
     }
 
     /// Blocks the bridge; the first cause stays until a reset.
     #[cold]
     #[inline(never)]
-    fn fault(&mut self, cause: Fault) {
+    pub fn fault(&mut self, trip: Trip<R>) {
         if !matches!(self.status, Status::Faulted { .. }) {
-            self.enter(Status::Faulted { cause, period: self.period });
+            self.trip = (trip.value, trip.limit);
+            self.enter(Status::Faulted { cause: trip.cause, period: self.period });
+        }
+    }
+
+    /// The latched fault with what was measured.
+    pub fn report(&self) -> Option<FaultReport<R>> {
+        match self.status {
+            Status::Faulted { cause, period } => {
+                let (value, limit) = self.trip;
+                Some(FaultReport { trip: Trip { cause, value, limit }, period })
+            }
+            _ => None,
         }
     }
 }

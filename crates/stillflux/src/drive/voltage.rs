@@ -50,6 +50,11 @@ impl<R: Real> Voltage<R> {
         self.commanded = [Commanded::default(); 2];
     }
 
+    /// dc-link voltage of the latest period under voltage, if there was one.
+    pub fn u_dc(&self) -> Option<R> {
+        (self.inv_u_dc > R::ZERO).then(|| self.inv_u_dc.recip())
+    }
+
     /// Voltage applied between the last two samples, and the loss of the inverter model that it contains.
     #[inline(always)]
     pub fn applied(&mut self, period: u32, u_dc: R) -> (AlphaBeta<R>, Distortion<R>) {

@@ -53,6 +53,8 @@ pub struct SpeedEstimate<R: Real> {
     pub omega_r: R,
     /// Stator frequency.
     pub omega_s: R,
+    /// Frequency at which the loop turns, `ω̂_s + k_p ε`: noisier, but it does not lag behind a ramp of the speed.
+    pub omega_turn: R,
 }
 
 /// State of the speed estimator.
@@ -93,8 +95,9 @@ impl<R: Real> SpeedEstimator<R> {
         let error = self.angle.axis().cross(psi_r) * inv;
         let omega_m = self.omega_m.add_limited(c.k_i, error, R::from_f64(OMEGA_MAX));
         let omega_s = omega_m + omega_r;
-        self.angle = self.angle.turned((c.t_s * (omega_s + c.k_p * error)).limit(R::HALF));
-        SpeedEstimate { psi_r: *psi_r, omega_m, omega_r, omega_s }
+        let omega_turn = omega_s + c.k_p * error;
+        self.angle = self.angle.turned((c.t_s * omega_turn).limit(R::HALF));
+        SpeedEstimate { psi_r: *psi_r, omega_m, omega_r, omega_s, omega_turn }
     }
 }
 

@@ -13,7 +13,7 @@ pub struct Compensated<T> {
 }
 
 macro_rules! impl_real {
-    ($t:ident, $bits:ident, $magic:expr, $tiny:expr, $newton:expr) => {
+    ($t:ident, $bits:ident, $magic:expr, $tiny:expr, $newton:expr, $part:expr) => {
         impl Real for $t {
             type Sum = Compensated<$t>;
             type Quick = $t;
@@ -23,6 +23,9 @@ macro_rules! impl_real {
             const ONE: Self = 1.0;
             const TWO: Self = 2.0;
             const NAME: &'static str = stringify!($t);
+            // Its square, and that times the square of a signal, are finite.
+            const LARGEST: f64 = 1e9;
+            const LEAST_GAIN: f64 = 1e-20;
 
             #[inline]
             #[allow(clippy::cast_possible_truncation)]
@@ -32,6 +35,16 @@ macro_rules! impl_real {
             #[inline]
             fn to_f64(self) -> f64 {
                 f64::from(self)
+            }
+            #[inline]
+            #[allow(clippy::useless_conversion, clippy::unnecessary_cast)]
+            fn from_f32(x: f32) -> Self {
+                x.clamp(f32::MIN, f32::MAX) as $t
+            }
+            #[inline]
+            #[allow(clippy::unnecessary_cast)]
+            fn to_f32(self) -> f32 {
+                self as f32
             }
             #[inline]
             fn is_finite(self) -> bool {
@@ -84,7 +97,7 @@ macro_rules! impl_real {
             fn quantise(self, timer: &Timer) -> (u32, Self) {
                 // `as` saturates and takes NaN for zero.
                 let n = (self * timer.full as $t + 0.5) as u32;
-                (n, n as $t * (timer.recip as $t * (1.0 / 1_099_511_627_776.0)))
+                (n, $part(n, timer))
             }
         }
 
@@ -123,8 +136,9 @@ macro_rules! impl_real {
     };
 }
 
-impl_real!(f32, u32, 0x5f37_5a86_u32, 1e-12, 3);
-impl_real!(f64, u64, 0x5fe6_eb50_c7b5_37a9_u64, 1e-24, 4);
+// `n` counts as part of full ones, at most 1: by a factor that is rounded for that, or a quotient.
+impl_real!(f32, u32, 0x5f37_5a86_u32, 1e-12, 3, |n: u32, timer: &Timer| n as f32 * f32::from_bits(timer.recip_f32));
+impl_real!(f64, u64, 0x5fe6_eb50_c7b5_37a9_u64, 1e-24, 4, |n: u32, timer: &Timer| f64::from(n) / f64::from(timer.full));
 
 #[cfg(test)]
 mod tests {

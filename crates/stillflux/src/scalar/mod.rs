@@ -9,6 +9,7 @@ mod q;
 
 pub use q::Q;
 
+use crate::params::ParamError;
 use crate::words::Words;
 use core::fmt::Debug;
 use core::marker::PhantomData;
@@ -38,7 +39,8 @@ impl<T> Log for T {}
 
 /// Arithmetic of the per-unit quantities of a drive.
 pub trait Real:
-    Copy
+    Words
+    + Copy
     + Debug
     + Default
     + PartialEq
@@ -74,12 +76,20 @@ pub trait Real:
     const TWO: Self;
     /// Name of the arithmetic.
     const NAME: &'static str;
+    /// Largest constant of a configuration.
+    const LARGEST: f64;
+    /// Smallest gain of a configuration: smaller ones are resolved to less than 3 %.
+    const LEAST_GAIN: f64;
 
     /// Nearest representable value; saturates. NaN stays what it is where there is one, and is zero
     /// in fixed point. Folds to a constant for literals.
     fn from_f64(x: f64) -> Self;
     /// Exact value.
     fn to_f64(self) -> f64;
+    /// Nearest representable value, saturated, as [`Real::from_f64`]; without double precision.
+    fn from_f32(x: f32) -> Self;
+    /// Nearest single-precision value; without double precision where the arithmetic has none.
+    fn to_f32(self) -> f32;
     /// Whether the value is a finite number (always true in fixed point).
     fn is_finite(self) -> bool;
     /// `1/x`, odd; the largest representable magnitude where `x` is (nearly) zero.
@@ -212,23 +222,60 @@ pub(crate) fn likely(condition: bool) -> bool {
     condition
 }
 
-/// Resolution of the PWM timer, with the reciprocal that replaces a division by it.
+/// Resolution of the PWM timer, with the reciprocals that replace a division by it.
+///
+/// [`Real::quantise`] gives duties in [0, 1] in every arithmetic, and full counts are a duty of 1 but for the last bit
+/// of `f32`: the reciprocals are rounded so that no number of counts up to `full` exceeds it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Timer {
     /// Counts of a full duty (from carrier valley to peak).
     full: u32,
-    /// `2^40 / full`, rounded up: `full` times it is one.
-    recip: u32,
+    /// Bits by which `full` is moved up to lie in `2^30 ..= 2^31 - 1`.
+    shift: u32,
+    /// `2^(56 - shift) / full`, rounded up: the upper word of its product with `full << shift` is `2^24`.
+    recip_q: u32,
+    /// Bits of `1 / full` as `f32`, so rounded that its product with `full` is at most 1.
+    recip_f32: u32,
 }
 
 impl Timer {
-    /// A timer that counts `full` from valley to peak, 512 to 65,536.
+    /// Smallest number of full counts: duties in steps of one per cent.
+    pub const MIN: u32 = 100;
+    /// Largest number of full counts: up to here every count is a number of its own in `f32`.
+    pub const MAX: u32 = 1 << 22;
+
+    /// A timer that counts `full` from valley to peak, [`Timer::MIN`] to [`Timer::MAX`].
+    ///
+    /// # Errors
+    /// Counts outside this range.
+    pub const fn new(full: u32) -> Result<Self, ParamError> {
+        if full < Self::MIN || full > Self::MAX {
+            let (value, min, max) = (full as f64, Self::MIN as f64, Self::MAX as f64);
+            return Err(ParamError { field: "timer", value, min, max, unit: "counts", note: "" });
+        }
+        Ok(Self::of(full))
+    }
+
+    /// The finest timer.
     #[must_use]
-    pub fn new(full: u32) -> Self {
-        let full = full.clamp(512, 65_536);
-        Self { full, recip: (1_u64 << 40).div_ceil(u64::from(full)) as u32 }
+    pub const fn finest() -> Self {
+        Self::of(Self::MAX)
+    }
+
+    /// For counts within the range.
+    const fn of(full: u32) -> Self {
+        let shift = full.leading_zeros() - 1;
+        let recip_q = (1_u64 << (56 - shift)).div_ceil(full as u64) as u32;
+        // 24 bits of 1/full, rounded up unless full counts would exceed one by more than rounding takes off again.
+        let exponent = 23 + (u32::BITS - (full - 1).leading_zeros());
+        let up = (1_u64 << exponent).div_ceil(full as u64);
+        let excess = up * full as u64 - (1_u64 << exponent);
+        let mantissa = (if excess <= 1_u64 << (exponent - 24) { up } else { up - 1 }) as u32;
+        // mantissa 2^-exponent with 2^23 <= mantissa <= 2^24; 2^24 is the next power of two.
+        let recip_f32 = ((127 + 23 - exponent) << 23) + (mantissa - (1 << 23));
+        Self { full, shift, recip_q, recip_f32 }
     }
 
     /// Counts of a full duty.
@@ -239,12 +286,14 @@ impl Timer {
 }
 
 impl Words for Timer {
+    const LEN: usize = 4;
     fn put(&self, out: &mut impl FnMut(u32)) {
-        out(self.full);
-        out(self.recip);
+        [self.full, self.shift, self.recip_q, self.recip_f32].put(out);
     }
     fn take(from: &mut impl FnMut() -> u32) -> Self {
-        Self { full: from(), recip: from() }
+        let [full, shift, recip_q, recip_f32] = Words::take(from);
+        // A shift is below the width of a word, whatever a page holds.
+        Self { full, shift: shift & 31, recip_q, recip_f32 }
     }
 }
 
@@ -350,6 +399,63 @@ mod tests {
         newton::<f32>();
         newton::<f64>();
         newton::<Q>();
+    }
+
+    /// `n` counts of `timer` as duty: its counts and its value.
+    fn duty<R: Real>(timer: &Timer, n: u32) -> (u32, R) {
+        R::from_f64(f64::from(n) / f64::from(timer.full())).quantise(timer)
+    }
+
+    fn full_counts<R: Real>(timer: &Timer) {
+        let full = timer.full();
+        for n in [full, full - 1, full / 2, 1, 0] {
+            let (counts, duty) = duty::<R>(timer, n);
+            assert!(duty >= R::ZERO && duty <= R::ONE, "{} {n} of {full}: {duty:?}", R::NAME);
+            assert_eq!(counts, n, "{} {full}", R::NAME);
+            let error = (duty.to_f64() - f64::from(n) / f64::from(full)).abs();
+            assert!(error < 1.3e-7, "{} {n} of {full}: {error}", R::NAME);
+        }
+        // Limited, but not at a whole count.
+        let almost = R::ONE.quantise(timer);
+        assert!(almost.0 == full && almost.1 <= R::ONE);
+    }
+
+    /// Every timer, and in each the counts at both ends: between them a duty is a product that grows with them.
+    #[test]
+    fn a_duty_is_between_zero_and_one_for_every_timer_in_every_arithmetic() {
+        for full in Timer::MIN..=Timer::MAX {
+            let timer = Timer::new(full).unwrap();
+            // The numbers behind full_counts, for every timer; full_counts itself for a part of them.
+            let top = full as f32 * f32::from_bits(timer.recip_f32);
+            assert!(top <= 1.0 && f64::from(top) > 1.0 - 6e-8, "{full}: {top}");
+            assert_eq!((u64::from(full << timer.shift) * u64::from(timer.recip_q)) >> 32, 1 << 24, "{full}");
+            if full <= 70_000 || full % 61 == 0 || full.is_power_of_two() || (full + 1).is_power_of_two() {
+                full_counts::<f32>(&timer);
+                full_counts::<f64>(&timer);
+                full_counts::<Q>(&timer);
+            }
+        }
+    }
+
+    #[test]
+    fn every_count_of_a_timer_is_its_own_duty_in_every_arithmetic() {
+        for full in [100, 511, 720, 8500, 65_535, 85_000] {
+            let timer = Timer::new(full).unwrap();
+            for n in 0..=full {
+                assert_eq!(duty::<f32>(&timer, n).0, n);
+                assert_eq!(duty::<Q>(&timer, n).0, n);
+                assert!(duty::<f32>(&timer, n).1 <= 1.0 && duty::<Q>(&timer, n).1 <= Q::ONE);
+                assert_eq!(duty::<f64>(&timer, n), (n, f64::from(n) / f64::from(full)));
+            }
+        }
+    }
+
+    #[test]
+    fn a_timer_beyond_its_range_is_refused_by_name() {
+        for full in [0, 99, Timer::MAX + 1, u32::MAX] {
+            assert_eq!(Timer::new(full).unwrap_err().field, "timer");
+        }
+        assert_eq!(Timer::finest(), Timer::new(Timer::MAX).unwrap());
     }
 
     fn durations<R: Real>() {

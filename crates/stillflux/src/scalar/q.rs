@@ -126,6 +126,8 @@ impl Real for Q {
     const ONE: Self = Self(1 << 24);
     const TWO: Self = Self(1 << 25);
     const NAME: &'static str = "q";
+    const LARGEST: f64 = 127.9;
+    const LEAST_GAIN: f64 = 16.0 / 16_777_216.0;
 
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation)]
@@ -136,6 +138,17 @@ impl Real for Q {
     }
     fn to_f64(self) -> f64 {
         f64::from(self.0) / f64::from(1 << Self::FRAC)
+    }
+    #[inline]
+    #[allow(clippy::cast_possible_truncation)]
+    fn from_f32(x: f32) -> Self {
+        let scaled = x * 16_777_216.0;
+        Self((scaled + if scaled < 0.0 { -0.5 } else { 0.5 }) as i32)
+    }
+    #[inline]
+    #[allow(clippy::cast_precision_loss)]
+    fn to_f32(self) -> f32 {
+        self.0 as f32 * (1.0 / 16_777_216.0)
     }
     #[inline]
     fn is_finite(self) -> bool {
@@ -218,7 +231,7 @@ impl Real for Q {
     fn quantise(self, timer: &Timer) -> (u32, Self) {
         // Q30 times four full counts, rounded: the upper word (SMMULR) is the count.
         let n = ((i64::from(self.0 << 6) * i64::from((timer.full << 2) as i32) + (1 << 31)) >> 32) as u32;
-        (n, Self(((u64::from(n) * u64::from(timer.recip)) >> 16) as i32))
+        (n, Self(mul_hi(n << timer.shift, timer.recip_q) as i32))
     }
 
     #[inline]
@@ -247,6 +260,10 @@ impl Real for Q {
 }
 
 impl Words for Q {
+    fn is_representable(&self) -> bool {
+        // Saturation ends at the bounds.
+        self.0 != i32::MAX && self.0 != i32::MIN
+    }
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(self.0 as u32);
     }

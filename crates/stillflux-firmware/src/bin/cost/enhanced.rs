@@ -9,6 +9,8 @@ use stillflux_firmware::exchange::Word;
 
 /// Name of the step in the report.
 pub const STEP: &str = "drive_step_enhanced";
+/// Name of the whole interrupt in the report.
+pub const INTERRUPT: &str = "interrupt_enhanced";
 
 /// Control periods in a block of the filter at the preset's 10 kHz.
 const BLOCK: usize = 10;

@@ -15,16 +15,17 @@ mod blocks;
 #[path = "published.rs"]
 mod blocks;
 
-use blocks::{Blocks, Costs, STEP};
+use blocks::{Blocks, Costs, INTERRUPT, STEP};
 use core::hint::black_box;
 use cortex_m_rt::entry;
 use stillflux::config::Scheme;
+use stillflux::counts::{Command, CountsDrive};
 use stillflux::drive::{Drive, Measurement, Output, Reference, Status};
 use stillflux::scalar::Q;
 use stillflux::space::AlphaBeta;
+use stillflux::trace::Trace;
 use stillflux_firmware::blob::Parameters;
 use stillflux_firmware::board::{self, Clock, File, print};
-use stillflux_firmware::control::Control;
 use stillflux_firmware::exchange::{FRAME, Frame, Word};
 
 /// Calls, their instructions, the worst one.
@@ -73,15 +74,28 @@ fn drive_step<R: Word>(drive: &mut Drive<R>, input: &Input<R>) -> Output<R> {
     drive.step(&input.measured, &input.reference)
 }
 
+#[inline(never)]
+fn period<R: Word>(control: &mut CountsDrive<R>, frame: &Frame) -> Command {
+    control.period(&frame.counts, &frame.set_point)
+}
+#[inline(never)]
+fn record(trace: &mut Trace<[u32; 4], 64>, sample: [u32; 4], fault: bool) {
+    trace.record(sample, fault);
+}
+
 /// Runs a recorded trace and prints what it cost; `false` if it cannot be read or the blocks disagree.
 #[inline(never)]
 fn trace<R: Word>(path: &str) -> bool {
     let parameters = Parameters::preset(Scheme::default());
-    let (Some(mut file), Ok(mut control)) = (File::open(path, false), Control::<R>::new(&parameters)) else {
+    let (Some(mut file), Ok(ready)) = (File::open(path, false), parameters.ready::<R>()) else {
         print(format_args!("cannot run {path}"));
         return false;
     };
+    // The interrupt's whole content, and the drive alone beside it.
+    let mut control = CountsDrive::new(&ready);
+    let Some(mut drive) = control.drive().copied() else { return false };
     let (mut nothing, mut step, mut costs) = (Cost::default(), Cost::default(), Costs::default());
+    let (mut interrupt, mut traced, mut trace) = (Cost::default(), Cost::default(), Trace::new([0; 4]));
     let mut blocks: Option<Blocks<R>> = None;
     let mut buffer = [0_u8; 256 * FRAME];
     loop {
@@ -90,17 +104,22 @@ fn trace<R: Word>(path: &str) -> bool {
             break;
         }
         for bytes in &buffer.as_chunks::<FRAME>().0[..n] {
-            let frame = Frame::<R>::from_bytes(bytes);
-            let input = Input { measured: control.scale().measurement(&frame.counts), reference: frame.reference };
-            let before = control.drive.estimate();
-            let was_running = control.drive.status() == Status::Running;
+            let frame = Frame::from_bytes(bytes);
+            let Some((measured, reference)) = control.inputs(&frame.counts, &frame.set_point) else { return false };
+            let input = Input { measured, reference };
+            let before = drive.estimate();
+            let was_running = drive.status() == Status::Running;
             nothing.call(|| empty(&mut 0));
             if was_running {
-                black_box(step.call(|| drive_step(&mut control.drive, &input)));
+                black_box(step.call(|| drive_step(&mut drive, &input)));
+                let command = interrupt.call(|| period(&mut control, &frame));
+                let sample = [command.compare[0], command.compare[1], command.compare[2], 0];
+                traced.call(|| record(&mut trace, sample, !command.gates_on));
             } else {
-                black_box(drive_step(&mut control.drive, &input));
+                black_box(drive_step(&mut drive, &input));
+                black_box(period(&mut control, &frame));
             }
-            let drive = &control.drive;
+            let drive = &drive;
             let i = input.measured.i_abc;
             let i_off = drive.memory().i_off;
             let i_s = AlphaBeta::from_phases([i[0] - i_off[0], i[1] - i_off[1], i[2] - i_off[2]]);
@@ -113,6 +132,8 @@ fn trace<R: Word>(path: &str) -> bool {
     }
     let overhead = mean(&nothing, 0);
     report::<R>(STEP, &step, overhead);
+    report::<R>(INTERRUPT, &interrupt, overhead);
+    report::<R>("trace", &traced, overhead);
     costs.each(|name, cost| report::<R>(name, cost, overhead));
     let apart = blocks.map_or(u32::MAX, |b| b.apart());
     print(format_args!("{{\"arithmetic\": \"{}\", \"periods_apart\": {apart}}}", R::NAME));

@@ -4,7 +4,7 @@ use super::{Cost, Input};
 use core::hint::black_box;
 use stillflux::config::{DriveConfig, SLOW_PERIODS, SPEED_PERIODS};
 use stillflux::control::current::CurrentController;
-use stillflux::control::flux::{FluxController, weight_by_frequency};
+use stillflux::control::flux::{FluxController, Range, weight_by_frequency};
 use stillflux::control::modulator::{Duty, applied, modulate};
 use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Estimate, Reference};
@@ -17,6 +17,8 @@ use stillflux_firmware::exchange::Word;
 
 /// Name of the step in the report.
 pub const STEP: &str = "drive_step";
+/// Name of the whole interrupt in the report.
+pub const INTERRUPT: &str = "interrupt";
 
 /// What is measured.
 #[derive(Clone, Copy, Default)]
@@ -207,7 +209,7 @@ fn speed_control<R: Word>(s: &mut SpeedController<R>, c: &DriveConfig<R>, omega_
 }
 #[inline(never)]
 fn flux_control<R: Word>(s: &mut FluxController<R>, c: &DriveConfig<R>, x: &[R; 4]) -> R {
-    s.step(c.flux_control_config(), x[0], x[0] - x[1], x[2], weight_by_frequency(x[3]))
+    s.step(c.flux_control_config(), x[0], x[0] - x[1], x[2], weight_by_frequency(x[3]), Range::Low)
 }
 #[inline(never)]
 fn current_control<R: Word>(

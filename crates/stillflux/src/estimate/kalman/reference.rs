@@ -202,6 +202,8 @@ struct Reference {
     /// `P Hᵀ/S`, of the scaled states; zero where the block corrects nothing.
     gain: State,
     inv_s: f64,
+    /// Direction of the rotor flux when the gain was computed.
+    n: Vector2<f64>,
     i_s: Vector2<f64>,
     /// Current reference at the end of the last block.
     i_ref: Vector2<f64>,
@@ -237,6 +239,7 @@ impl Reference {
             p: dense(filter),
             gain: filter.gain().map_or(State::zeros(), |x| State::from(x).component_div(&scale(&c.model))),
             inv_s: filter.inv_s,
+            n: Vector2::new(filter.point.n.cos, filter.point.n.sin),
             i_s: vector(&filter.i_s),
             i_ref: vector(&filter.point.i_s),
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),
@@ -301,6 +304,12 @@ impl Reference {
         } else {
             self.trial -= 1;
         }
+        if at.omega_s.abs() > OMEGA_HELD {
+            let (cos, sin) = (self.n.dot(&n), self.n.x * n.y - self.n.y * n.x);
+            let (x, y) = (self.gain[PSI], self.gain[PSI + 1]);
+            (self.gain[PSI], self.gain[PSI + 1]) = (cos * x - sin * y, sin * x + cos * y);
+        }
+        self.n = n;
         let mut by = (self.gain * z).component_mul(&scale(&model));
         let psi =
             psi + Vector2::new(by[PSI], by[PSI + 1]) + (i_s * by[LEAKAGE] - Vector2::new(by[B], by[B + 1])) * leakage;

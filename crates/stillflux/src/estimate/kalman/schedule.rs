@@ -102,7 +102,8 @@ pub(super) enum Holds {
 
 impl<R: Real> OperatingPoint<R> {
     /// Whether resistance, inverter error and knee are consider states.
-    fn held(&self) -> bool {
+    #[inline(always)]
+    pub(super) fn held(&self) -> bool {
         self.omega_s.abs() > R::from_f64(OMEGA_HELD)
     }
 

@@ -1,0 +1,178 @@
+//! What happens to a drive beyond its machine, and what supervision makes of it. Each with its negative control: with
+//! the monitor off the drive goes on, and the failure shows.
+
+use std::borrow::Cow;
+
+use stillflux::base::Base;
+use stillflux::drive::{Fault, Status};
+use stillflux::params::{Inverter, Machine};
+use stillflux::si::FaultSi;
+use stillflux::space::AlphaBeta;
+use stillflux_sim::simulate::{Change, Profile, ReferenceProfile, Run, Scenario};
+use stillflux_sim::{Calls, ChannelFault};
+
+/// Time of an event while the drive runs, and of one before it starts, s.
+const EVENT: f64 = 2.5;
+const BEFORE: f64 = 0.05;
+
+fn machines() -> [(Machine, Inverter); 2] {
+    let bridge = |inverter| Inverter { c_out: 0.0, ..inverter };
+    [(Machine::preset_2k2(), bridge(Inverter::preset_2k2())), (Machine::preset_11k(), bridge(Inverter::preset_11k()))]
+}
+
+/// At a speed, per unit, under a load in units of rated torque.
+fn scenario((machine, inverter): (Machine, Inverter), omega: f64, load: f64, duration: f64) -> Scenario {
+    let mut s = Scenario::new(machine, inverter, duration);
+    let w = omega * Base::new(&machine).omega_m;
+    s.reference = ReferenceProfile::Speed(Profile::new(vec![(0.0, 0.0), (1.6, 0.0), (2.0, w)]).unwrap());
+    s.load = Profile::new(vec![(0.0, 0.0), (2.1, 0.0), (2.1, load * machine.T_N)]).unwrap();
+    s.plant.adc.noise = 0.004 * machine.I_N;
+    s.signals = Some(["status", "angle_error", "i_s", "omega_m"].map(String::from).to_vec());
+    s
+}
+
+/// The fault and its time, s.
+fn fault(scenario: Scenario) -> Option<(FaultSi, f64)> {
+    let f_s = scenario.inverter.f_s;
+    let mut run = Run::new(Cow::Owned(scenario)).unwrap();
+    while run.advance(200) {
+        if let Some(fault) = run.drive().fault() {
+            return Some((fault, f64::from(fault.period) / f_s));
+        }
+    }
+    None
+}
+
+#[test]
+fn a_phase_without_current_is_found_within_20_ms_when_running_and_named() {
+    for machine in machines() {
+        for phase in 0..3 {
+            for (omega, load) in [(0.3, 0.5), (0.8, 0.0), (-0.1, 0.5)] {
+                let mut s = scenario(machine, omega, load, EVENT + 0.3);
+                s.changes = vec![(EVENT, Change::OpenPhase(phase))];
+                s.record_every = 1;
+                let f_s = s.inverter.f_s;
+                let mut run = Run::new(Cow::Owned(s)).unwrap();
+                while run.advance(200) && run.drive().fault().is_none() {}
+                let fault = run.drive().fault().unwrap_or_else(|| panic!("{omega} {load}: no fault"));
+                assert_eq!((fault.cause, fault.value), (Fault::OpenPhase, phase as f64 + 1.0), "{omega} {load}");
+                // The arc carries the current to its next zero.
+                let i = &run.record().columns[2].data;
+                let carries = |k: &usize| AlphaBeta::<f64>::new(i[2 * k], i[2 * k + 1]).to_phases()[phase].abs() > 1e-6;
+                let last = (0..fault.period as usize).rev().find(carries).unwrap();
+                let late = 1e3 * (f64::from(fault.period) - last as f64) / f_s;
+                println!("{omega} {load} phase {phase}: {late:.1} ms");
+                assert!(late < 20.0, "{omega} {load}: {late} ms");
+            }
+        }
+    }
+}
+
+#[test]
+fn without_the_monitor_a_drive_with_an_open_phase_goes_on_for_longer() {
+    for machine in machines() {
+        let mut s = scenario(machine, 0.3, 0.5, EVENT + 0.3);
+        s.changes = vec![(EVENT, Change::OpenPhase(1))];
+        s.drive.supervision = false;
+        let late = fault(s).map(|(fault, t)| (fault.cause, t - EVENT));
+        assert!(late.is_none_or(|(cause, late)| cause != Fault::OpenPhase && late > 0.03), "{late:?}");
+    }
+}
+
+#[test]
+fn an_open_phase_is_found_within_50_ms_of_a_start() {
+    for machine in machines() {
+        for phase in 0..3 {
+            let mut s = scenario(machine, 0.1, 0.0, 1.0);
+            s.changes = vec![(BEFORE, Change::OpenPhase(phase))];
+            let begin = s.drive.offset_time;
+            let (fault, t) = fault(s).unwrap();
+            // The current of the start is along the axis of phase a: without it no phase carries any.
+            let expected = if phase == 0 { 0.0 } else { phase as f64 + 1.0 };
+            assert_eq!((fault.cause, fault.value), (Fault::OpenPhase, expected));
+            assert!(t - begin < 0.05, "{} ms", 1e3 * (t - begin));
+        }
+    }
+}
+
+#[test]
+fn a_channel_that_fails_is_found_before_the_current_does_harm() {
+    for machine in machines() {
+        let faults = [
+            ("stuck", vec![(1, ChannelFault::Held)]),
+            ("broken", vec![(0, ChannelFault::Gain(0.0))]),
+            ("inverted", vec![(2, ChannelFault::Gain(-1.0))]),
+            ("saturated", vec![(0, ChannelFault::Stuck(1e9))]),
+            ("swapped", vec![(1, ChannelFault::Of(2)), (2, ChannelFault::Of(1))]),
+        ];
+        for (name, changes) in faults {
+            let mut s = scenario(machine, 0.3, 0.5, EVENT + 0.3);
+            s.changes = changes.iter().map(|&(k, fault)| (EVENT, Change::Channel(k, fault))).collect();
+            let limit = 1.2 * s.drive.i_trip;
+            let (f_s, mut run) = (s.inverter.f_s, Run::new(Cow::Owned(s)).unwrap());
+            while run.advance(1000) {}
+            let fault = run.drive().fault().unwrap_or_else(|| panic!("{name}: no fault"));
+            let late = 1e3 * (f64::from(fault.period) / f_s - EVENT);
+            let i = &run.record().columns.iter().find(|c| c.name == "i_s").unwrap().data;
+            let largest = i.chunks(2).map(|i| i[0].hypot(i[1])).fold(0.0, f64::max);
+            println!("{name}: {} after {late:.1} ms, {:.2} of the trip level", fault.cause, largest / limit * 1.2);
+            assert!(late < 30.0, "{name}: {late} ms");
+            assert!(largest < limit, "{name}: {largest} A");
+        }
+    }
+}
+
+#[test]
+fn one_bad_sample_is_bridged_and_two_in_a_row_are_a_fault() {
+    for machine in machines() {
+        let rail = machine.0.I_N * 10.0;
+        let mut s = scenario(machine, 0.3, 0.5, EVENT + 0.5);
+        s.changes = vec![
+            (EVENT, Change::Channel(0, ChannelFault::Once(rail))),
+            (EVENT + 0.1, Change::Channel(1, ChannelFault::Once(-rail))),
+        ];
+        let mut run = Run::new(Cow::Owned(s)).unwrap();
+        while run.advance(u64::MAX) {}
+        assert_eq!(run.drive().status(), Status::Running);
+        let angle = &run.record().columns[1].data;
+        let worst = angle[angle.len() / 2..].iter().map(|a| a.to_degrees().abs()).fold(0.0, f64::max);
+        assert!(worst < 3.0, "{worst}");
+
+        let mut s = scenario(machine, 0.3, 0.5, EVENT + 0.1);
+        let period = 1.0 / s.inverter.f_s;
+        s.changes =
+            (0..2).map(|k| (EVENT + f64::from(k) * period, Change::Channel(0, ChannelFault::Once(rail)))).collect();
+        assert!(fault(s).is_some_and(|(fault, _)| fault.cause == Fault::Measurement && fault.value == 1.0));
+    }
+}
+
+#[test]
+fn missed_and_doubled_calls_are_found_by_the_stamp_and_by_nothing_else() {
+    for calls in [Calls { missed: 0.05, doubled: 0.0 }, Calls { missed: 0.0, doubled: 0.05 }] {
+        let run = |stamps| {
+            let mut s = scenario(machines()[0], 0.3, 0.5, 3.0);
+            s.plant.calls = calls;
+            s.cycle_stamps = stamps;
+            fault(s)
+        };
+        assert!(run(true).is_some_and(|(fault, t)| fault.cause == Fault::Timing && t < 0.5));
+        assert_eq!(run(false).map(|(fault, _)| fault.cause), None);
+    }
+}
+
+#[test]
+fn a_blocked_shaft_is_a_stall() {
+    for machine in machines() {
+        let base = Base::new(&machine.0);
+        let blocked = |stall_time| {
+            let mut s = scenario(machine, 0.2, 0.0, EVENT + 1.0);
+            s.changes = vec![(1.7, Change::Speed(Some(0.0)))];
+            s.drive.stall_time = stall_time;
+            fault(s)
+        };
+        let (fault, t) = blocked(0.35).unwrap();
+        assert!(fault.cause == Fault::Stall && t < 2.5, "{fault:?}");
+        assert!((fault.value / base.omega_m) > 0.02);
+        assert!(blocked(0.0).is_none_or(|(fault, _)| fault.cause != Fault::Stall));
+    }
+}

@@ -1,0 +1,135 @@
+//! Field weakening: the flux reference at the limit of the voltage, per unit.
+//!
+//! In field coordinates the stator voltage of a steady state is `u_d = r_s i_d`, `u_q = r_s i_q + ω_s ψ_s`, with the slip
+//! `ω_r = r_R i_q ψ_s/|ψ_R|²`. The largest flux at which there is voltage for the torque current `i_q` that is wanted
+//! follows from the largest voltage `u_max`; a voltage controller corrects it by what the current controller asks for,
+//!
+//! ```text
+//! ψ* = min(ψ_rated, (κ u_max - r' i_q sgn ω)/|ω|),    at least psi_min,    r' = r_s + r_R (|ψ_s|/|ψ_R|)²
+//! dκ/dτ = k (U² - |u*|²/u_max,N²),    0.9 ≤ κ ≤ U = 0.97
+//! ```
+//!
+//! `u*` is the voltage reference before its limitation. `κ` is not lowered while the flux is above its reference: then
+//! the voltage is short because the flux has not yet followed. With the torque current that flows in place of the wanted
+//! one the flux would stay at what leaves no voltage for more. The induced voltage is what the flux estimators measure,
+//! so the first equation alone is good to the errors of resistance and inverter model; the controller removes those, and
+//! gives way where the link is lower than measured.
+//!
+//! **Validity.** `ω` has to be known to about a percent, which holds wherever the voltage limit is met. Below it, `ψ*`
+//! is the rated flux and `κ = U`. `|ψ_s|/|ψ_R|` is taken as constant, that at 80 % of pull-out.
+
+use crate::scalar::{Integrator, Real, clamp_seldom, likely};
+use crate::words::words;
+
+/// Part of the largest voltage that the voltage controller leaves to the steady state; the rest is for current control.
+const UTILISATION: f64 = 0.97;
+/// Least part.
+const UTILISATION_MIN: f64 = 0.9;
+/// Excess of the flux over its reference, per unit, from which on the flux has not yet followed.
+const LAGGING: f64 = 0.01;
+
+/// Settings of field weakening.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct WeakeningConfig<R: Real> {
+    /// Rated flux reference, per unit as all of these.
+    pub psi_rated: R,
+    /// Smallest flux reference.
+    pub psi_min: R,
+    /// `r'`.
+    pub resistance: R,
+    /// Gain of the voltage controller times the time between two calls.
+    pub k: R,
+    /// `1/u_max²` at the rated dc link.
+    pub inv_u_max_sq: R,
+}
+words!(WeakeningConfig: psi_rated, psi_min, resistance, k, inv_u_max_sq);
+
+/// State of field weakening.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Weakening<R: Real> {
+    /// `κ`.
+    part: Integrator<R>,
+    /// `ψ*` of the last call.
+    psi_ref: R,
+}
+
+impl<R: Real> Default for Weakening<R> {
+    fn default() -> Self {
+        Self { part: Integrator::new(R::from_f64(UTILISATION)), psi_ref: R::ZERO }
+    }
+}
+
+impl<R: Real> Weakening<R> {
+    /// One call: `ψ*` at a speed `omega` (electrical), for a torque current and a flux `psi_s`, with the largest voltage `u_max` and
+    /// the square of the voltage reference `u_sq`.
+    #[inline(always)]
+    pub fn step(&mut self, c: &WeakeningConfig<R>, omega: R, i_q: R, psi_s: R, u_max: R, u_sq: R) -> R {
+        let drop = c.resistance * if omega < R::ZERO { -i_q } else { i_q };
+        let (omega, part) = (omega.abs(), self.part.value());
+        self.psi_ref = if likely(omega * c.psi_rated <= part * u_max - drop) {
+            self.part.set(R::from_f64(UTILISATION));
+            c.psi_rated
+        } else {
+            let mut left = R::from_f64(UTILISATION * UTILISATION) - u_sq * c.inv_u_max_sq;
+            if psi_s > self.psi_ref + R::from_f64(LAGGING) {
+                left = left.max(R::ZERO);
+            }
+            self.part.add_clamped(c.k, left, R::from_f64(UTILISATION_MIN), R::from_f64(UTILISATION));
+            clamp_seldom((part * u_max - drop) * omega.recip(), c.psi_min, c.psi_rated)
+        };
+        self.psi_ref
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const R: f64 = 0.12;
+    const CONFIG: WeakeningConfig<f64> =
+        WeakeningConfig { psi_rated: 1.0, psi_min: 0.2, resistance: R, k: 0.01, inv_u_max_sq: 1.0 };
+
+    /// `ψ*` with a voltage reference that leaves the voltage controller where it is.
+    fn reference(omega: f64, i_q: f64) -> f64 {
+        Weakening::default().step(&CONFIG, omega, i_q, 1.0, 1.0, 0.9)
+    }
+
+    #[test]
+    fn below_the_voltage_limit_the_flux_is_rated() {
+        for (omega, i_q) in [(0.0, 1.5), (0.5, 1.5), (-0.9, 0.0), (0.96, 0.0), (1.0, -0.5)] {
+            assert_eq!(reference(omega, i_q), 1.0, "{omega} {i_q}");
+        }
+    }
+
+    #[test]
+    fn beyond_it_the_steady_state_voltage_is_the_utilised_one_in_all_four_quadrants() {
+        for (omega, i_q) in [(2.0, 1.0), (2.0, -1.0), (-2.0, -1.0), (-2.0, 1.0), (1.1, 0.0)] {
+            let u_q = omega * reference(omega, i_q) + R * i_q;
+            assert!((u_q.abs() - UTILISATION).abs() < 1e-12, "{omega} {i_q}: {u_q}");
+        }
+        assert_eq!(reference(100.0, 0.0), 0.2);
+    }
+
+    #[test]
+    fn the_voltage_controller_takes_flux_off_until_the_voltage_asked_for_is_there() {
+        // The machine needs 4 % more voltage than the equation knows of.
+        let mut weakening = Weakening::default();
+        let mut psi = 0.4;
+        for _ in 0..3000 {
+            let u = 1.04 * 2.0 * psi;
+            psi = weakening.step(&CONFIG, 2.0, 0.0, psi, 1.0, u * u);
+        }
+        assert!((1.04 * 2.0 * psi - UTILISATION).abs() < 1e-3, "{psi}");
+    }
+
+    #[test]
+    fn it_does_not_while_the_flux_has_not_yet_followed() {
+        let mut weakening = Weakening::default();
+        let psi = (0..3000).map(|_| weakening.step(&CONFIG, 2.0, 0.0, 0.7, 1.0, 2.0)).last();
+        assert_eq!(psi, Some(UTILISATION / 2.0));
+    }
+}

@@ -1,0 +1,161 @@
+//! Supervision: what watches a drive while its bridge switches, one monitor a file.
+//!
+//! | monitor | finds | every |
+//! |---|---|---|
+//! | [`plausibility`] | flux off its circle, speed beyond reach, low confidence | fourth period |
+//! | [`phases`] | open phase, current that does not follow its reference | fourth period |
+//! | [`channels`] | stuck, saturated, inverted current channel | fourth period |
+//! | [`stall`] | torque at its limit, speed not following; a field lost at low speed | fourth period |
+//! | [`timing`] | missed and doubled calls | period, if the caller gives a cycle stamp |
+//!
+//! Measurements themselves are checked in every period by the sequence of the drive. A monitor takes values and returns
+//! a [`Trip`]; what follows from it is the drive's. All but the plausibility are the feature `supervision`.
+
+pub mod fault;
+pub mod leaky;
+pub mod plausibility;
+
+#[cfg(feature = "supervision")]
+pub mod channels;
+#[cfg(feature = "supervision")]
+pub mod phases;
+#[cfg(feature = "supervision")]
+pub mod stall;
+#[cfg(feature = "supervision")]
+pub mod timing;
+
+pub use fault::{Fault, FaultReport, Quantity, Trip};
+
+use crate::scalar::Real;
+use crate::space::{Dq, Rotator};
+use crate::words::words;
+#[cfg(feature = "supervision")]
+use channels::{ChannelConfig, Channels};
+#[cfg(feature = "supervision")]
+use phases::{PhaseConfig, Phases};
+use plausibility::{Plausibility, PlausibilityConfig};
+#[cfg(feature = "supervision")]
+use stall::{Stall, StallConfig};
+#[cfg(feature = "supervision")]
+use timing::Timing;
+
+/// Settings of the monitors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub(crate) struct SupervisionConfig<R: Real> {
+    pub plausibility: PlausibilityConfig<R>,
+    #[cfg(feature = "supervision")]
+    pub phases: PhaseConfig<R>,
+    #[cfg(feature = "supervision")]
+    pub channels: ChannelConfig<R>,
+    #[cfg(feature = "supervision")]
+    pub stall: StallConfig,
+}
+words! {
+    SupervisionConfig:
+    plausibility,
+    #[cfg(feature = "supervision")] phases,
+    #[cfg(feature = "supervision")] channels,
+    #[cfg(feature = "supervision")] stall,
+}
+
+/// Currents of a period: what the bridge and its sensors are judged by.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(not(feature = "supervision"), allow(dead_code, reason = "for the monitors of the feature"))]
+pub(crate) struct Currents<'a, R: Real> {
+    /// Phase currents less their offsets.
+    pub i_abc: &'a [R; 3],
+    /// Current and its reference in field coordinates, and the direction of the field.
+    pub i_dq: &'a Dq<R>,
+    pub i_dq_ref: &'a Dq<R>,
+    pub field: &'a Rotator<R>,
+}
+
+/// Estimate and references of a period under control.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(not(feature = "supervision"), allow(dead_code, reason = "for the monitors of the feature"))]
+pub(crate) struct Course<R: Real> {
+    /// `|ψ̂_s| - ψ*`.
+    pub psi_deviation: R,
+    pub omega_m: R,
+    /// Reference of the speed less the estimate, under speed control.
+    pub speed_deviation: R,
+    /// The torque reference is at its limit, under speed control.
+    pub torque_limited: bool,
+}
+
+/// State of the monitors.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub(crate) struct Supervision<R: Real> {
+    plausibility: Plausibility,
+    #[cfg(feature = "supervision")]
+    phases: Phases<R>,
+    #[cfg(feature = "supervision")]
+    channels: Channels,
+    #[cfg(feature = "supervision")]
+    stall: Stall<R>,
+    #[cfg(feature = "supervision")]
+    pub timing: Timing,
+    #[cfg(not(feature = "supervision"))]
+    arithmetic: core::marker::PhantomData<R>,
+}
+
+impl<R: Real> Supervision<R> {
+    /// Nothing seen yet.
+    pub fn new() -> Self {
+        Self {
+            plausibility: Plausibility::default(),
+            #[cfg(feature = "supervision")]
+            phases: Phases::default(),
+            #[cfg(feature = "supervision")]
+            channels: Channels::default(),
+            #[cfg(feature = "supervision")]
+            stall: Stall::default(),
+            #[cfg(feature = "supervision")]
+            timing: Timing::default(),
+            #[cfg(not(feature = "supervision"))]
+            arithmetic: core::marker::PhantomData,
+        }
+    }
+
+    /// A start-up begins: what was seen before does not count.
+    pub fn begin(&mut self) {
+        #[cfg(feature = "supervision")]
+        let timing = self.timing;
+        *self = Self::new();
+        #[cfg(feature = "supervision")]
+        {
+            self.timing = timing;
+        }
+    }
+
+    /// Phases and channels, in the start-up and under control.
+    #[inline(always)]
+    #[cfg_attr(not(feature = "supervision"), allow(unused_variables, clippy::unused_self))]
+    pub fn currents(&mut self, c: &SupervisionConfig<R>, x: &Currents<'_, R>) -> Option<Trip<R>> {
+        #[cfg(feature = "supervision")]
+        {
+            let trip = self.channels.step(&c.channels, x.i_abc);
+            trip.or_else(|| self.phases.step(&c.phases, x.i_dq, x.i_dq_ref, x.field))
+        }
+        #[cfg(not(feature = "supervision"))]
+        None
+    }
+
+    /// Estimate and speed under control; `confidence` is asked for if it counts.
+    #[inline(always)]
+    pub fn course(
+        &mut self,
+        c: &SupervisionConfig<R>,
+        x: &Course<R>,
+        confidence: impl FnOnce() -> R,
+    ) -> Option<Trip<R>> {
+        let trip = self.plausibility.step(&c.plausibility, x.psi_deviation, x.omega_m, confidence);
+        #[cfg(feature = "supervision")]
+        let trip = trip.or_else(|| self.stall.step(&c.stall, x.torque_limited, x.speed_deviation, x.omega_m));
+        trip
+    }
+}

@@ -1,0 +1,140 @@
+//! Current control and phases: the current follows its reference, and every phase carries its share. Per unit.
+//!
+//! ```text
+//! |i* - i|² > 0.2² |i*|² + 0.05²         violated
+//! Σ|i_x| < 0.15 Σ|i_x*|                  phase x is open; sums over the violated calls
+//! |i* - i|² > 0.06² |i*|² + 0.02²        and |i_x| < 0.03 |i| in every call for 8 ms: phase x is open
+//! ```
+//!
+//! An open phase confines the current vector to a line. A rotating reference leaves that line in every turn, and the
+//! sums over the violated calls tell the phase; a direct current deviates unless the phase happens to carry none. At low
+//! frequency the estimated field may follow the current that is left, and the reference with it: then a phase whose
+//! current stays at its zero under a small deviation is open. After 4 ms of violation (leaky, [`super::leaky`]) an open
+//! phase is a fault, after `calls_control` any lasting deviation is: channels that are swapped or inverted, or a voltage
+//! that does not suffice.
+//!
+//! Validity: the deviation of a healthy drive is over within some ms, in the voltage limit within tens of ms.
+
+use super::fault::{Fault, Trip};
+use super::leaky::LeakyCounter;
+use crate::scalar::{Real, likely};
+use crate::space::{Dq, Rotator};
+use crate::words::words;
+
+/// Largest deviation relative to the reference, and one that a healthy drive has in transients only.
+const DEVIATION: f64 = 0.2;
+const SMALL: f64 = 0.06;
+/// Smallest current of a phase relative to the current vector: a healthy phase passes it within some ms.
+const ZERO: f64 = 0.03;
+/// Current of an open phase relative to its reference, mean magnitudes: noise, and samples that still deviated
+/// otherwise.
+const OPEN: f64 = 0.15;
+/// Least mean reference, per unit, with which a phase counts.
+const CARRIES: f64 = 0.1;
+/// Part of a current that one call adds to the sums: keeps them within the range of fixed point.
+const SCALE: f64 = 1.0 / 64.0;
+
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct PhaseConfig<R: Real> {
+    /// Square of the deviation that is always admissible, and of the one that transients exceed.
+    pub floor_sq: R,
+    /// See `floor_sq`.
+    pub small_floor_sq: R,
+    /// Calls of violation after which phases are compared, and after which any deviation is a fault.
+    pub calls_open: u32,
+    /// See `calls_open`.
+    pub calls_control: u32,
+    /// Calls at the zero of its current after which a phase is open.
+    pub calls_zero: u32,
+}
+words!(PhaseConfig: floor_sq, small_floor_sq, calls_open, calls_control, calls_zero);
+
+/// State.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Phases<R: Real> {
+    counter: LeakyCounter,
+    /// Calls for which each phase has been at the zero of its current.
+    zero: [u32; 3],
+    /// Sums of `|i_x|` and of `|i_x*|` over the violated calls, scaled.
+    measured: [R; 3],
+    wanted: [R; 3],
+}
+
+impl<R: Real> Default for Phases<R> {
+    fn default() -> Self {
+        Self { counter: LeakyCounter::default(), zero: [0; 3], measured: [R::ZERO; 3], wanted: [R::ZERO; 3] }
+    }
+}
+
+impl<R: Real> Phases<R> {
+    /// One call with the current in field coordinates, its reference, and the field's direction.
+    #[inline(always)]
+    pub fn step(&mut self, c: &PhaseConfig<R>, i: &Dq<R>, i_ref: &Dq<R>, field: &Rotator<R>) -> Option<Trip<R>> {
+        let deviation = (*i_ref - *i).norm_sq();
+        if likely(deviation <= i_ref.norm_sq() * R::from_f64(SMALL * SMALL) + c.small_floor_sq) {
+            if !likely(self.counter.is_empty()) {
+                self.counter.step(false, 0);
+            }
+            return None;
+        }
+        self.compare(c, i, i_ref, field, deviation)
+    }
+
+    /// A call with a deviation.
+    #[cold]
+    #[inline(never)]
+    fn compare(
+        &mut self,
+        c: &PhaseConfig<R>,
+        i: &Dq<R>,
+        i_ref: &Dq<R>,
+        field: &Rotator<R>,
+        deviation: R,
+    ) -> Option<Trip<R>> {
+        let r = R::from_f64;
+        let open = |phase: f64| Some(Trip::new(Fault::OpenPhase, r(phase), R::ZERO));
+        let (measured, wanted) = (field.to_stator(i).to_phases(), field.to_stator(i_ref).to_phases());
+        let nothing = i.norm_sq() * r(ZERO * ZERO);
+        for (k, number) in [1.0, 2.0, 3.0].into_iter().enumerate() {
+            self.zero[k] = if measured[k] * measured[k] < nothing { self.zero[k].saturating_add(1) } else { 0 };
+            if self.zero[k] > c.calls_zero {
+                return open(number);
+            }
+        }
+        if self.counter.is_empty() {
+            (self.measured, self.wanted) = ([R::ZERO; 3], [R::ZERO; 3]);
+        }
+        let admissible = i_ref.norm_sq() * r(DEVIATION * DEVIATION) + c.floor_sq;
+        let violated = deviation > admissible;
+        let lasting = self.counter.step(violated, c.calls_control);
+        if !violated {
+            return None;
+        }
+        for k in 0..3 {
+            self.measured[k] = (self.measured[k] + measured[k].abs() * r(SCALE)).min(r(100.0));
+            self.wanted[k] = (self.wanted[k] + wanted[k].abs() * r(SCALE)).min(r(100.0));
+        }
+        if self.counter.calls() < c.calls_open {
+            return None;
+        }
+        let least = r(CARRIES * SCALE).periods(self.counter.calls()) * r(64.0);
+        let missing = |k: usize| self.measured[k] < self.wanted[k] * r(OPEN) && self.wanted[k] > least;
+        let phase = match (missing(0), missing(1), missing(2)) {
+            (true, false, false) => Some(1.0),
+            (false, true, false) => Some(2.0),
+            (false, false, true) => Some(3.0),
+            (false, false, false) => None,
+            // An open phase a stops the other two as well while the current is along its axis.
+            _ => Some(0.0),
+        };
+        if let Some(phase) = phase {
+            return open(phase);
+        }
+        lasting.then(|| Trip::new(Fault::CurrentControl, deviation.sqrt(), admissible.sqrt()))
+    }
+}

@@ -1,0 +1,102 @@
+//! Plausibility of the estimate: the flux on its circle, the speed within reach, the confidence as high as the user
+//! asks for. Per unit.
+//!
+//! ```text
+//! | |ψ̂_s| - ψ* | ≤ 0.4 ψ_N,      |ω̂| ≤ 1.3 ω_max,      confidence ≥ 0.5 if the drive is set to stop below it
+//! ```
+//!
+//! Each by a leaky counter of 50 ms ([`super::leaky`]): a lost estimate swings, and a swing passes through its circle.
+
+use super::fault::{Fault, Trip};
+use super::leaky::LeakyCounter;
+use crate::scalar::{Real, likely};
+use crate::words::words;
+
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct PlausibilityConfig<R: Real> {
+    /// Largest deviation of `|ψ̂_s|` from its reference.
+    pub psi_deviation: R,
+    /// Largest speed.
+    pub omega_max: R,
+    /// Calls of uninterrupted violation that are a fault.
+    pub calls: u32,
+    /// Whether a low confidence is a fault.
+    pub confidence: bool,
+}
+words!(PlausibilityConfig: psi_deviation, omega_max, calls, confidence);
+
+/// State: one counter a condition.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Plausibility {
+    flux: LeakyCounter,
+    speed: LeakyCounter,
+    confidence: LeakyCounter,
+}
+
+impl Plausibility {
+    /// One call with `|ψ̂_s| - ψ*` and the speed; `confidence` is asked for if it counts.
+    #[inline(always)]
+    pub fn step<R: Real>(
+        &mut self,
+        c: &PlausibilityConfig<R>,
+        psi_deviation: R,
+        omega_m: R,
+        confidence: impl FnOnce() -> R,
+    ) -> Option<Trip<R>> {
+        let flux = self.flux.step(!psi_deviation.within(c.psi_deviation), c.calls);
+        let speed = self.speed.step(!omega_m.within(c.omega_max), c.calls);
+        let confidence = if c.confidence { confidence() } else { R::ONE };
+        let low = self.confidence.step(confidence < R::HALF, c.calls);
+        if likely(!(flux | speed | low)) {
+            return None;
+        }
+        Some(if flux {
+            Trip::new(Fault::EstimateLost, psi_deviation, c.psi_deviation)
+        } else if speed {
+            Trip::new(Fault::OverSpeed, omega_m, c.omega_max)
+        } else {
+            Trip::new(Fault::LowConfidence, confidence, R::HALF)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const C: PlausibilityConfig<f64> =
+        PlausibilityConfig { psi_deviation: 0.4, omega_max: 2.0, calls: 50, confidence: true };
+
+    /// Calls until a fault, and the fault.
+    fn first(x: impl Fn(u32) -> (f64, f64, f64)) -> Option<(u32, Trip<f64>)> {
+        let mut p = Plausibility::default();
+        (0..10_000).find_map(|k| {
+            let (psi, omega, confidence) = x(k);
+            p.step(&C, psi, omega, || confidence).map(|trip| (k, trip))
+        })
+    }
+
+    #[test]
+    fn each_condition_has_its_cause_and_reports_what_was_measured() {
+        let cases = [
+            ((-0.5, 0.0, 1.0), Trip { cause: Fault::EstimateLost, value: -0.5, limit: 0.4 }),
+            ((0.0, 2.5, 1.0), Trip { cause: Fault::OverSpeed, value: 2.5, limit: 2.0 }),
+            ((0.0, 0.0, 0.2), Trip { cause: Fault::LowConfidence, value: 0.2, limit: 0.5 }),
+        ];
+        for (x, trip) in cases {
+            assert_eq!(first(|_| x), Some((50, trip)));
+        }
+        assert_eq!(first(|_| (0.3, 1.9, 0.6)), None);
+    }
+
+    #[test]
+    fn a_swinging_estimate_does_not_escape() {
+        let swing = |k: u32| (0.6 * (f64::from(k) * 0.3).sin(), 0.0, 1.0);
+        assert!(first(swing).is_some_and(|(k, _)| k < 200));
+    }
+}

@@ -1,0 +1,101 @@
+//! Calls of the control: missed and doubled ones, by a cycle stamp that the firmware gives with the measurement.
+//!
+//! ```text
+//! d = stamp - last stamp (wrapping)       d = 1: in time;   d = 0: called twice;   else: d - 1 missed
+//! level += 100 for each missed or doubled call, level -= 1 for each in time;     fault beyond 500
+//! ```
+//!
+//! The estimators integrate one period a call, with the voltage of two calls ago: a call that is missed or doubled is an
+//! error of the flux and of the speed that nothing else shows. One in a hundred is tolerated, every 20th is found after
+//! some 120 periods, six in a row at once. The stamp counts PWM periods in hardware, e.g. the update events of the
+//! timer: 16 bits that wrap.
+
+use super::fault::{Fault, Trip};
+use crate::scalar::Real;
+
+/// Weight of a call that is missed or doubled.
+const RISE: u32 = 100;
+/// Level of a fault.
+const FULL: u32 = 500;
+
+/// State.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Timing {
+    last: Option<u16>,
+    level: u32,
+    /// Missed and doubled calls since power-up.
+    irregular: u32,
+}
+
+impl Timing {
+    /// One call with the stamp of its period.
+    #[inline(always)]
+    pub fn step<R: Real>(&mut self, stamp: u16) -> Option<Trip<R>> {
+        let advance = self.last.map_or(1, |last| stamp.wrapping_sub(last));
+        self.last = Some(stamp);
+        if advance == 1 {
+            self.level = self.level.saturating_sub(1);
+            return None;
+        }
+        self.book(advance)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn book<R: Real>(&mut self, advance: u16) -> Option<Trip<R>> {
+        let n = if advance == 0 { 1 } else { u32::from(advance) - 1 };
+        self.irregular = self.irregular.saturating_add(n);
+        self.level = self.level.saturating_add(RISE.saturating_mul(n));
+        (self.level > FULL).then(|| {
+            self.level = 0;
+            let count = |n: u32| R::from_f64(f64::from(n.min(100)));
+            Trip::new(Fault::Timing, count(self.irregular), count(FULL / RISE))
+        })
+    }
+
+    /// Missed and doubled calls since power-up.
+    #[must_use]
+    pub fn irregular(&self) -> u32 {
+        self.irregular
+    }
+
+    /// Whether a stamp is that of the latest call.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_last(&self, stamp: u16) -> bool {
+        self.last == Some(stamp)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn first(stamps: impl Iterator<Item = u16>) -> Option<usize> {
+        let mut timing = Timing::default();
+        stamps.take(100_000).position(|stamp| timing.step::<f64>(stamp).is_some())
+    }
+
+    #[test]
+    fn calls_in_time_are_none_whatever_the_counter_does() {
+        assert_eq!(first((0..200_000_u32).map(|k| k as u16)), None);
+    }
+
+    #[test]
+    fn every_twentieth_call_missing_or_doubled_is_found_soon_and_one_in_two_hundred_tolerated() {
+        let missing = |n: u32| (0..400_000_u32).filter(move |k| k % n != 0).map(|k| k as u16);
+        let doubled =
+            |n: u32| (0..400_000_u32).flat_map(move |k| core::iter::repeat_n(k as u16, 1 + usize::from(k % n == 0)));
+        assert!(first(missing(20)).is_some_and(|k| k < 200), "{:?}", first(missing(20)));
+        assert!(first(doubled(20)).is_some_and(|k| k < 200), "{:?}", first(doubled(20)));
+        assert_eq!((first(missing(200)), first(doubled(200))), (None, None));
+    }
+
+    #[test]
+    fn a_gap_of_six_periods_is_found_at_once_and_one_of_two_is_bridged() {
+        let gap = |n: u32| (0..1000_u32).map(move |k| (k + if k < 500 { 0 } else { n }) as u16);
+        assert_eq!((first(gap(6)), first(gap(2))), (Some(500), None));
+    }
+}
