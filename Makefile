@@ -22,7 +22,7 @@ build: .venv/built
 	touch $@
 
 .venv/built: .venv/installed $(SOURCES)
-	$(BIN)/maturin develop --release --quiet >/dev/null
+	$(BIN)/maturin develop --release --locked --quiet >/dev/null
 	touch $@
 
 test-rust: .venv/installed
@@ -37,8 +37,8 @@ test-slow: test-rust build
 lint: build
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff format --check python tests benches
-	$(BIN)/ruff check python tests benches
+	$(BIN)/ruff format --check python tests benches examples
+	$(BIN)/ruff check python tests benches examples
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest stillflux._core
 
@@ -89,6 +89,20 @@ bench-tools:
 
 clean:
 	rm -rf .venv target reports python/stillflux/*.so
+
+# --- C: library and header for the host in target/c; C_FEATURES="--no-default-features --features paper,q" for another
+# scheme and arithmetic, C_TO for another folder. A target's library: `cargo build --release --target …` in
+# crates/stillflux-c.
+.PHONY: c
+C_TO ?= target/c
+C_FEATURES ?=
+
+c:
+	mkdir -p $(C_TO)
+	cd crates/stillflux-c && export CARGO_TARGET_DIR="$(abspath target/c/build)" && \
+		cargo build --quiet --release --locked $(C_FEATURES) && \
+		cargo run --quiet --locked -p stillflux-c-header $(C_FEATURES) -- "$(abspath $(C_TO)/stillflux.h)"
+	cp target/c/build/release/libstillflux.a $(C_TO)/libstillflux.a
 
 # --- Firmware: needs QEMU, binutils for ARM and a compiler for the target; says so where they are missing.
 .PHONY: firmware firmware-bench

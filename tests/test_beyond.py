@@ -317,7 +317,7 @@ def test_offset_is_there_from_power_up_or_once_running() -> None:
     assert isinstance(offset, complex)
     assert abs(offset) == pytest.approx(0.01 * math.sqrt(2) * 21.5)
     assert late.plant["current_offset"] == 0
-    assert late.changes == [(conditions.OFFSET_AT, {"current_offset": offset})]
+    assert late.changes == ((conditions.OFFSET_AT, {"current_offset": offset}),)
 
 
 def test_points_within_reach_of_zero_stator_frequency() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stillflux as sf
+from stillflux.options import Arithmetic
 
 
 class ForeignMotor:
@@ -59,7 +60,7 @@ class ForeignMotor:
 
 
 @pytest.mark.parametrize("arithmetic", ["f32", "f64", "q"])
-def test_controls_a_foreign_plant_from_rest(arithmetic: str) -> None:
+def test_controls_a_foreign_plant_from_rest(arithmetic: Arithmetic) -> None:
     motor = sf.Motor.preset("2.2kW")
     inverter = sf.Inverter(f_s=5e3, u_th=0.0, r_d=0.0, dead_time=0.0, f_clk=0.0)
     drive = sf.Drive(motor, inverter, arithmetic=arithmetic)
@@ -144,7 +145,7 @@ def test_accepts_any_three_numbers(motor: sf.Motor, inverter: sf.Inverter) -> No
 )
 @pytest.mark.parametrize("arithmetic", ["f32", "f64", "q"])
 def test_faults_are_latched_with_cause_and_time(
-    arithmetic: str, i_abc: tuple[float, float, float], u_dc: float, cause: str
+    arithmetic: Arithmetic, i_abc: tuple[float, float, float], u_dc: float, cause: str
 ) -> None:
     motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter()
     drive = sf.Drive(motor, inverter, arithmetic)
@@ -189,9 +190,9 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     with pytest.raises(ValueError, match=r"psi_ref = 2 .*range 0.3 to 1.2"):
         sf.Drive(motor, inverter, psi_ref=2.0)
     with pytest.raises(ValueError, match=r"arithmetic = .*'q'"):
-        sf.Drive(motor, inverter, arithmetic="f16")
+        sf.Drive(motor, inverter, arithmetic="f16")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="scheme = 'voltage' is not one of 'enhanced', 'paper'"):
-        sf.Drive(motor, inverter, scheme="voltage")
+        sf.Drive(motor, inverter, scheme="voltage")  # type: ignore[arg-type]
     with pytest.raises(KeyError, match="R_s"):
         drive.restore({"u_off": 0j, "i_off": (0, 0, 0)})
     with pytest.raises(ValueError, match="finite"):

@@ -166,9 +166,9 @@ SIZES: dict[str, dict[str, tuple[int, int]]] = {
 
 #: Mean instructions a call.
 BUDGET = {
-    "flux_estimator": {"f32": 150, "q": 200},
-    "drive_step": {"f32": 680, "q": 1220},
-    "drive_step_enhanced": {"f32": 1000, "q": 1810},
+    "flux_estimator": {"f32": 150, "q": 185},
+    "drive_step": {"f32": 670, "q": 1100},
+    "drive_step_enhanced": {"f32": 905, "q": 1485},
 }
 
 

@@ -269,7 +269,7 @@ def test_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     with pytest.raises(ValueError, match=r"viscous = -1 .* range 0 to"):
         sf.Plant(motor, inverter, viscous=-1.0)
     with pytest.raises(ValueError, match=r"mode = .*'averaged'"):
-        sf.Plant(motor, inverter, mode="mean")
+        sf.Plant(motor, inverter, mode="mean")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="load_torque = NaN"):
         sf.Plant(motor, inverter).step([0.5] * 3, load_torque=float("nan"))
 

@@ -12,6 +12,7 @@ import pytest
 
 import stillflux as sf
 from stillflux.cli import main
+from stillflux.options import Scheme
 
 MOTOR, INVERTER = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
 TURN = np.exp(2j * np.pi / 3)
@@ -58,7 +59,7 @@ def angle_error(found: sf.Replay, run: sf.Result) -> Any:
 
 
 @pytest.mark.parametrize("scheme", ["enhanced", "paper"])
-def test_the_log_of_a_simulation_comes_back(run: sf.Result, scheme: str) -> None:
+def test_the_log_of_a_simulation_comes_back(run: sf.Result, scheme: Scheme) -> None:
     found = sf.replay(run, MOTOR, INVERTER, scheme)
     assert len(found.t) == len(run.t)
     known = found.angle_deviation < 1.0
@@ -150,10 +151,12 @@ def test_formats_and_units_give_the_same(run: sf.Result, tmp_path: Path) -> None
     }
     write_csv(tmp_path / "a.csv", milli, ";")
     np.savez(tmp_path / "a.npz", **log)
+    import pandas
     from scipy.io import savemat
 
     savemat(tmp_path / "a.mat", log)
-    for name, how in (("a.csv", columns), ("a.npz", None), ("a.mat", None)):
+    pandas.DataFrame(milli).to_parquet(tmp_path / "a.parquet")
+    for name, how in (("a.csv", columns), ("a.npz", None), ("a.mat", None), ("a.parquet", columns)):
         found = sf.replay(tmp_path / name, MOTOR, INVERTER, columns=how)
         assert np.abs(found.psi_s - want.psi_s).max() < 1e-6
     text = (tmp_path / "a.csv").read_text().replace(".", ",")

@@ -217,7 +217,14 @@ def test_plain_data_gives_an_equal_scenario(scenario: sf.Scenario, tmp_path: Pat
         omega_ref=np.array([[0.0, 0.0], [1.0, 1.0]]),
         changes=[(0.1, {"current_offset": np.complex128(0.01 + 0.02j)}), (0.2, {"speed": None})],
         signals=["omega_m", "i_s"],
-        memory={"u_off": 0.1j, "R_s": 3.9, "i_off": [0.0, 0.1, 0.0], "loss_error": 0.1, "L_M": 0.2},
+        memory={
+            "u_off": 0.1j,
+            "R_s": 3.9,
+            "i_off": [0.0, 0.1, 0.0],
+            "loss_error": 0.1,
+            "L_sigma": 0.02,
+            "L_M": 0.2,
+        },
         duration=0.3,
     )
     assert sf.Scenario.from_dict(json.loads(json.dumps(full.to_dict()))) == full

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -65,10 +66,8 @@ def test_the_same_bytes_from_any_executor() -> None:
         found["threads"] = sf.sweep(points(), metrics, pool)
     found["joblib"] = sf.sweep(points(), metrics, executors.joblib(2))
     with (
-        LocalCluster(  # type: ignore[no-untyped-call]
-            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
-        ) as cluster,
-        Client(cluster) as client,  # type: ignore[no-untyped-call]
+        LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster,
+        Client(cluster) as client,
     ):
         found["dask"] = sf.sweep(points(), metrics, client)
         found["dask pool"] = sf.sweep(points(), metrics, client.get_executor())
@@ -77,6 +76,28 @@ def test_the_same_bytes_from_any_executor() -> None:
     assert found["serial"]["angle_max"].max() < 5.0
     with pytest.raises(TypeError, match=r"has no submit"):
         sf.sweep(points(), metrics, 3)
+
+
+def test_ray_by_its_interface(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The calls that the adapter makes, on a stand-in: Ray itself is not among the development packages."""
+
+    class Remote:
+        def __init__(self, function: Any) -> None:
+            self.function = function
+
+        def options(self, **options: Any) -> Remote:
+            assert options == {"num_cpus": 1}
+            return self
+
+        def remote(self, *arguments: Any) -> Any:
+            return lambda: self.function(*arguments)
+
+    ray = SimpleNamespace(
+        is_initialized=lambda: False, init=lambda: None, remote=Remote, get=lambda reference: reference()
+    )
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    found = sf.sweep(points()[:2], ["angle_max"], executors.Ray(num_cpus=1))
+    assert found.to_csv() == sf.sweep(points()[:2], ["angle_max"], "serial").to_csv()
 
 
 def test_failures_are_rows() -> None:

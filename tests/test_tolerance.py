@@ -33,8 +33,8 @@ def test_every_course_begins_after_the_magnetisation(machine: str) -> None:
     assert begin >= 4.0 * drive.motor.tau_r
     for course in COURSES.values():
         scenario, _ = tolerance.scenario(machine, course, 1)
-        assert isinstance(scenario.omega_ref, list)
-        assert isinstance(scenario.load_torque, list)
+        assert isinstance(scenario.omega_ref, tuple)
+        assert isinstance(scenario.load_torque, tuple)
         assert scenario.omega_ref[0] == (0.0, 0.0)
         assert scenario.omega_ref[1][0] > begin
         assert scenario.duration == max(scenario.omega_ref[-1][0], scenario.load_torque[-1][0])

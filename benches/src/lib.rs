@@ -160,7 +160,12 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
             ));
         }),
         Box::new(move || {
-            black_box(speed_control.step(config.speed_control_config(), black_box(r(0.03)), r(0.02), R::ONE));
+            black_box(speed_control.step(
+                config.speed_control_config(),
+                black_box(r(0.03)),
+                r(0.02),
+                (-R::ONE, R::ONE),
+            ));
         }),
         Box::new(move || {
             black_box(model.distortion(model.nominal(), black_box(&i), r(1.65), R::ONE));
@@ -170,12 +175,13 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
         }),
         Box::new(move || {
             let loss = Distortion { phases: [r(0.03), r(-0.02), r(-0.01)], least: R::ZERO, full: r(0.03) };
-            let seen = Input { u_s: black_box(u), loss, i_m: i, i_ref, omega_s: r(0.03) };
+            let seen = Input { u_s: black_box(u), loss: &loss, i_m: i, i_ref, omega_s: r(0.03) };
             filter.step(filter_config, &seen, false);
             black_box(filter.magnitude());
         }),
         Box::new(move || {
-            black_box(balance.step(enhanced.balance_config(), black_box(&i), R::ZERO));
+            balance.fit(enhanced.balance_config(), black_box(&i), R::ZERO);
+            black_box(balance.remove(black_box(&i)));
         }),
     ];
     let mut names = BLOCKS.into_iter();

@@ -5,6 +5,8 @@ delivers currents and takes duties; a `Plant` is a switching-level motor and inv
 a `Scenario` of both.
 """
 
+from importlib.metadata import version
+
 from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
 from stillflux.commissioning import Commissioned, Commissioning, CommissioningInterrupted, commission
 from stillflux.machine_file import Machine, load_machine
@@ -16,6 +18,8 @@ from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
 from stillflux.status import StatusCode
 from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, normal, sweep, uniform
+
+__version__ = version("stillflux")
 
 __all__ = [
     "Commissioned",
@@ -39,6 +43,7 @@ __all__ = [
     "Sweep",
     "SweepInterrupted",
     "Trace",
+    "__version__",
     "commission",
     "draws",
     "factors",

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from stillflux.nameplate import Nameplate
-from stillflux.options import DriveSettings, PlantOptions
+from stillflux.options import Arithmetic, DriveSettings, PlantOptions, Scheme
 from stillflux.parameters import Inverter, Motor
 from stillflux.scenario import Scenario
 
@@ -133,8 +133,8 @@ class Drive:
         cls,
         motor: Motor,
         inverter: Inverter,
-        arithmetic: str = "f32",
-        scheme: str = "enhanced",
+        arithmetic: Arithmetic = "f32",
+        scheme: Scheme = "enhanced",
         **settings: Unpack[DriveSettings],
     ) -> Drive: ...
     def step(
@@ -197,7 +197,7 @@ class RecordEstimator:
         cls,
         motor: Motor,
         inverter: Inverter,
-        scheme: str = "enhanced",
+        scheme: Scheme = "enhanced",
         **settings: Unpack[DriveSettings],
     ) -> RecordEstimator: ...
     def run(

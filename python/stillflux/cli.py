@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from stillflux import sweep_file
+from stillflux import __version__, sweep_file
 from stillflux.machine_file import load_machine, read_toml
 from stillflux.parameters import PRESETS
 from stillflux.replay import replay
@@ -73,6 +73,7 @@ COMMANDS = (
 def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of a command line; of the registered commands only the one given is imported."""
     parser = argparse.ArgumentParser(prog="stillflux", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"stillflux {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
     wanted = next((word for word in given if not word.startswith("-")), "")
     for command in COMMANDS:

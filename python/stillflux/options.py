@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, TypedDict
+from typing import Literal, TypeAlias, TypedDict
 
-__all__ = ["DriveSettings", "PlantOptions"]
+__all__ = ["Arithmetic", "DriveSettings", "PlantOptions", "Scheme"]
+
+Arithmetic: TypeAlias = Literal["f32", "f64", "q"]
+"""Arithmetic of a drive: single or double precision, or fixed point."""
+Scheme: TypeAlias = Literal["enhanced", "paper"]
+"""Control scheme: one filter for all that is estimated, or the published scheme."""
 
 
 class DriveSettings(TypedDict, total=False):
@@ -46,11 +51,38 @@ class DriveSettings(TypedDict, total=False):
     low_confidence: Literal["keep", "limit", "fault"]
     """What to do while the confidence in the field angle is below 0.5: nothing, limit the torque in
     proportion, or stop with a fault."""
+    fresh_time: float
+    """Time after a stop within which a start takes over offsets and what was identified, and is as short as the
+    current allows, s, 0 to 3600; 0: never."""
     supervision: bool
     """Monitors of phases, current channels and stall; off for tests of a bridge without a machine."""
     stall_time: float
     """Time for which the torque may be at its limit at low speed without the speed approaching its reference,
     s, 0.1 to 60; 0: any."""
+
+    field_weakening: bool
+    """Lower the flux where the voltage is used up; without it the speed ends there."""
+    acceleration: float | None
+    """Largest acceleration of the speed reference, mechanical rad/s²; None: it is followed as it is."""
+    jerk: float | None
+    """Largest jerk of the speed reference, mechanical rad/s³, with an acceleration; None: no limit."""
+    torque_limits: tuple[float, float] | None
+    """Negative and positive limit of the torque, N·m, within `torque_max`; None: ±`torque_max`."""
+    speed_limits: tuple[float, float] | None
+    """Negative and positive limit of the speed reference, mechanical rad/s, within `omega_max`; None:
+    ±`omega_max`."""
+    machine_overload: tuple[float, float] | None
+    """Continuous current of the machine in A rms and time constant of its heat in s: the current is derated
+    before the heat exceeds that of the continuous current; None: no derating."""
+    bridge_overload: tuple[float, float] | None
+    """The same of the bridge."""
+    u_dc_brake: float | None
+    """dc-link voltage at which no braking torque is left, V; None: no limit."""
+    u_dc_buffer: float | None
+    """dc-link voltage below which the machine feeds the link from its inertia, V; None: it does not."""
+    u_dc_chopper: tuple[float, float] | None
+    """dc-link voltages from which on the brake chopper takes current and at which its duty is 1, V; None: no
+    chopper."""
 
     # Of the scheme "paper" alone; an error in the other one.
     offset_estimator: bool
@@ -61,10 +93,25 @@ class DriveSettings(TypedDict, total=False):
     """Noise compensator of Section III-D."""
     noise_gain: tuple[float, float]
     """Smallest and largest gain of the noise compensator, per unit."""
+    noise_regeneration: float
+    """Its gain at low stator frequency while regenerating, per unit, up to 4."""
     resistance_adaptation: bool
     """Stator resistance adaptation of Fig. 12."""
     resistance_gain: float
     """Its gain: change of R_s per unit, per second and unit of ε of (15), 0 to 5."""
+    resistance_at_rest: bool
+    """Adapt also at rest without load, by the radius of the flux (Fig. 13a); False."""
+    resistance_at_light_load: bool
+    """Adapt also at light load away from rest, by the method of [9] of the paper; False."""
+    resistance_quotient: bool
+    """Weight ε by the quotient ω_s/i_q (Fig. 12) instead of its sign; False."""
+    initial_flux: tuple[float, float] | None
+    """Flux estimate (α, β) that a start begins with, per unit of rated flux, each within ±2, while the
+    machine is not magnetised yet (Fig. 9); None: the estimate begins after the magnetisation."""
+    low_pass: float
+    """Corner frequency of a low-pass filter in place of Fig. 7, 0 to 10 Hz; 0: none."""
+    limiter: bool
+    """An integrator with limited components in place of Fig. 7; not together with `low_pass`."""
 
     # Of the scheme "enhanced" alone; an error in the other one.
     identify_offset: bool
@@ -77,22 +124,22 @@ class DriveSettings(TypedDict, total=False):
     """Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is
     lowered, by at most 30 %. 0: the flux stays."""
     prior_R_s: float
-    """Relative standard deviation with which the filter begins, 0.002 to 1: of the stator resistance, with
+    """Relative standard deviation with which the filter begins, 0.002 to 0.5: of the stator resistance, with
     its temperature. What is known well moves little: `Commissioned.settings`."""
     prior_loss: float
-    """Of threshold and dead time."""
+    """Of threshold and dead time, 0.002 to 1."""
     prior_c_out: float
-    """Of the capacitance of the inverter's legs."""
+    """Of the capacitance of the legs of the inverter, 0.002 to 1."""
     prior_L_sigma: float
-    """Of the leakage inductance."""
+    """Of the leakage inductance, 0.002 to 1."""
     prior_L_M: float
-    """Of the magnetising inductance."""
+    """Of the magnetising inductance, 0.002 to 0.5."""
 
 
 class PlantOptions(TypedDict, total=False):
     """Options of a plant."""
 
-    mode: str
+    mode: Literal["switching", "averaged"]
     """"switching": every edge, dead time and diode event; "averaged": mean leg voltages."""
     seed: int
     """Seed of the measurement noise."""
@@ -138,5 +185,8 @@ class PlantOptions(TypedDict, total=False):
     """Probability that the control is not called in a period: duties stay. Only in a scenario."""
     doubled_calls: float
     """Probability that the control is called twice with the same sample. Only in a scenario."""
+    dc_link: tuple[float, float, float | None] | None
+    """Capacitance in F, resistance of the supply in Ω, resistor of the brake chopper in Ω or None: the link
+    is fed by a diode rectifier of no-load voltage `u_dc`. None: the link has the voltage that is set."""
     thermal: tuple[float, float, float] | None
     """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K."""

@@ -171,9 +171,9 @@ def replayed(found: Replay) -> Figure:
     right.set_ylabel("confidence", color="C1")
     axes[-1].set_xlabel("time, s")
     figure.suptitle(f"{found.source}, scheme {found.scheme}")
+    torque.legend(loc="upper left", fontsize="small")
     for panel in axes:
         panel.grid(alpha=0.3)
-        panel.legend(loc="upper right", fontsize="small")
     return figure
 
 

@@ -19,6 +19,7 @@ field.
 from __future__ import annotations
 
 import csv
+import dataclasses
 import math
 import os
 from dataclasses import dataclass, field
@@ -42,13 +43,14 @@ from stillflux.logs.signals import (
 from stillflux.logs.start import Start, starts
 from stillflux.logs.wiring import check_wiring
 from stillflux.parameters import Inverter, Motor
+from stillflux.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
     from typing_extensions import Unpack
 
-    from stillflux.options import DriveSettings
+    from stillflux.options import DriveSettings, Scheme
 
 __all__ = ["Replay", "Voltage", "replay"]
 
@@ -193,7 +195,7 @@ def replay(
     log: Any,
     motor: Motor,
     inverter: Inverter,
-    scheme: str = "enhanced",
+    scheme: Scheme = "enhanced",
     columns: Columns | None = None,
     *,
     voltage: Voltage | None = None,
@@ -241,11 +243,15 @@ def replay(
     Raises ValueError naming file, line and column of what is wrong, ImportError's text included where a
     format needs a package that is not installed.
     """
-    if type(log).__name__ == "Result" and hasattr(log, "scenario"):
+    run_name = ""
+    if isinstance(log, Result):
+        run_name = f"Result {log.scenario.name!r}" if log.scenario.name else "Result"
         columns = {"i_s": "measured.i_s", "u_s": "estimate.u_s", **(columns or {})}
         log, voltage = {"t": log.t, **{key: log[key] for key in log.signals}}, voltage or "compensated"
         log = {name: log[name] for name in ("t", "measured.i_s", "estimate.u_s", "u_dc") if name in log}
     table = read_log(log, columns)
+    if run_name:
+        table = dataclasses.replace(table, source=run_name)
     kind = voltage or ("bridge" if "d_a" in table.data else "terminal")
     if kind not in ("terminal", "bridge", "compensated"):
         raise ValueError(f"voltage = {voltage!r} is not one of 'terminal', 'bridge', 'compensated'")

@@ -1,10 +1,10 @@
-"""`python3 -m tools run|bench` in the firmware crate: `make firmware` and `make firmware-bench` call it."""
+"""`python3 -m tools run|bench|cycles` in the firmware crate: `make firmware` and `make firmware-bench` call the first two."""
 
 from __future__ import annotations
 
 import sys
 
-from . import cost, pil, toolchain
+from . import cost, cycles, pil, toolchain
 
 
 def run(chain: toolchain.Toolchain) -> int:
@@ -30,11 +30,25 @@ def bench(chain: toolchain.Toolchain) -> int:
     return 0
 
 
+def time(chain: toolchain.Toolchain) -> int:
+    """Cycles of the control interrupt by the timing model of the Cortex-M4, over 2000 periods under control."""
+    print(cycles.__doc__)
+    for scheme, features in cost.SCHEMES.items():
+        for arithmetic in cost.ARITHMETICS:
+            elf = toolchain.build(chain, "drive", *features, *([] if arithmetic == "f32" else ["q"]))
+            c = cycles.measure(elf, pil.record(arithmetic, scheme)[0], 19_000, 17_000)
+            print(
+                f"{scheme:10}{arithmetic:5}{c.mean:8.0f} cycles a period, worst {c.worst:5};"
+                f"{c.instructions_mean:8.0f} instructions, worst {c.instructions_worst:5}"
+            )
+    return 0
+
+
 def main() -> int:
     """Runs one of the commands."""
-    commands = {"run": run, "bench": bench}
+    commands = {"run": run, "bench": bench, "cycles": time}
     if len(sys.argv) != 2 or sys.argv[1] not in commands:
-        print("usage: python3 -m tools run|bench", file=sys.stderr)
+        print("usage: python3 -m tools run|bench|cycles", file=sys.stderr)
         return 2
     try:
         chain = toolchain.find()

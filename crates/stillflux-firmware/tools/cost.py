@@ -25,6 +25,7 @@ BLOCKS = (
 #: Those of the enhanced scheme, and the periods of its filter's block.
 ENHANCED = (
     "balance",
+    "balance_fit",
     "filter",
     *(f"filter_{k}" for k in ("close", *range(1, 10))),
     "drive_step_enhanced",

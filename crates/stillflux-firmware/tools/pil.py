@@ -27,9 +27,9 @@ class Comparison:
 
 
 def record(arithmetic: str, scheme: str = "enhanced") -> tuple[Path, Path]:
-    """Frames to the target and the host's answers; beside them the parameter page of the recording."""
+    """Frames to the target and the host's answers; beside them the telemetry."""
     toolchain.OUT.mkdir(parents=True, exist_ok=True)
-    names = [f"{scheme}-{arithmetic}.{kind}" for kind in ("frames", "answers", "page")]
+    names = [f"{scheme}-{arithmetic}.{kind}" for kind in ("frames", "answers", "telemetry")]
     toolchain.host_example("record_pil", arithmetic, scheme, *names)
     return toolchain.OUT / names[0], toolchain.OUT / names[1]
 

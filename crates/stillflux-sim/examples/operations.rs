@@ -128,6 +128,10 @@ impl Real for Counted {
         book(1);
         Self(self.0.recip())
     }
+    fn over_64(self, y: Self) -> Self {
+        book(1);
+        Self(self.0 / (64.0 * y.0))
+    }
     fn rsqrt(self) -> Self {
         book(1);
         Self(self.0.max(1e-24).sqrt().recip())
@@ -239,7 +243,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     filter.start(filter_config, &i);
     filter.settle(filter_config, r(1.0));
     let loss = config.inverter_model().distortion(config.inverter_model().nominal(), &i, r(1.65), r(1.0));
-    let seen = Input { u_s: u, loss, i_m: i, i_ref: i_dq, omega_s: r(0.05) };
+    let seen = Input { u_s: u, loss: &loss, i_m: i, i_ref: i_dq, omega_s: r(0.05) };
     let mut balance = Balance::default();
     let mut enhanced_drive = running(enhanced);
     let half = r(0.3);
@@ -260,7 +264,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("speed_estimator", operations(|| speed.step(config.speed_config(), &psi, &i))),
         ("resistance_adaptation", operations(|| resistance.step(&resistance_config, r(1.0), &i_dq, r(0.05), r(0.04)))),
         ("confidence", operations(|| confidence.step(config.confidence_config(), r(0.05), r(0.001), Some(r(1e-4))))),
-        ("speed_control", operations(|| speed_control.step(config.speed_control_config(), r(0.05), r(0.049), r(1.0)))),
+        (
+            "speed_control",
+            operations(|| speed_control.step(config.speed_control_config(), r(0.05), r(0.049), (r(-1.0), r(1.0)))),
+        ),
         (
             "flux_control",
             operations(|| {
@@ -283,7 +290,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("modulator", operations(|| applied(&modulate([r(0.1), r(-0.3), r(0.2)], r(0.6), config.timer())))),
         ("drive_step", mean(SLOW_PERIODS, || drive.step(&measured, &Reference::Speed(r(0.0))))),
         ("filter", mean(BLOCK, || filter.step(filter_config, &seen, false))),
-        ("balance", operations(|| balance.step(enhanced.balance_config(), &i, r(0.0)))),
+        ("balance", operations(|| balance.remove(&i))),
+        ("balance_fit", operations(|| balance.fit(enhanced.balance_config(), &i, r(0.0)))),
         (
             "drive_step_enhanced",
             mean(SLOW_PERIODS * BLOCK, || enhanced_drive.step(&measured, &Reference::Speed(r(0.0)))),

@@ -1,7 +1,7 @@
 //! Records a closed loop for the processor in the loop: frames to the target, and the host's own answers.
 //!
-//! `record_pil f32|q enhanced|paper FRAMES ANSWERS PAGE`; the format is that of `stillflux-firmware/src/exchange.rs`, the
-//! page that of the image as it lies in flash. Host and target compile the same source.
+//! `record_pil f32|q enhanced|paper FRAMES ANSWERS TELEMETRY`; the format is that of `stillflux-firmware/src/exchange.rs`, the
+//! telemetry that of `stillflux-c/examples/drive.c`. Host and target compile the same source.
 
 #[path = "../../stillflux-firmware/src/blob.rs"]
 #[allow(dead_code)]
@@ -16,11 +16,10 @@ use blob::Parameters;
 use exchange::{Frame, Word, answer};
 use stillflux::base::Base;
 use stillflux::config::Scheme;
-use stillflux::counts::{Counts, CountsDrive};
+use stillflux::counts::{Command, Counts, CountsDrive};
 use stillflux::drive::Status;
-use stillflux::page::Page;
 use stillflux::scalar::Q;
-use stillflux::telemetry::SetPoint;
+use stillflux::telemetry::{SetPoint, Telemetry};
 use stillflux_sim::{Plant, PlantParams};
 
 /// Reference speed (per unit) and load (of rated torque) from a time on: start-up, low speed, load step,
@@ -49,9 +48,9 @@ enum Set {
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     match args.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["f32", scheme, frames, answers, page] => record::<f32>(scheme_of(scheme)?, frames, answers, page),
-        ["q", scheme, frames, answers, page] => record::<Q>(scheme_of(scheme)?, frames, answers, page),
-        _ => Err("usage: record_pil f32|q enhanced|paper FRAMES ANSWERS PAGE".into()),
+        ["f32", scheme, ref to @ ..] if to.len() == 3 => record::<f32>(scheme_of(scheme)?, to),
+        ["q", scheme, ref to @ ..] if to.len() == 3 => record::<Q>(scheme_of(scheme)?, to),
+        _ => Err("usage: record_pil f32|q enhanced|paper FRAMES ANSWERS TELEMETRY".into()),
     }
 }
 
@@ -64,16 +63,14 @@ fn scheme_of(name: &str) -> Result<Scheme, String> {
 }
 
 #[allow(clippy::cast_possible_truncation)]
-fn record<R: Word>(scheme: Scheme, frames_to: &str, answers_to: &str, page_to: &str) -> Result<(), Box<dyn Error>> {
+fn record<R: Word>(scheme: Scheme, to: &[&str]) -> Result<(), Box<dyn Error>> {
     let p = Parameters::preset(scheme);
     let base = Base::new(&p.machine);
     let mut plant = Plant::new(PlantParams::new(p.machine, p.inverter))?;
-    let ready = p.ready::<R>()?;
-    std::fs::write(page_to, Page::seal(&ready).words().map(u32::to_le_bytes).concat())?;
-    let mut control = CountsDrive::new(&ready);
+    let mut control = CountsDrive::<R>::new(&p.ready()?);
     let full = f64::from(control.timer().ok_or("no timer")?.full());
     let mut sample = plant.sample();
-    let (mut frames, mut answers) = (Vec::new(), Vec::new());
+    let (mut frames, mut answers, mut telemetry) = (Vec::new(), Vec::new(), Vec::new());
     let mut speed = 0.0_f64;
     for k in 0..(DURATION * p.inverter.f_s) as u32 {
         let t = f64::from(k) / p.inverter.f_s;
@@ -94,15 +91,58 @@ fn record<R: Word>(scheme: Scheme, frames_to: &str, answers_to: &str, page_to: &
         let command = control.period(&counts, &set_point);
         frames.extend(Frame { counts, set_point }.to_bytes());
         answers.extend(answer(&control, &command));
+        telemetry.extend(read(&command, &control.telemetry()).into_iter().flat_map(u32::to_le_bytes));
         let duty = command.compare.map(|n| f64::from(n) / full);
         sample = plant.step(duty, command.gates_on, load * p.machine.T_N);
         if matches!(control.status(), Status::Faulted { .. }) {
             return Err(format!("{:?} at {t} s", control.status()).into());
         }
     }
-    std::fs::write(frames_to, &frames)?;
-    std::fs::write(answers_to, &answers)?;
+    std::fs::write(to[0], &frames)?;
+    std::fs::write(to[1], &answers)?;
+    std::fs::write(to[2], &telemetry)?;
     Ok(())
+}
+
+/// Command and telemetry as they lie in memory in C.
+#[allow(non_snake_case)]
+fn read(command: &Command, t: &Telemetry) -> [u32; 16] {
+    let [a, b, c] = command.compare;
+    let Telemetry {
+        status,
+        fault,
+        period,
+        omega_m,
+        omega_s,
+        torque,
+        psi_s,
+        i_d,
+        i_q,
+        R_s,
+        angle_deviation,
+        confidence,
+    } = *t;
+    let [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence] =
+        [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence].map(f32::to_bits);
+    let gates_on = u32::from(command.gates_on);
+    [
+        a,
+        b,
+        c,
+        gates_on,
+        status,
+        fault,
+        period,
+        omega_m,
+        omega_s,
+        torque,
+        psi_s,
+        i_d,
+        i_q,
+        R_s,
+        angle_deviation,
+        confidence,
+    ]
 }
 
 /// A 12-bit reading, left-aligned in 16 bits.

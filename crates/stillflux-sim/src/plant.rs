@@ -11,6 +11,7 @@
 use crate::adc::{Adc, ChannelFault, Converter};
 use crate::branches::{DeepBar, IronLoss};
 use crate::bridge::{Bridge, Feed, GateDelays, phase};
+use crate::dclink::{DcLink, Link, LinkEnergy};
 use crate::machine::{BRANCHED, Circuit, Energy, Field, LINEAR, SATURATING, State, Step, V2, dot, phases};
 use crate::mechanics::{Mechanics, Shaft};
 use crate::nodes::Nodes;
@@ -62,6 +63,8 @@ pub struct PlantParams {
     pub calls: Calls,
     /// Winding temperature; `None`: cold throughout.
     pub thermal: Option<Thermal>,
+    /// Capacitor, supply and chopper of the dc link; `None`: the link has the voltage that is set.
+    pub dc_link: Option<DcLink>,
     /// Model of the bridge.
     pub mode: Mode,
     /// Whether to use the machine's saturation curve, if it has one.
@@ -84,6 +87,7 @@ impl PlantParams {
             deep_bar: None,
             calls: Calls::default(),
             thermal: None,
+            dc_link: None,
             mode: Mode::Switching,
             saturation: true,
             seed: 0,
@@ -109,6 +113,7 @@ impl PlantParams {
         self.deep_bar.map_or(Ok(()), |b| b.validate())?;
         check("missed_calls", self.calls.missed, 0.0, 0.9, "")?;
         check("doubled_calls", self.calls.doubled, 0.0, 1.0 - self.calls.missed, "")?;
+        self.dc_link.map_or(Ok(()), |l| l.validate())?;
         self.thermal.map_or(Ok(()), |t| t.validate())
     }
 }
@@ -207,6 +212,7 @@ pub struct Plant {
     stale: bool,
     kelvin: f64,
     energy: Option<Energy>,
+    link: Option<Link>,
     truth: Truth,
 }
 
@@ -262,7 +268,8 @@ impl Plant {
             band: (BAND * (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma).max(1e-9 * i_n),
             stale: false,
             kelvin: 0.0,
-            energy: None,
+            energy: params.dc_link.map(|_| Energy::default()),
+            link: params.dc_link.map(|l| Link::new(l, inv.u_dc)),
             truth: Truth::default(),
         };
         plant.refresh();
@@ -277,6 +284,7 @@ impl Plant {
     pub fn step(&mut self, duty: [f64; 3], gates_on: bool, load_torque: f64) -> MeasurementSi {
         let active = std::mem::replace(&mut self.preload, duty.map(|d| if d > 0.0 { d.min(1.0) } else { 0.0 }));
         let begin = self.begin(load_torque);
+        let taken = self.taken();
         let averaged = self.params.mode == Mode::Averaged && gates_on;
         match (averaged, self.circuit.kind()) {
             (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
@@ -285,6 +293,10 @@ impl Plant {
             (true, LINEAR) => self.averaged::<LINEAR>(active),
             (true, SATURATING) => self.averaged::<SATURATING>(active),
             (true, _) => self.averaged::<BRANCHED>(active),
+        }
+        let drawn = self.taken() - taken;
+        if let Some(link) = &mut self.link {
+            self.bridge.u_dc = link.advance(self.bridge.u_dc, drawn, self.period);
         }
         self.finish(begin, self.period);
         let mut i = self.phase_currents();
@@ -377,8 +389,30 @@ impl Plant {
         self.adc.set_fault(channel, fault);
     }
 
-    /// Sets the dc-link voltage, V.
+    /// Energy that the bridge has taken from the link, as far as it is accounted.
+    fn taken(&self) -> f64 {
+        self.energy.as_ref().map_or(0.0, |e| of_mode(self.params.mode, e))
+    }
+
+    /// Duty of the brake chopper from now on, 0 to 1.
+    pub fn set_chopper(&mut self, duty: f64) {
+        if let Some(link) = &mut self.link {
+            link.chopper = if duty > 0.0 { duty.min(1.0) } else { 0.0 };
+        }
+    }
+
+    /// Energies of the dc link since the plant was made, if it has a capacitor.
+    #[must_use]
+    pub fn link_energy(&self) -> Option<&LinkEnergy> {
+        self.link.as_ref().map(|link| &link.energy)
+    }
+
+    /// Sets the dc-link voltage, V; of a link with a capacitor the no-load voltage of its supply.
     pub fn set_u_dc(&mut self, u_dc: f64) {
+        if let Some(link) = &mut self.link {
+            link.supply = u_dc;
+            return;
+        }
         self.bridge.u_dc = u_dc;
         self.truth.u_dc = u_dc;
     }
@@ -400,7 +434,8 @@ impl Plant {
 
     /// Starts (from zero) or stops the account of energies.
     pub fn track_energy(&mut self, on: bool) {
-        self.energy = on.then(Energy::default);
+        // A link with a capacitor lives by the account.
+        self.energy = (on || self.link.is_some()).then(Energy::default);
     }
 
     /// Energies since tracking began, if it did.
@@ -961,6 +996,14 @@ impl Plant {
             }
         }
         best
+    }
+}
+
+/// What the bridge takes from the link; the average model has no losses of its own.
+fn of_mode(mode: Mode, e: &Energy) -> f64 {
+    match mode {
+        Mode::Switching => e.link,
+        Mode::Averaged => e.input,
     }
 }
 

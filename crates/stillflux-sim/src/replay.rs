@@ -11,7 +11,7 @@
 //! [`InverterModel`]: stillflux::inverter::InverterModel
 
 use stillflux::base::{Base, PerUnit};
-use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+use stillflux::config::{BALANCE_PERIODS, DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 use stillflux::estimate::balance::Balance;
 use stillflux::estimate::confidence::Confidence;
 use stillflux::estimate::flux::FluxEstimator;
@@ -183,12 +183,20 @@ impl Replay {
                 confidence.start();
             }
         }
-        let psi_r = psi_s - i_s * self.config.speed_config().sigma_l_s;
-        self.speed_estimator.start(&psi_r, at.omega_m / b.omega_m);
-        self.speed = self.speed_estimator.step(self.config.speed_config(), &psi_s, &i_s);
         self.i_s = i_s;
+        let psi_r = self.rotor_flux();
+        self.speed_estimator.start(&psi_r, at.omega_m / b.omega_m);
+        self.speed = self.speed_estimator.step(self.config.speed_config(), &psi_r, &i_s);
         self.i_slow = Rotator::of(&psi_s).0.to_field(&i_s);
         self.period = 0;
+    }
+
+    /// Rotor flux, with the leakage inductance that the scheme knows.
+    fn rotor_flux(&self) -> AlphaBeta<f64> {
+        match &self.estimators {
+            Estimators::Enhanced { filter, .. } => filter.rotor_flux(self.config.filter_config()),
+            Estimators::Paper { flux, .. } => self.config.speed_config().rotor_flux(&flux.value(), &self.i_s),
+        }
     }
 
     /// Loss of the inverter model in the interval that ends now.
@@ -206,15 +214,19 @@ impl Replay {
     pub fn step(&mut self, row: &Row) {
         let b = self.base;
         self.period = self.period.wrapping_add(1);
-        let (speed_due, slow_due) = (self.period % SPEED_PERIODS == 0, self.period % SLOW_PERIODS == 0);
+        let (speed_due, slow_due) =
+            (self.period.is_multiple_of(SPEED_PERIODS), self.period.is_multiple_of(SLOW_PERIODS));
         let loss = self.loss(row.u_dc / b.u);
         let (u_s, i_m) = (vector(row.u_s, b.u) - loss.vector(), vector(row.i_s, b.i));
         self.u_s = u_s;
         let (c, omega_s) = (&self.config, self.speed.omega_s);
-        let (psi_s, i_dq) = match &mut self.estimators {
+        let i_dq = match &mut self.estimators {
             Estimators::Enhanced { filter, balance } => {
-                let i_m = balance.step(c.balance_config(), &i_m, row.i_sum / b.i);
-                let input = Input { u_s, loss, i_m, i_ref: self.i_slow, omega_s };
+                if self.period % BALANCE_PERIODS == 2 {
+                    balance.fit(c.balance_config(), &i_m, row.i_sum / b.i);
+                }
+                let i_m = balance.remove(&i_m);
+                let input = Input { u_s, loss: &loss, i_m, i_ref: self.i_slow, omega_s };
                 let i_dq = filter.step(c.filter_config(), &input, self.blind > 0);
                 self.blind = self.blind.saturating_sub(1);
                 if slow_due {
@@ -222,7 +234,7 @@ impl Replay {
                     self.knee = c.inverter_model().knee(filter.knee());
                 }
                 self.i_s = filter.i_s();
-                (filter.value(), i_dq)
+                i_dq
             }
             Estimators::Paper { flux, resistance, confidence } => {
                 flux.step(c.flux_config(), &u_s, &i_m, resistance.r_s(), row.psi_ref / b.psi);
@@ -236,15 +248,16 @@ impl Replay {
                     let corrected = (flux.offset.updates() > 0).then(|| flux.offset.last_correction());
                     confidence.step(c.confidence_config(), omega_s, flux.effort(), corrected);
                 }
-                (flux.value(), i_dq)
+                i_dq
             }
         };
         let corner = (1.0 / (SMOOTHING * self.f_s)).min(1.0);
         self.i_slow += (i_dq - self.i_slow) * corner;
         if speed_due {
-            self.speed = self.speed_estimator.step(c.speed_config(), &psi_s, &self.i_s);
+            let psi_r = self.rotor_flux();
+            self.speed = self.speed_estimator.step(self.config.speed_config(), &psi_r, &self.i_s);
             if let Estimators::Paper { flux, .. } = &mut self.estimators {
-                flux.set_stator_frequency(c.flux_config(), self.speed.omega_s);
+                flux.set_stator_frequency(self.config.flux_config(), self.speed.omega_s);
             }
         }
     }
@@ -262,7 +275,7 @@ impl Replay {
                 (flux.value(), flux.offset.u_off(), resistance.r_s(), c.value(), c.sigma(), 0.0)
             }
         };
-        let psi_r = psi_s - self.i_s * self.config.speed_config().sigma_l_s;
+        let psi_r = self.rotor_flux();
         let si = |v: AlphaBeta<f64>, base: f64| [v.re() * base, v.im() * base];
         Estimates {
             psi_s: si(psi_s, b.psi),

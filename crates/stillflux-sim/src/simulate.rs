@@ -75,7 +75,7 @@ pub enum Change {
     StatorResistance(f64),
     /// Offsets of the current channels, A.
     CurrentOffset([f64; 3]),
-    /// dc-link voltage, V.
+    /// dc-link voltage, V; of a link with a capacitor that of its supply.
     DcLink(f64),
     /// Imposed shaft speed, rad/s, or free again.
     Speed(Option<f64>),
@@ -144,6 +144,7 @@ struct Moment<'a> {
     estimate: EstimateSi,
     drive: &'a SiDrive,
     measured: Vector,
+    u_dc: f64,
     reference: f64,
     drift: Vector,
 }
@@ -204,6 +205,7 @@ signals! {
     "estimate.nis", "", Real, |m| m.estimate.nis;
     "estimate.angle_deviation", "rad", Real, |m| m.estimate.angle_deviation;
     "estimate.confidence", "", Real, |m| m.estimate.confidence;
+    "chopper", "", Real, |m| m.drive.chopper(m.u_dc);
     "status", "", Real, |m| f64::from(m.drive.status().code());
 }
 
@@ -413,6 +415,7 @@ impl<'s> Run<'s> {
             self.write_row(t, reference);
         }
         let load = self.scenario.load.at(t, &mut self.load_at);
+        self.plant.set_chopper(self.drive.chopper(self.sample.u_dc));
         self.sample = self.plant.step(self.duty, self.gates_on, load);
         self.period += 1;
     }
@@ -448,6 +451,7 @@ impl<'s> Run<'s> {
             estimate: self.drive.estimate(),
             drive: &self.drive,
             measured: AlphaBeta::from_phases(self.sample.i_abc).into(),
+            u_dc: self.sample.u_dc,
             reference,
             drift: [0, 1].map(|k| self.u_i_integral[k] - (psi[k] - begin[k])),
         }

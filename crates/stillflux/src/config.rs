@@ -16,11 +16,17 @@ mod paper;
 mod settings;
 use settings::BOOST;
 
-pub use settings::{DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+pub use settings::{
+    BALANCE_PERIODS, DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme,
+};
 
 use crate::base::{PerUnit, rounded};
 use crate::control::current::CurrentConfig;
+#[cfg(feature = "dclink")]
+use crate::control::dclink::{self, DcLinkConfig};
 use crate::control::flux::FluxControlConfig;
+use crate::control::overload::{self, OverloadConfig};
+use crate::control::ramp::{self, RampConfig};
 #[cfg(feature = "enhanced")]
 use crate::control::shift::ShiftConfig;
 use crate::control::speed::SpeedControlConfig;
@@ -44,6 +50,8 @@ use crate::supervision::SupervisionConfig;
 #[cfg(feature = "supervision")]
 use crate::supervision::channels::ChannelConfig;
 #[cfg(feature = "supervision")]
+use crate::supervision::innovation::InnovationConfig;
+#[cfg(feature = "supervision")]
 use crate::supervision::phases::PhaseConfig;
 use crate::supervision::plausibility::PlausibilityConfig;
 #[cfg(feature = "supervision")]
@@ -65,6 +73,9 @@ pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
 const WEAK_GAIN: f64 = 0.15;
 const WEAK_RATE: f64 = 0.05;
 const LIMIT_HIGH: f64 = 2.0;
+/// Threshold `h` of the test for a lost field, s ([`crate::supervision::innovation`]).
+#[cfg(feature = "supervision")]
+const LOST_FIELD: f64 = 0.04;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,7 +110,17 @@ pub struct DriveConfig<R: Real> {
     pub(crate) pull_out_use: R,
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
-    pub(crate) omega_max: R,
+    /// Limits of the speed reference.
+    pub(crate) omega_least: R,
+    pub(crate) omega_most: R,
+    pub(crate) ramp: RampConfig<R>,
+    pub(crate) overload: [OverloadConfig<R>; 2],
+    #[cfg(feature = "dclink")]
+    pub(crate) dclink: DcLinkConfig<R>,
+    /// Periods after a stop for which offsets and identified parameters are fresh, and the current that builds up the
+    /// flux then.
+    pub(crate) fresh_periods: u32,
+    pub(crate) i_quick: R,
     /// Periods after a sample that could not be used in which another one is a fault.
     pub(crate) bridged_periods: u32,
     pub(crate) calibrate_offset: bool,
@@ -114,7 +135,9 @@ words! {
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
-    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_max,
+    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
+    #[cfg(feature = "dclink")] dclink,
+    fresh_periods, i_quick,
     bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
@@ -218,6 +241,11 @@ impl<R: Real> DriveConfig<R> {
         // Readings are within their range if the currents are, less the largest offset taken off them.
         let plain = (i_range - I_OFF_MAX).max(0.0);
 
+        let (torque_least, torque_most) = p.torque_limits.unwrap_or((-p.torque_max, p.torque_max));
+        let (omega_least, omega_most) = p.speed_limits.unwrap_or((-p.omega_max, p.omega_max));
+        let torque_max = torque_most.max(-torque_least) / b.torque;
+        let slow = f64::from(SLOW_PERIODS) / inverter.f_s;
+
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
         let u_max = U_UTILISATION * pu.u_dc;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
@@ -247,6 +275,20 @@ impl<R: Real> DriveConfig<R> {
         fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * l_product * l_product, 4.0)?;
         fits::<R>("L_sigma", machine.L_sigma, "H", inv_two_l_product, -1.0)?;
         fits::<R>("i_max", p.i_max, "A", 1.0 / (0.9 * i_q_max * p.psi_ref), -1.0)?;
+        let ramp_acceleration = slow * ramp::CALLS / b.omega_m;
+        let ramp_jerk = slow * ramp_acceleration;
+        for (field, value, unit, factor) in
+            [("acceleration", p.acceleration, "rad/s²", ramp_acceleration), ("jerk", p.jerk, "rad/s³", ramp_jerk)]
+        {
+            if let Some(value) = value {
+                fits::<R>(field, value, unit, value * factor, 1.0)?;
+            }
+        }
+        for (field, body) in [("machine_overload[0]", p.machine_overload), ("bridge_overload[0]", p.bridge_overload)] {
+            if let Some((current, _)) = body {
+                fits::<R>(field, current, "A", 0.5 * b.i * b.i / (current * current), -2.0)?;
+            }
+        }
         #[cfg(feature = "paper")]
         if p.scheme == Scheme::Paper {
             fits::<R>("R_s", machine.R_s, "ohm", 1.0 / pu.r_s, -1.0)?;
@@ -285,7 +327,7 @@ impl<R: Real> DriveConfig<R> {
             },
             weakening: WeakeningConfig {
                 psi_rated: r(p.psi_ref),
-                psi_min: r(0.2 * p.psi_ref),
+                psi_min: r(if p.field_weakening { 0.2 } else { 1.0 } * p.psi_ref),
                 // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
                 resistance: r(pu.r_s + pu.r_r * (l_s / pu.l_m) * (l_s / pu.l_m) / 0.8),
                 k: r(t_slow * pu.hz(p.flux_bandwidth) / 2.0),
@@ -294,7 +336,9 @@ impl<R: Real> DriveConfig<R> {
             speed_control: SpeedControlConfig {
                 k_p: r(speed_gain),
                 k_i: r(speed_k_i),
-                torque_max: r(p.torque_max / b.torque),
+                torque_max: r(torque_max),
+                torque_pos: r(torque_most / b.torque),
+                torque_neg: r(-torque_least / b.torque),
             },
             supervision: SupervisionConfig {
                 plausibility: PlausibilityConfig {
@@ -314,6 +358,10 @@ impl<R: Real> DriveConfig<R> {
                 #[cfg(feature = "supervision")]
                 channels: ChannelConfig { limit: r(0.05 * i_range + 0.08), calls: watched(0.004) },
                 #[cfg(feature = "supervision")]
+                innovation: InnovationConfig {
+                    gain: r(if p.supervision { f64::from(SLOW_PERIODS) / inverter.f_s / LOST_FIELD } else { 0.0 }),
+                },
+                #[cfg(feature = "supervision")]
                 stall: StallConfig { calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX } },
             },
             low_confidence: p.low_confidence,
@@ -328,7 +376,35 @@ impl<R: Real> DriveConfig<R> {
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
-            omega_max: r(p.omega_max / b.omega_m),
+            omega_least: r(omega_least / b.omega_m),
+            omega_most: r(omega_most / b.omega_m),
+            ramp: RampConfig {
+                acceleration: r(p.acceleration.map_or(0.0, |a| a * ramp_acceleration)),
+                jerk: r(p.jerk.map_or(0.0, |j| j * ramp_jerk)),
+                // Twice the deviation at which the proportional part alone asks for the largest torque.
+                lead: r((2.0 * torque_max / speed_gain).min(1.0)),
+            },
+            overload: [p.machine_overload, p.bridge_overload].map(|body| {
+                let (i_c_sq, rate) = body.map_or((1.0, 0.0), |(current, time)| {
+                    (2.0 * current * current / (b.i * b.i), slow * f64::from(overload::CALLS) / time)
+                });
+                OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
+            }),
+            #[cfg(feature = "dclink")]
+            dclink: {
+                let u = |volts: Option<f64>, without: f64| volts.map_or(without, |u| u / b.u);
+                let (on, full) = p.u_dc_chopper.map_or((100.0, 101.0), |(on, full)| (on / b.u, full / b.u));
+                DcLinkConfig {
+                    // Beyond what is ever measured where they are not set.
+                    u_brake: r(u(p.u_dc_brake, 100.0)),
+                    u_buffer: r(u(p.u_dc_buffer, -100.0)),
+                    inv_width: r(1.0 / (dclink::WIDTH * pu.u_dc)),
+                    u_on: r(on),
+                    inv_span: r((1.0 / (full - on)).min(100.0)),
+                }
+            },
+            fresh_periods: if p.fresh_time > 0.0 { periods(p.fresh_time) } else { 0 },
+            i_quick: r(0.9 * i_max),
             bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
             offset_periods: periods(p.offset_time),

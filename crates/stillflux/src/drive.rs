@@ -19,6 +19,8 @@
 //!
 //! No call panics, allocates, or lets a number that is not finite through, whatever the ADC delivers.
 
+#[cfg(feature = "enhanced")]
+pub(crate) mod catch;
 mod control;
 #[cfg(feature = "enhanced")]
 mod enhanced;
@@ -47,10 +49,12 @@ use sequence::{Action, Sequence};
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+#[repr(C)]
 pub struct Drive<R: Real> {
-    config: DriveConfig<R>,
-    estimators: SchemeEstimators<R>,
+    // In this order: what every period reads and writes comes first, within the reach of one instruction.
     common: Common<R>,
+    estimators: SchemeEstimators<R>,
+    config: DriveConfig<R>,
 }
 
 impl<R: Real> Drive<R> {
@@ -140,6 +144,17 @@ impl<R: Real> Drive<R> {
         self.estimators.restore(&self.config, memory);
     }
 
+    /// Duty of the brake chopper at a link voltage, 0 to 1, in every state of the drive; 0 without the setting.
+    #[cfg(feature = "dclink")]
+    pub fn chopper(&self, u_dc: R) -> R {
+        self.config.dclink.chopper(u_dc)
+    }
+
+    /// Heat of machine and bridge in units of that at their continuous currents; 0 without the settings.
+    pub fn overload(&self) -> [R; 2] {
+        self.common.control.overload()
+    }
+
     /// Leaves a fault; the drive is stopped then.
     pub fn reset(&mut self) {
         if matches!(self.status(), Status::Faulted { .. }) {
@@ -180,13 +195,17 @@ impl<R: Real> Common<R> {
             &bridged
         };
         let (i_abc, i_s) = self.sequence.currents(measured);
-        let running = likely(self.sequence.status() == Status::Running && reference.is_admissible());
-        if !running && !self.prepare(c, estimators, measured, reference, &i_s) {
-            return self.blocked();
+        let mut start_up = None;
+        if !(likely(matches!(self.sequence.status(), Status::Running)) && likely(reference.is_admissible())) {
+            start_up = self.prepare(c, estimators, measured, reference, i_s);
+            if start_up.is_none() {
+                return self.blocked();
+            }
         }
         let (period, u_dc) = (self.sequence.period(), measured.u_dc);
-        let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, running);
+        let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, start_up);
         let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter(c));
+        let running = start_up.is_none();
         if likely(running) {
             self.slow_tasks(c, estimators, reference, u_dc);
         }
@@ -196,27 +215,28 @@ impl<R: Real> Common<R> {
         Output { duty, gates_on: true }
     }
 
-    /// All states but `Running`: whether this is a period of the start-up.
-    #[inline(always)]
+    /// All states but `Running`: progress of the start-up, if this is a period of it.
+    #[cold]
+    #[inline(never)]
     fn prepare<E: Estimators<R>>(
         &mut self,
         c: &DriveConfig<R>,
         estimators: &mut E,
         measured: &Measurement<R>,
         reference: &Reference<R>,
-        i_s: &AlphaBeta<R>,
-    ) -> bool {
+        i_s: AlphaBeta<R>,
+    ) -> Option<StartUp> {
         let action = self.sequence.advance(c, measured, reference);
         if action == Action::StartUp {
-            return true;
+            return Some(StartUp { stage: self.sequence.stage() });
         }
         if action == Action::Ready {
-            estimators.begin();
+            estimators.begin(c, self.sequence.pause(c));
             self.control.begin();
             self.supervision.begin();
         }
-        estimators.idle(i_s);
-        false
+        estimators.idle(&i_s);
+        None
     }
 
     /// Estimators of the scheme, under control or in its start-up.
@@ -227,15 +247,15 @@ impl<R: Real> Common<R> {
         estimators: &mut E,
         (i_abc, i_s): ([R; 3], AlphaBeta<R>),
         u_dc: R,
-        running: bool,
+        start_up: Option<StartUp>,
     ) -> FieldQuantities<R> {
         let period = self.sequence.period();
-        let (u_s, u_loss) = self.control.voltage.applied(period, u_dc);
-        let x = PeriodInput { i_abc, i_s, u_s, u_loss, psi_ref: self.control.psi_ref };
-        let start_up = (!running).then(|| StartUp { stage: self.sequence.stage(), period });
-        let PeriodOutput { field, complete } = estimators.period(c, &x, &mut self.control.i_dq_ref, start_up);
+        let Control { voltage, i_dq_ref, psi_ref, .. } = &mut self.control;
+        let u_s = voltage.applied(period, u_dc);
+        let x = PeriodInput { i_abc, i_s, u_s, u_loss: &voltage.loss, psi_ref: *psi_ref, period };
+        let PeriodOutput { field, complete } = estimators.period(c, &x, i_dq_ref, start_up);
         if complete {
-            self.control.start(c);
+            self.control.start(c, estimators.speed().omega_m);
             self.sequence.enter(Status::Running);
         }
         field
@@ -306,17 +326,20 @@ impl<R: Real> Common<R> {
         running: bool,
     ) -> bool {
         let control = &self.control;
-        let currents = Currents { i_abc, i_dq: &x.i_dq, i_dq_ref: &control.i_dq_ref, field: &x.field };
+        let omega_s = running.then_some(estimators.speed().omega_s);
+        let currents = Currents { i_abc, i_dq: &x.i_dq, i_dq_ref: &control.i_dq_ref, field: &x.field, omega_s };
         let mut trip = self.supervision.currents(&c.supervision, &currents);
         if likely(running) {
-            let omega_m = estimators.speed().omega_m;
+            let (omega_m, omega_s) = (estimators.speed().omega_m, estimators.speed().omega_s);
             let speed_deviation = match *reference {
-                Reference::Speed(omega) => omega.limit(c.omega_max) - omega_m,
+                Reference::Speed(omega) => omega.clamp(c.omega_least, c.omega_most) - omega_m,
                 _ => R::ZERO,
             };
             let course = Course {
                 psi_deviation: x.psi_s - control.psi_ref,
                 omega_m,
+                omega_s,
+                nis: estimators.nis(),
                 speed_deviation,
                 torque_limited: control.torque_limited,
             };

@@ -180,21 +180,26 @@ impl<R: Real> InverterModel<R> {
     pub fn distortion(&self, knee: &Knee<R>, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> Distortion<R> {
         let (least, dead) = (self.u_th * gain, self.dead_time * u_dc * gain);
         let full = least + dead;
-        let scale = R::from_f64(SCALE);
         let tail = dead * knee.tail;
         let leg = |i: R| {
             let i = i - self.shift;
             let magnitude = i.abs();
             let e = if likely(magnitude > knee.width) {
-                // Without capacitance there is no tail, and no reciprocal to spend time on.
-                if tail > R::ZERO { full - tail * (magnitude * scale).recip() } else { full }
+                full - tail.over_64(magnitude)
             } else {
-                magnitude * knee.slope * (dead * scale) + least * (magnitude * self.inv_band * scale).min(R::ONE)
+                self.near_zero(knee, magnitude, least, dead)
             };
             if i < R::ZERO { -e } else { e }
         };
         let [a, b, c] = i_s.to_phases();
         Distortion { phases: [leg(a), leg(b), leg(c)], least, full }
+    }
+
+    /// Loss of a leg in the linear part of its curve.
+    #[inline(never)]
+    fn near_zero(&self, knee: &Knee<R>, magnitude: R, least: R, dead: R) -> R {
+        let scale = R::from_f64(SCALE);
+        magnitude * knee.slope * (dead * scale) + least * (magnitude * self.inv_band * scale).min(R::ONE)
     }
 }
 

@@ -193,7 +193,7 @@ mod tests {
     fn a_page_of_another_image_is_refused() {
         let page = Page::seal(&ready::<f32>(Scheme::default()));
         assert!(page.open::<Q>().is_none(), "arithmetic");
-        for built in 0..8 {
+        for built in 0..16 {
             let other = changed(&page, 2, |_| built);
             assert_eq!(other.open::<f32>().is_some(), built == Scheme::BUILT, "schemes {built:b}");
         }

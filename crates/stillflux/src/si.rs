@@ -127,11 +127,10 @@ pub struct MemorySi {
 impl MemorySi {
     /// What a drive that has not run yet remembers: the parameters.
     #[must_use]
-    #[allow(non_snake_case)]
     pub fn of(machine: &Machine, inverter: &Inverter) -> Self {
+        let r_s = machine.R_s + inverter.r_d;
         let Machine { L_sigma, L_M, .. } = *machine;
-        let R_s = machine.R_s + inverter.r_d;
-        Self { u_off: [0.0; 2], R_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
+        Self { u_off: [0.0; 2], R_s: r_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
     }
 }
 
@@ -345,6 +344,19 @@ impl SiDrive {
             let out = d.step_at(stamp, &units.measurement(measured), &units.reference(reference))?;
             Some((out.duty.map(Real::to_f64), out.gates_on))
         })
+    }
+
+    /// Duty of the brake chopper at a measured link voltage in V, 0 to 1.
+    #[cfg(feature = "dclink")]
+    #[must_use]
+    pub fn chopper(&self, u_dc: f64) -> f64 {
+        with!(&self.inner, d => d.chopper(Real::from_f64(u_dc / self.units.base.u)).to_f64())
+    }
+
+    /// Heat of machine and bridge in units of that at their continuous currents; 0 without the settings.
+    #[must_use]
+    pub fn overload(&self) -> [f64; 2] {
+        with!(&self.inner, d => d.overload().map(Real::to_f64))
     }
 
     /// State of the sequence.

@@ -51,7 +51,7 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         metavar="TARGET",
         help="such as plane, plane-drift, mismatch; none: all of them; or alone one of the campaigns over "
-        "installations drawn at random, tolerance, consistency and commissioning",
+        "installations drawn at random, tolerance, consistency and commissioning, or operations",
     )
     _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES])))
     drawn = parser.add_argument_group("tolerance, consistency and commissioning")
@@ -62,6 +62,12 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         choices=COURSES,
         action="append",
         help="only this course (tolerance); on this one as well (commissioning)",
+    )
+    parser.add_argument(
+        "--operation",
+        action="append",
+        metavar="NAME",
+        help="only this one (operations), or those that begin so",
     )
     parser.add_argument("--scheme", choices=[*SCHEMES, "all"], default="all")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every run there as JSON")
@@ -194,8 +200,10 @@ def _beyond(options: argparse.Namespace) -> int:
         return _CAMPAIGNS[drawn[0]](options)
     if options.machine not in ("all", *ALL_MACHINES):
         raise ValueError(f"--machine {options.machine}: admissible here are {', '.join(ALL_MACHINES)}, all")
-    if options.draws or options.draw or options.course:
-        raise ValueError(f"--draws, --draw and --course: admissible for {' and '.join(_CAMPAIGNS)} only")
+    if options.draws or options.draw or options.course or options.operation:
+        raise ValueError(
+            f"--draws, --draw, --course and --operation: only with one of {', '.join(_CAMPAIGNS)}"
+        )
     machines = _machines(options, ALL_MACHINES)
     schemes = _chosen(options.scheme, SCHEMES)
     chosen = choose_targets(options.targets)
@@ -344,6 +352,34 @@ def _commissioning(options: argparse.Namespace) -> int:
     return _ended(path, journal, stopped)
 
 
+def _operations(options: argparse.Namespace) -> int:
+    from stillflux.evidence import operate
+    from stillflux.evidence.conditions import SCHEMES
+    from stillflux.evidence.journal import Journal
+    from stillflux.evidence.registry import choose_operations
+    from stillflux.evidence.report import operations
+    from stillflux.evidence.table import of_operation, update
+    from stillflux.parallel import Stopped, run_jobs
+
+    if options.draws or options.draw or options.course or options.json:
+        raise ValueError("--draws, --draw, --course and --json: not of operations")
+    names, schemes = choose_operations(options.operation or ()), _chosen(options.scheme, SCHEMES)
+    options.out.mkdir(parents=True, exist_ok=True)
+    journal = Journal(options.journal) if options.journal else None
+    runner, stopped = (journal.run if journal else run_jobs), ""
+    try:
+        found = operate.perform_all(names, _drives(options), schemes, options.arithmetic, None, runner)
+    except Stopped as stop:
+        found, stopped = stop.results, str(stop)
+    print(operations.table(found))
+    if options.metrics and not stopped:
+        update(options.metrics, map(of_operation, found))
+    path = options.out / "operations.html"
+    operations.write(path, options.command_line, found, stopped)
+    failed = _ended(path, journal, stopped)
+    return failed or int(not options.metrics and not all(x.ok for x in found))
+
+
 def _ended(path: Path, journal: Journal | None, stopped: str) -> int:
     """Where the report is; a journal has served once all is done."""
     print(f"report: {path}", file=sys.stderr)
@@ -358,8 +394,10 @@ _CAMPAIGNS: Mapping[str, Callable[[argparse.Namespace], int]] = {
     "tolerance": _tolerance,
     "consistency": _consistency,
     "commissioning": _commissioning,
+    "operations": _operations,
 }
-"""Over installations drawn at random; they have machines and options of their own."""
+"""Over installations drawn at random, and what drives are asked to do; with machines and options of
+their own."""
 
 
 def _docs(options: argparse.Namespace) -> int:

@@ -26,7 +26,7 @@ from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.errors import ERRORS
 from stillflux.evidence.machines import ALL_MACHINES, MACHINES
-from stillflux.evidence.registry import experiments, figures, targets
+from stillflux.evidence.registry import experiments, figures, operations, targets
 from stillflux.evidence.sensitivity import FIGURES as OF_MARGINS
 from stillflux.evidence.sensitivity import LESS, MORE, Margin
 from stillflux.evidence.table import LOST_AFTER, Group, Kind, Line, Table
@@ -34,7 +34,13 @@ from stillflux.evidence.tolerance import EXCURSIONS, MISSES, NEEDLESS, interval,
 
 __all__ = ["DOCUMENTS", "TABLES", "rendered", "tests_named", "update"]
 
-DOCUMENTS = (Path("README.md"), Path("docs/figures.md"), Path("docs/beyond.md"), Path("docs/tolerance.md"))
+DOCUMENTS = (
+    Path("README.md"),
+    Path("docs/figures.md"),
+    Path("docs/beyond.md"),
+    Path("docs/tolerance.md"),
+    Path("docs/operations.md"),
+)
 """The files that hold tables, from the root of the project."""
 
 _TABLE = re.compile(r"(<!-- table: (?P<name>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -125,31 +131,36 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 # The paper's figures.
 
 
-def _lines(table: Table, kind: Kind, name: str) -> list[tuple[Line, list[Line | None]]]:
-    """Lines of a figure at the first machine that has them, and each at every machine."""
-    by = {machine: table.find(kind, name, machine) for machine in MACHINES}
+def _lines(
+    table: Table, kind: Kind, name: str, schemes: Sequence[str] = SCHEMES[:1]
+) -> list[tuple[Line, list[Line | None]]]:
+    """Lines of a figure where they are found first, and each at every machine, scheme after scheme."""
+    columns = [table.find(kind, name, machine, scheme) for scheme in schemes for machine in MACHINES]
     first: dict[tuple[str, str], Line] = {}
-    for machine in MACHINES:
-        for line in by[machine]:
+    for column in columns[: len(MACHINES)]:
+        for line in column:
             first.setdefault((line.quantity, line.direction), line)
     return [
-        (line, [next((x for x in by[m] if (x.quantity, x.direction) == key), None) for m in MACHINES])
+        (line, [next((x for x in column if (x.quantity, x.direction) == key), None) for column in columns])
         for key, line in first.items()
     ]
 
 
 def _verdicts(table: Table) -> str:
-    """Every claim of every figure, its negative control below."""
+    """Every claim of every figure, what the other scheme does beside it, its negative control below."""
     rows = []
+    count = len(MACHINES)
     for name in figures():
         experiment = experiments()[name]
-        found = _lines(table, "figure", name)
-        failing = any(line is not None and not line.holds for _, lines in found for line in lines)
+        found = _lines(table, "figure", name, SCHEMES)
+        published = [lines[:count] for _, lines in found]
+        failing = any(line is not None and not line.holds for lines in published for line in lines)
         verdict = "limit" if failing else "reproduced" if found else _UNKNOWN
-        rows.append([f"**{name}**", f"*{experiment.title}*", "", "", verdict])
+        rows.append([f"**{name}**", f"*{experiment.title}*", *[""] * (2 * count), verdict])
         rows += [["", claim(line), *map(judged, lines), ""] for line, lines in found]
-        rows.append(["", *_control(table, name), ""])
-    return markdown(["fig.", "must show", *MACHINES, "verdict"], rows)
+        rows.append(["", *_control(table, name), *[""] * (count + 1)])
+    beside = [f"{machine} {SCHEMES[1]}" for machine in MACHINES]
+    return markdown(["fig.", "must show", *MACHINES, *beside, "verdict"], rows)
 
 
 def _control(table: Table, name: str) -> list[str]:
@@ -491,6 +502,33 @@ def _consistency(table: Table) -> str:
     return markdown(["", *DRIVES], rows)
 
 
+def _operations(table: Table) -> str:
+    """What was asked, and the worst over the drives of what happened."""
+    rows = []
+    for name, operation in operations().items():
+        for scheme in operation.schemes:
+            by = {m: table.find("operation", name, m, scheme) for m in operation.machines}
+            for quantity, direction in dict.fromkeys(
+                (x.quantity, x.direction) for lines in by.values() for x in lines
+            ):
+                lines = [
+                    x for ls in by.values() for x in ls if (x.quantity, x.direction) == (quantity, direction)
+                ]
+                worst = max(lines, key=lambda x: x.excess)
+                held = f"{sum(x.holds for x in lines)} of {len(lines)}"
+                rows.append(
+                    [
+                        f"{operation.asked} (`{name}`)",
+                        scheme,
+                        claim(worst),
+                        judged(worst),
+                        worst.machine,
+                        held,
+                    ]
+                )
+    return markdown(["asked", "scheme", "what must happen", "worst", "at", "drives"], rows)
+
+
 TABLES: Mapping[str, Callable[[Table], str]] = {
     "headline": _headline,
     "plane": _plane,
@@ -505,6 +543,7 @@ TABLES: Mapping[str, Callable[[Table], str]] = {
     "tolerance-confidence": _tolerance_confidence,
     "tolerance-losses": _tolerance_losses,
     "consistency": _consistency,
+    "operations": _operations,
 }
 """By the name in the marker."""
 

@@ -1,15 +1,20 @@
-"""What plots share: drawn like the paper's, normalised, one trace below the other as on a recorder."""
+"""What plots share: drawn like the paper's, normalised, one trace below the other as on a recorder.
+
+Events are dashed lines with a name, references dotted, angles within ±180°. From where control was lost on
+the plot is shaded and says so; what lies beyond a scale is told in numbers.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stillflux import metrics
+from stillflux.evidence.judge import CONFIDENT, angle, lost
 from stillflux.plots import thin as thin_to
 from stillflux.result import Result
 
@@ -19,14 +24,17 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ESTIMATE",
+    "LOST",
     "STYLE",
     "THIRD",
     "TRUE",
+    "Events",
     "PerUnit",
     "Strip",
     "figure_of",
     "from_time",
     "parts",
+    "record",
     "recorder",
     "recording",
     "spaced",
@@ -34,7 +42,10 @@ __all__ = [
     "wide",
 ]
 
-TRUE, ESTIMATE, THIRD = "#1b4f8f", "#c8501e", "#5f6b73"
+TRUE, ESTIMATE, THIRD, LOST = "#1b4f8f", "#c8501e", "#5f6b73", "#b3261e"
+LOST_TEXT = "control lost"
+Events: TypeAlias = Sequence[tuple[float, str]]
+"""Time in s and name of what happens."""
 STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -59,7 +70,7 @@ def figure_of(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def parts(figure: Figure, rows: int, columns: int, **options: Any) -> Sequence[SubFigure]:
+def parts(figure: Figure | SubFigure, rows: int, columns: int, **options: Any) -> Sequence[SubFigure]:
     """Figures within a figure."""
     within: Sequence[SubFigure] = figure.subfigures(rows, columns, **options)
     return within
@@ -72,12 +83,20 @@ class Strip:
     label: str
     traces: Sequence[tuple[str, NDArray[Any]]]
     limits: tuple[float, float] | None = None
+    level: float | None = None
+    """A level worth a line."""
 
 
 def recorder(
-    figure: Figure | SubFigure, t: NDArray[Any], strips: Sequence[Strip], unit: str = "s", title: str = ""
+    figure: Figure | SubFigure,
+    t: NDArray[Any],
+    strips: Sequence[Strip],
+    unit: str = "s",
+    title: str = "",
+    events: Events = (),
+    loss: float | None = None,
 ) -> None:
-    """Panels with a common time axis."""
+    """Panels with a common time axis; `events` and the time of a loss of control on the same axis."""
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
@@ -85,18 +104,57 @@ def recorder(
         for panel, strip in zip(panels, strips, strict=True):
             colours = (TRUE,) if len(strip.traces) == 1 else (ESTIMATE, TRUE, THIRD)
             for (name, values), colour in zip(strip.traces, colours, strict=False):
-                panel.plot(*thin_to(t, values, 900), linewidth=0.9, color=colour, label=name)
+                line = ":" if name == "reference" else "-"
+                panel.plot(*thin_to(t, values, 900), line, linewidth=0.9, color=colour, label=name)
             panel.set_ylabel(strip.label, rotation=0, ha="right", va="center")
             if strip.limits is not None:
                 panel.set_ylim(*strip.limits)
+                _tell_beyond(panel, strip)
             else:
                 _at_least(panel)
+            if strip.level is not None:
+                panel.axhline(strip.level, color=THIRD, linewidth=0.7, linestyle=":")
             if len(strip.traces) > 1:
                 panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+            for time, _ in events:
+                panel.axvline(time, color="#888", linewidth=0.7, linestyle="--")
+            if loss is not None:
+                panel.axvspan(loss, max(loss, float(t[-1])), color=LOST, alpha=0.12, linewidth=0)
         panels[0].set_xlim(t[0], t[-1])
         panels[-1].set_xlabel(f"t, {unit}")
+        _name(panels[0], t, [*events, *([(loss, LOST_TEXT)] if loss is not None else [])])
         if title:
-            panels[0].set_title(title, fontsize=9)
+            panels[0].set_title(title, fontsize=9, pad=14 if events or loss is not None else None)
+
+
+def _name(panel: Axes, t: NDArray[Any], events: Events) -> None:
+    """Names above the uppermost panel."""
+    for time, name in events:
+        if t[0] <= time <= t[-1]:
+            is_loss = name == LOST_TEXT
+            panel.annotate(
+                name,
+                (time, 1.0),
+                # A loss often follows at the heels of an event: its name stands within the panel.
+                (2, -2) if is_loss else (0, 2),
+                xycoords=("data", "axes fraction"),
+                textcoords="offset points",
+                fontsize=7,
+                ha="left" if time - t[0] < 0.85 * (t[-1] - t[0]) else "right",
+                va="top" if is_loss else "bottom",
+                color=LOST if is_loss else "#444",
+            )
+
+
+def _tell_beyond(panel: Axes, strip: Strip) -> None:
+    """Says how far a trace leaves the scale."""
+    low, high = panel.get_ylim()
+    least = min(float(np.nanmin(values)) for _, values in strip.traces)
+    most = max(float(np.nanmax(values)) for _, values in strip.traces)
+    beyond = [f"{x:.2g}" for x, is_out in ((least, least < low), (most, most > high)) if is_out]
+    if beyond:
+        text = f"beyond the scale: {', '.join(beyond)}"
+        panel.text(0.01, 0.95, text, transform=panel.transAxes, fontsize=6.5, va="top", color=LOST)
 
 
 def _at_least(panel: Axes, span: float = 0.02) -> None:
@@ -147,21 +205,25 @@ class PerUnit:
         """A torque, in units of rated torque."""
         return np.asarray(self.result[name] / self.result.scenario.motor.T_N)
 
-    def r_s(self) -> Strip:
+    def r_s(self, limits: tuple[float, float] = (0.9, 1.35)) -> Strip:
         """Estimated and true resistance of winding and bridge over the nominal one."""
         scenario = self.result.scenario
         r_d = (scenario.plant_inverter or scenario.inverter).r_d
         nominal = scenario.motor.R_s + scenario.inverter.r_d
         estimate, true = self.result["estimate.R_s"] / nominal, (self.result["R_s"] + r_d) / nominal
-        return Strip(r"$r_s/r_{sN}$", [("estimated", estimate), ("true", true)], (0.9, 1.35))
+        least, most = min(estimate.min(), true.min()), max(estimate.max(), true.max())
+        limits = min(limits[0], least - 0.02), max(limits[1], most + 0.02)
+        return Strip(r"$r_s/r_{sN}$", [("estimated", estimate), ("true", true)], limits)
 
     def angle(self, limit: float = 15.0) -> Strip:
-        """Field angle error."""
-        error = metrics.angle_error(self.result)
+        """Field angle error, within ±180°."""
+        error = angle(self.result)
         span = min(max(limit, 1.1 * float(np.abs(error).max())), 180.0)
-        return Strip(
-            "$\\hat\\delta-\\delta$, °", [("", error.clip(-span, span))], (-1.05 * span, 1.05 * span)
-        )
+        return Strip("$\\hat\\delta-\\delta$, °", [("", error)], (-1.05 * span, 1.05 * span))
+
+    def confidence(self) -> Strip:
+        """The drive's confidence in its field angle, and the level below which 15° must be expected."""
+        return Strip("confidence", [("", self.result["estimate.confidence"])], (-0.05, 1.05), CONFIDENT)
 
     def i_q(self) -> Strip:
         """Torque-producing current."""
@@ -172,11 +234,13 @@ class PerUnit:
         return Strip(r"$i_\alpha$", [("", self.i("i_s").real)])
 
     def speed(self) -> Strip:
-        """Estimated and true speed."""
+        """Estimated and true speed, and the reference."""
         estimate, true = self.omega_m("estimate.omega_m"), self.omega_m()
+        reference = self.omega_m("reference")
         # A machine that runs away would hide everything before.
-        limits = (-0.25, 0.25) if np.abs(true).max() > 1.0 else None
-        return Strip(r"$\omega$", [("estimated", estimate), ("true", true)], limits)
+        low, high = min(reference.min(), 0.0), max(reference.max(), 0.0)
+        limits = (low - 0.25, high + 0.25) if np.abs(true - reference).max() > 0.3 else None
+        return Strip(r"$\omega$", [("estimated", estimate), ("true", true), ("reference", reference)], limits)
 
     def delta(self) -> Strip:
         """Estimated field angle."""
@@ -202,13 +266,37 @@ def recording(
     begin: float,
     end: float = float("inf"),
     size: tuple[float, float] = (7.5, 5.8),
+    events: Events = (),
 ) -> Figure:
-    """One recorder of a run from `begin` to `end` s, no further than a fault."""
-    part = until_fault(result)
-    pu = from_time(part, min(begin, float(part.t[-1]) - 1.0), end)
+    """One recorder of a run from `begin` to `end` s, no further than a fault, with the confidence below."""
     figure = figure_of(*size)
-    recorder(figure, pu.t, strips(pu))
+    record(figure, result, strips, begin, end, events)
     return figure
+
+
+def record(
+    figure: Figure | SubFigure,
+    result: Result,
+    strips: Callable[[PerUnit], Sequence[Strip]],
+    begin: float,
+    end: float = float("inf"),
+    events: Events = (),
+    title: str = "",
+) -> None:
+    """The same as part of a figure."""
+    loss, _ = lost(result)
+    part = until_fault(result)
+    begin = min(begin, float(part.t[-1]) - 1.0)
+    pu = from_time(part, begin, end)
+    last = begin + float(pu.t[-1])
+    recorder(
+        figure,
+        pu.t,
+        [*strips(pu), pu.confidence()],
+        title=title,
+        events=[(t - begin, name) for t, name in events if begin <= t <= last],
+        loss=max(loss - begin, 0.0) if loss < last else None,
+    )
 
 
 def spaced(z: NDArray[Any], points: int = 1500) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from stillflux.evidence.claims import Claim
 from stillflux.evidence.judge import lost
-from stillflux.evidence.openloop import VoltageFed
+from stillflux.evidence.machines import MACHINES
+from stillflux.evidence.openloop import OpenLoop
 from stillflux.evidence.paper import RUN
-from stillflux.evidence.seeds import seeded
+from stillflux.evidence.seeds import REALISATIONS, SEEDS, realised
 from stillflux.options import DriveSettings
 from stillflux.result import Result
+from stillflux.scenario import Scenario
 from stillflux.simulation import simulate
 
 if TYPE_CHECKING:
@@ -25,6 +27,8 @@ __all__ = [
     "Controlled",
     "Experiment",
     "Limit",
+    "Role",
+    "enhanced",
     "fields",
     "first",
     "inverter",
@@ -33,9 +37,13 @@ __all__ = [
 ]
 
 Runs: TypeAlias = Sequence[Any]
-"""Scenarios or `VoltageFed` runs."""
+"""Scenarios or `OpenLoop` runs."""
 Change: TypeAlias = Callable[[Runs], Runs]
 """Makes the runs of a negative control out of those of the experiment."""
+
+
+Role: TypeAlias = Literal["published", "control", "enhanced"]
+"""The experiment itself, its negative control, or the same with the scheme that goes beyond the paper."""
 
 
 @dataclass(frozen=True)
@@ -104,26 +112,43 @@ class Experiment:
     """Each run begins with what the one before has stored; those of the negative control do not."""
     of_paper: bool = True
     """Whether it is a figure of the paper."""
+    own: tuple[str, ...] = ()
+    """Quantities of blocks that only the published scheme has."""
+    directed: bool = True
+    """Whether the direction of the offset is free."""
+    machines: tuple[str, ...] = MACHINES
+    """Where it is run."""
+    beside: str = ""
+    """Why there is nothing to put beside it: it is about a block of the published scheme. Empty: the scheme
+    that goes beyond it runs the same experiment."""
 
-    def runs(self, machine: str, arithmetic: str = "f32", seed: int = 0, *, control: bool = False) -> Runs:
-        """What is to be run; with `control`, the negative control."""
+    def runs(self, machine: str, arithmetic: str = "f32", seed: int = 0, *, role: Role = "published") -> Runs:
+        """What is to be run under a realisation of noise and offset."""
         built = self.build(machine, arithmetic)
-        runs = seeded(built if isinstance(built, tuple) else (built,), seed)
-        return self.control.change(runs) if control and self.control is not None else runs
+        runs = realised(built if isinstance(built, tuple) else (built,), seed)
+        if role == "control" and self.control is not None:
+            return self.control.change(runs)
+        return tuple(map(enhanced, runs)) if role == "enhanced" else runs
 
     def noisy(self, machine: str) -> bool:
         """Whether noise takes part, so that the seed makes a difference."""
-        return not all(isinstance(run, VoltageFed) for run in self.runs(machine))
+        return not all(isinstance(run, OpenLoop) for run in self.runs(machine))
+
+    def realisations(self, machine: str) -> tuple[int, ...]:
+        """Realisations of noise and offset under which it is judged."""
+        if not self.noisy(machine):
+            return SEEDS[:1]
+        return REALISATIONS if self.directed else SEEDS
 
     def simulate(
-        self, machine: str, arithmetic: str = "f32", seed: int = 0, *, control: bool = False
+        self, machine: str, arithmetic: str = "f32", seed: int = 0, *, role: Role = "published"
     ) -> tuple[Any, ...]:
-        """Runs it; with `control`, its negative control."""
+        """Runs it, its negative control, or the same with the other scheme."""
         results: list[Any] = []
-        for run in self.runs(machine, arithmetic, seed, control=control):
-            if isinstance(run, VoltageFed):
+        for run in self.runs(machine, arithmetic, seed, role=role):
+            if isinstance(run, OpenLoop):
                 results.append(run.run())
-            elif self.chained and results and not control:
+            elif self.chained and results and role != "control":
                 results.append(simulate(run.replace(memory=results[-1].memory)))
             else:
                 results.append(simulate(run))
@@ -137,7 +162,7 @@ class Experiment:
         """Simulates and judges the negative control, if there is one."""
         if self.control is None:
             return None
-        return self.judge_control(self.simulate(machine, arithmetic, seed, control=True))
+        return self.judge_control(self.simulate(machine, arithmetic, seed, role="control"))
 
     def judge_control(self, results: Sequence[Any]) -> Controlled:
         """Judges what the runs of the negative control showed."""
@@ -155,6 +180,19 @@ class Experiment:
         """The claims that do not hold and that no limit explains."""
         excused = self.limits[machine].quantities if machine in self.limits else ()
         return [claim for claim in judged if not claim.ok and claim.quantity not in excused]
+
+
+def enhanced(run: Any) -> Any:
+    """The same run with the scheme that goes beyond the paper, at its defaults: settings of blocks that it
+    does not have are left out."""
+    if not isinstance(run, Scenario):
+        return run
+    kept = {name: value for name, value in run.settings.items() if name in _COMMON}
+    return run.replace(scheme="enhanced", settings=kept, name=f"{run.name}, enhanced")
+
+
+_COMMON = ("calibrate_offset", "psi_ref", "supervision")
+"""Settings that figures change and that both schemes have."""
 
 
 def settings(**changed: Unpack[DriveSettings]) -> Change:

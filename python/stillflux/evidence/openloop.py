@@ -1,4 +1,5 @@
-"""A machine fed open loop from a bridge: u* turns on a circle, nothing is compensated (Figs. 2 and 6)."""
+"""A machine fed open loop from a bridge, nothing is compensated: u* turns on a circle (Figs. 2 and 6), or
+stands still."""
 
 from __future__ import annotations
 
@@ -14,11 +15,19 @@ from stillflux.parameters import Inverter, Motor
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-__all__ = ["VoltageFed", "Waveforms"]
+__all__ = ["DirectCurrent", "Line", "OpenLoop", "VoltageFed", "Waveforms"]
+
+
+class OpenLoop:
+    """A run in which neither a drive nor noise takes part."""
+
+    def run(self) -> Any:
+        """What happened."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
-class VoltageFed:
+class VoltageFed(OpenLoop):
     """Rated flux at an imposed speed, begun in the steady state that sinusoidal voltage would give."""
 
     motor: Motor
@@ -103,3 +112,69 @@ class Waveforms:
     def harmonic(self, signal: NDArray[np.complex128], order: int) -> complex:
         """Space-vector harmonic of a signal; negative orders turn backwards."""
         return complex(np.mean(signal * np.exp(-1j * order * self.angle)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectCurrent(OpenLoop):
+    """Direct current along the a-axis at rest, level after level."""
+
+    motor: Motor
+    """The machine."""
+    inverter: Inverter
+    """The bridge."""
+    parts: tuple[float, ...]
+    """Levels that the reference voltage aims at, per unit of rated peak current."""
+    dead_time: float
+    """Dead time whose mean voltage is taken off, s."""
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with changed fields."""
+        return replace(self, **changes)
+
+    def run(self) -> Line:
+        """Applies each level for ten time constants of the winding and reads the mean of the last tenth."""
+        motor, inverter = self.motor, self.inverter
+        resistance = motor.R_s + inverter.r_d
+        n = int(10.0 * max(motor.L_s / resistance, motor.tau_r) * inverter.f_s)
+        plant = Plant(motor, inverter, speed=0.0)
+        drop = 4.0 / 3.0 * (inverter.u_th + inverter.dead_time * inverter.f_s * inverter.u_dc)
+        levels, currents = [], []
+        for part in self.parts:
+            u = resistance * part * motor.base["i"] + drop
+            duty = 0.5 + u * np.array([1.0, -0.5, -0.5]) / inverter.u_dc
+            read = []
+            for k in range(n):
+                plant.step(duty)
+                if k >= n - n // 10:
+                    read.append(plant.state.i_s.real)
+            levels.append(u)
+            currents.append(float(np.mean(read)))
+        return Line(run=self, u=np.array(levels), i=np.array(currents))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Line:
+    """Reference voltage over direct current, SI, and the straight line through the points."""
+
+    run: DirectCurrent
+    """What was run."""
+    u: NDArray[np.float64]
+    """Reference along the a-axis, V."""
+    i: NDArray[np.float64]
+    """Current, A."""
+
+    @property
+    def slope(self) -> float:
+        """Resistance, Ω."""
+        return float(np.polyfit(self.i, self.u, 1)[0])
+
+    @property
+    def intercept(self) -> float:
+        """What is lost whatever the current, V."""
+        return float(np.polyfit(self.i, self.u, 1)[1])
+
+    @property
+    def threshold(self) -> float:
+        """Of one leg, the dead time taken off, V."""
+        known = self.run.dead_time * self.run.inverter.f_s * self.run.inverter.u_dc
+        return 0.75 * self.intercept - known

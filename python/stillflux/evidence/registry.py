@@ -1,4 +1,4 @@
-"""Finds the figures and the targets: every module in `figures` and `plane` that has some."""
+"""Finds figures, targets and operations: every module in `figures`, `plane` and `operations` has some."""
 
 from __future__ import annotations
 
@@ -10,9 +10,18 @@ from pkgutil import iter_modules
 from types import ModuleType
 
 from stillflux.evidence.figure import Experiment
+from stillflux.evidence.operation import Operation
 from stillflux.evidence.target import Target
 
-__all__ = ["choose_figures", "choose_targets", "experiments", "figures", "targets"]
+__all__ = [
+    "choose_figures",
+    "choose_operations",
+    "choose_targets",
+    "experiments",
+    "figures",
+    "operations",
+    "targets",
+]
 
 
 @cache
@@ -33,6 +42,13 @@ def targets() -> Mapping[str, Target]:
     """All targets of the plane by name."""
     found = [target for module in _modules("plane") for target in module.TARGETS]
     return {target.name: target for target in sorted(found, key=lambda target: target.order)}
+
+
+@cache
+def operations() -> Mapping[str, Operation]:
+    """All operations by name."""
+    found = [operation for module in _modules("operations") for operation in module.OPERATIONS]
+    return {operation.name: operation for operation in sorted(found, key=lambda operation: operation.order)}
 
 
 def choose_figures(names: Iterable[str]) -> tuple[str, ...]:
@@ -61,6 +77,19 @@ def choose_targets(names: Iterable[str]) -> tuple[str, ...]:
     return _chosen("target", names, matches, tuple(targets()))
 
 
+def choose_operations(names: Iterable[str]) -> tuple[str, ...]:
+    """Operations by name or its beginning; none: all of them.
+
+    Raises ValueError for one that does not exist.
+    """
+
+    def matches(name: str) -> list[str]:
+        every = operations()
+        return [x for x in every if x == name] or [x for x in every if x.startswith(f"{name}-")]
+
+    return _chosen("operation", names, matches, tuple(operations()))
+
+
 def _chosen(
     kind: str, names: Iterable[str], matches: Callable[[str], list[str]], every: tuple[str, ...]
 ) -> tuple[str, ...]:
@@ -74,10 +103,10 @@ def _chosen(
 
 
 def _modules(package: str) -> Iterator[ModuleType]:
-    """Modules of a package beside this one, sorted by name with numbers as numbers."""
+    """Modules of a package beside this one, numbered ones first, sorted by name with numbers as numbers."""
     name = f"{__package__}.{package}"
     found = [module.name for module in iter_modules(import_module(name).__path__)]
-    for module in sorted(found, key=_natural):
+    for module in sorted(found, key=lambda name: ("_" in name, _natural(name))):
         yield import_module(f"{name}.{module}")
 
 

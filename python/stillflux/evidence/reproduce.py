@@ -1,8 +1,10 @@
 """Runs the paper's figures with their negative controls, in parallel, and judges them.
 
-Every figure runs under each of `seeds.SEEDS` and each claim is judged by its worst run; the negative control
-runs under the first `CONTROL_SEEDS` of them and has to fail in every run. What no noise takes part in (Figs.
-2 and 6, which have no drive) runs once. All figures at both machines take some minutes on two cores.
+Every figure runs under each of its realisations of noise and offset (`seeds.REALISATIONS`) and each claim is
+judged by its worst run; the negative control runs under two of them, with opposite offsets, and has to fail
+in both. The scheme that goes beyond the paper runs the same experiment under `seeds.BESIDE`: what it measures
+stands beside and takes no part in the verdict. What no noise takes part in (Figs. 2 and 6, which have no
+drive) runs once.
 """
 
 from __future__ import annotations
@@ -14,32 +16,31 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from stillflux.evidence.claims import Claim, worst_of_runs
-from stillflux.evidence.figure import Controlled, Experiment
+from stillflux.evidence.figure import Controlled, Experiment, Role
 from stillflux.evidence.journal import Runner
-from stillflux.evidence.openloop import VoltageFed, Waveforms
+from stillflux.evidence.openloop import Line, VoltageFed, Waveforms
+from stillflux.evidence.paper import OFFSET_FOUND
 from stillflux.evidence.registry import experiments
 from stillflux.evidence.report.page import conditions, svg
-from stillflux.evidence.seeds import SEEDS
+from stillflux.evidence.seeds import BESIDE, SEEDS
 from stillflux.parallel import run_jobs
 
-__all__ = ["CONTROL_SEEDS", "Outcome", "Run", "jobs", "judge", "outcomes", "progress", "run", "run_all"]
-
-CONTROL_SEEDS = 2
-"""Realisations of the noise under which a negative control has to fail."""
+__all__ = ["Outcome", "Run", "jobs", "judge", "outcomes", "progress", "run", "run_all"]
 
 Verdict: TypeAlias = Literal["reproduced", "limit", "FAILED"]
 """Limit: falls short as explained."""
-Job: TypeAlias = tuple[str, str, int, bool]
-"""Figure, machine, seed, and whether it is the negative control."""
+Job: TypeAlias = tuple[str, str, int, Role]
+"""Figure, machine, realisation, and what is run."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One figure at one machine under one seed, or its negative control."""
+    """One figure at one machine under one realisation, its negative control, or the other scheme's run."""
 
     figure: str
     machine: str
     seed: int
+    role: Role
     claims: tuple[Claim, ...]
     control: Controlled | None = None
     """Set for a negative control."""
@@ -58,6 +59,8 @@ class Outcome:
     claims: tuple[Claim, ...]
     control: tuple[Controlled, ...]
     """What the negative control did under each of its seeds; empty: there is none."""
+    enhanced: tuple[Claim, ...] = ()
+    """The worst of every claim over the runs of the other scheme; empty: it has none."""
     conditions: str = ""
     picture: str = ""
 
@@ -111,24 +114,26 @@ def judge(
 
 
 def run(
-    figure: str, machine: str, seed: int, control: bool, arithmetic: str = "f32", folder: Path | None = None
+    figure: str, machine: str, seed: int, role: Role, arithmetic: str = "f32", folder: Path | None = None
 ) -> Run:
-    """Runs one figure or its control; with a folder, draws the figure under the first seed there as PNG."""
+    """Runs one job; with a folder, draws the figure under the first realisation there as PNG."""
     experiment = experiments()[figure]
-    results = experiment.simulate(machine, arithmetic, seed, control=control)
+    results = experiment.simulate(machine, arithmetic, seed, role=role)
     noise = seed if experiment.noisy(machine) else None
-    if control:
+    if role == "control":
         judged = experiment.judge_control(results)
         expected = tuple(replace(claim, seed=noise) for claim in judged.expected)
-        return Run(figure, machine, seed, (), replace(judged, expected=expected))
+        return Run(figure, machine, seed, role, (), replace(judged, expected=expected))
     claims = tuple(replace(claim, seed=noise) for claim in experiment.check(*results))
-    if folder is None or seed != SEEDS[0]:
-        return Run(figure, machine, seed, claims)
+    if role == "enhanced":
+        claims = tuple(claim for claim in claims if claim.quantity not in (*experiment.own, OFFSET_FOUND))
+    if folder is None or seed != SEEDS[0] or role != "published":
+        return Run(figure, machine, seed, role, claims)
     drawing = experiment.draw(*results)
     drawing.savefig(folder / f"figure-{figure}-{machine}.png", dpi=100)
     drawing.set_layout_engine("none")
     described = _described(results[-1] if experiment.chained else results[0])
-    return Run(figure, machine, seed, claims, None, described, svg(drawing))
+    return Run(figure, machine, seed, role, claims, None, described, svg(drawing))
 
 
 def _described(result: Any) -> str:
@@ -140,19 +145,30 @@ def _described(result: Any) -> str:
             f"{1e6 * run.inverter.dead_time:g} µs, threshold {run.inverter.u_th:g} V, "
             f"r_d {run.inverter.r_d:g} Ω."
         )
+    if isinstance(result, Line):
+        at_rest = result.run.inverter
+        return (
+            f"Conditions: open loop, direct current at rest; switching plant, {at_rest.f_s / 1e3:g} kHz, "
+            f"dc link {at_rest.u_dc:g} V, dead time {1e6 * at_rest.dead_time:g} µs, "
+            f"threshold {at_rest.u_th:g} V."
+        )
     return conditions(result)
 
 
-def jobs(figures: Sequence[str], machines: Sequence[str], seeds: Sequence[int] = SEEDS) -> list[Job]:
+def jobs(figures: Sequence[str], machines: Sequence[str]) -> list[Job]:
     """Every run of figures at machines."""
     found: list[Job] = []
     for figure in figures:
         experiment = experiments()[figure]
-        for machine in machines:
-            chosen = seeds if experiment.noisy(machine) else seeds[:1]
-            found += [(figure, machine, seed, False) for seed in chosen]
+        for machine in (one for one in machines if one in experiment.machines):
+            chosen = experiment.realisations(machine)
+            found += [(figure, machine, seed, "published") for seed in chosen]
             if experiment.control is not None:
-                found += [(figure, machine, seed, True) for seed in chosen[:CONTROL_SEEDS]]
+                # Two, as far apart as can be: of opposite offsets, if its direction is free.
+                two = chosen[:: max(1, len(chosen) // 2)][:2]
+                found += [(figure, machine, seed, "control") for seed in two]
+            if not experiment.beside and experiment.noisy(machine):
+                found += [(figure, machine, seed, "enhanced") for seed in BESIDE if seed in chosen]
     return found
 
 
@@ -163,13 +179,23 @@ def outcomes(runs: Iterable[Run]) -> list[Outcome]:
         groups.setdefault((one.figure, one.machine), []).append(one)
     found = []
     for (figure, machine), group in groups.items():
-        plain = [one for one in group if one.control is None]
+        plain = [one for one in group if one.role == "published"]
+        beside = worst_of_runs([one.claims for one in group if one.role == "enhanced"])
         control = tuple(one.control for one in group if one.control is not None)
         claims = worst_of_runs([one.claims for one in plain])
         verdict = judge(experiments()[figure], machine, claims, control)
         drawn = next((one for one in plain if one.picture), plain[0])
         found.append(
-            Outcome(figure, machine, verdict, tuple(claims), control, drawn.conditions, drawn.picture)
+            Outcome(
+                figure,
+                machine,
+                verdict,
+                tuple(claims),
+                control,
+                tuple(beside),
+                drawn.conditions,
+                drawn.picture,
+            )
         )
     return found
 
@@ -189,16 +215,17 @@ def run_all(
 
 def is_long(job: tuple[Any, ...]) -> bool:
     """Whether a run takes more than a minute of simulated time."""
-    figure, machine, seed, *_ = job
-    runs = experiments()[figure].runs(machine, seed=seed)
+    figure, machine, *_ = job
+    runs = experiments()[figure].runs(machine)
     return sum(getattr(one, "duration", 0.0) for one in runs) > 60.0
 
 
 def progress(done: int, total: int, one: Run) -> None:
     """One line on stderr for each run."""
     if one.control is None:
+        who = "" if one.role == "published" else f"{one.role}, "
         bad = "; ".join(f"{c.text}: {c.measured}" for c in one.claims if not c.ok)
-        what = f"seed {one.seed}: {bad or 'ok'}"
+        what = f"{who}seed {one.seed}: {bad or 'ok'}"
     else:
         what = (
             f"negative control, seed {one.seed}: {'fails' if one.control.ok else 'DOES NOT FAIL as it must'}"

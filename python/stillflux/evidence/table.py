@@ -1,11 +1,12 @@
 """The committed table: what every claim measured, one line each, from which the documents are written.
 
 `kind` says what a line is about: a "figure" of the paper, its negative "control", the "margin" of a
-parameter, a "target" of the plane, losses over drawn installations on a course ("tolerance"), or the
-"consistency" of the estimate over them. `value` is the worst that was found; `run` and `seed` say where:
-which run of a target it was, and under which realisation of the noise, empty where there is none; of a loss
-what was lost and the number of the draw. `ok` says that it is as it should be: that the claim holds, or, of a
-control, that it fails for its reason and not before its time.
+parameter, a "target" of the plane, losses over drawn installations on a course ("tolerance"), the
+"consistency" of the estimate over them, or an "operation" with its negative control ("without: …"). `value`
+is the worst that was found; `run` and `seed` say where: which run of a target it was, and under which
+realisation of the noise, empty where there is none; of a figure the realisation of noise and offset
+(`seeds.REALISATIONS`), of a loss what was lost and the number of the draw. `ok` says that it is as it should
+be: that the claim holds, or, of a control, that it fails for its reason and not before its time.
 
 The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A line that
 agrees with the one there (see `agree`), is of the same run and seed and no worse, is left as it stands: only
@@ -29,7 +30,8 @@ from stillflux.evidence.consistency import Consistency
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import ALL_MACHINES
-from stillflux.evidence.registry import experiments, targets
+from stillflux.evidence.operate import Performed
+from stillflux.evidence.registry import experiments, operations, targets
 from stillflux.evidence.reproduce import Outcome
 from stillflux.evidence.sensitivity import Margin
 from stillflux.evidence.tolerance import Rate
@@ -43,17 +45,18 @@ __all__ = [
     "line_of",
     "of_consistency",
     "of_margin",
+    "of_operation",
     "of_outcome",
     "of_rate",
     "of_summary",
     "shown",
 ]
 
-Kind: TypeAlias = Literal["figure", "control", "margin", "target", "tolerance", "consistency"]
+Kind: TypeAlias = Literal["figure", "control", "margin", "target", "tolerance", "consistency", "operation"]
 Group: TypeAlias = tuple[Kind, str, str, str]
 """Kind, name, machine, scheme: lines that are measured together."""
 
-_OF_PAPER = SCHEMES[0]
+_OF_PAPER, _BEYOND = SCHEMES
 LOST_AFTER = "time of the loss, not before the mechanism is needed"
 """Quantity of a control: when it was lost, held against its event."""
 
@@ -135,6 +138,8 @@ def of_outcome(outcome: Outcome) -> list[Line]:
     """The lines of a figure and of its negative control."""
     where = (outcome.figure, outcome.machine, _OF_PAPER)
     found = [line_of(("figure", *where), claim) for claim in outcome.claims]
+    beside: Group = ("figure", outcome.figure, outcome.machine, _BEYOND)
+    found += [line_of(beside, claim) for claim in outcome.enhanced]
     claim = outcome.control_claim
     if claim is not None:
         ok = all(run.ok for run in outcome.control)
@@ -165,6 +170,12 @@ def of_consistency(found: Consistency, scheme: str) -> list[Line]:
     """The lines of the consistency of the estimate of a drive."""
     group: Group = ("consistency", "consistency", found.machine, scheme)
     return [line_of(group, claim) for claim in found.claims]
+
+
+def of_operation(found: Performed) -> list[Line]:
+    """The lines of an operation at one drive under one scheme, and of its negative control."""
+    group: Group = ("operation", found.name, found.machine, found.scheme)
+    return [line_of(group, claim) for claim in (*found.claims, *found.without)]
 
 
 def agree(old: Line, new: Line) -> bool:
@@ -219,8 +230,10 @@ class Table:
         """With groups that were measured anew in place of theirs; a group that no longer exists goes."""
         known = {line.key: line for line in self.lines}
         measured = {line.group for line in fresh}
-        # A figure is measured together with its negative control, if it has one.
-        measured |= {("control", *where) for kind, *where in measured if kind == "figure"}  # type: ignore[misc]
+        # A figure is measured together with its negative control and the other scheme, if it has them.
+        for kind, name, machine, _ in tuple(measured):
+            if kind == "figure":
+                measured |= {("control", name, machine, _OF_PAPER), ("figure", name, machine, _BEYOND)}
         kept = [line for line in self.lines if line.group not in measured]
         renewed = [known[x.key] if x.key in known and _stands(known[x.key], x) else x for x in fresh]
         groups: dict[Group, list[Line]] = {}
@@ -251,9 +264,10 @@ _COLUMNS = tuple(column.name for column in fields(Line))
 def order() -> list[Group]:
     """Every group the table may hold, in its order."""
     found: list[Group] = []
-    kinds: tuple[Kind, ...] = ("figure", "control")
     for name in experiments():
-        found += [(kind, name, machine, _OF_PAPER) for machine in ALL_MACHINES for kind in kinds]
+        for machine in ALL_MACHINES:
+            found += [("figure", name, machine, _OF_PAPER), ("control", name, machine, _OF_PAPER)]
+            found.append(("figure", name, machine, _BEYOND))
     found += [("margin", name, machine, _OF_PAPER) for name in experiments() for machine in ALL_MACHINES]
     verdicts = [target.verdict for target in targets().values() if target.verdict]
     for name in dict.fromkeys([*targets(), *verdicts]):
@@ -261,4 +275,6 @@ def order() -> list[Group]:
     for machine in DRIVES:
         found += [("tolerance", name, machine, scheme) for name in COURSES for scheme in SCHEMES]
     found += [("consistency", "consistency", machine, scheme) for machine in DRIVES for scheme in SCHEMES]
+    for name in operations():
+        found += [("operation", name, machine, scheme) for machine in DRIVES for scheme in SCHEMES]
     return found

@@ -2,7 +2,7 @@
 
 ```text
 at rest:       dψ_R/dt = R_R i - ψ_R/τ_r              current of constant direction, from zero flux
-in operation:  |ψ_R|² = L_M i·ψ_R,   ψ_R = ψ_R0 + ∫(u - R i)dt - L_σ (i - i_0)      fit of ψ_R0 over a window
+in operation:  τ_r/2 d|ψ_R|²/dt + |ψ_R|² - λ L_M i·ψ_R = 0                        fit of ψ_R0 over a window
 ```
 """
 
@@ -48,7 +48,7 @@ class Fit:
 
     psi_r: complex
     residual: float
-    """rms of `(|ψ_R|² - L_M i·ψ_R)/ψ_N²`."""
+    """rms of the rotor equation along the flux, over a block, per unit of squared rated flux."""
     deviation: float
     """Of each component of `psi_r`, V·s, if the residual is systematic."""
     path: NDArray[np.complex128]
@@ -56,22 +56,43 @@ class Fit:
 
 
 def fit_flux(u: Any, i: Any, step: float, R: float, motor: Motor) -> Fit:
-    """Least squares of `|ψ_R|² = L_M i·ψ_R` over a window, `ψ_R = ψ_R0 + ∫(u - R i)dt - L_σ (i - i_0)`:
-    linear in `ψ_R0` and `|ψ_R0|²`."""
-    psi_n = motor.base["psi"]
+    """Least squares of the rotor equation along the rotor flux, which is free of the speed,
+
+    `τ_r/2 d|ψ_R|²/dt + |ψ_R|² - λ L_M i·ψ_R = 0`,   `ψ_R = ψ_R0 + χ`,   `χ = ∫(u - R i)dt - L_σ (i - i_0)`,
+
+    integrated over blocks: linear in `ψ_R0` and `|ψ_R0|²` for a given `λ`, the saturation, which is searched
+    from 0.5 to 1.3.
+    """
+    psi_n, n = motor.base["psi"], len(i)
     steps = (u[1:] - R * 0.5 * (i[1:] + i[:-1])) * step
     chi = np.concatenate(([0j], np.cumsum(steps))) - motor.L_sigma * (i - i[0])
-    drag = motor.L_M * i
-    rows = np.column_stack(((2 * chi - drag).real, (2 * chi - drag).imag, np.full(len(chi), psi_n))) / psi_n
-    right = -(np.abs(chi) ** 2 - (np.conj(drag) * chi).real) / psi_n**2
-    scale = 1.0 / math.sqrt(len(chi))
-    left, singular, right_t = np.linalg.svd(rows * scale, full_matrices=False)
-    solution = right_t.T @ ((left.T @ (right * scale)) / np.maximum(singular, 1e-12))
-    psi_r = complex(solution[0], solution[1]) * psi_n
-    path = psi_r + chi
-    error = (np.abs(path) ** 2 - (np.conj(drag) * path).real) / psi_n**2
-    residual = float(np.sqrt(np.mean(error**2)))
-    return Fit(psi_r, residual, residual / max(float(singular[-1]), 1e-6) * psi_n, path)
+    edges = np.unique(np.linspace(0, n - 1, min(60, n // 2) + 1).astype(int))
+    length = np.diff(edges)
+
+    def mean(x: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(np.add.reduceat(x[:-1], edges[:-1]) / length)
+
+    rate = motor.tau_r / (2.0 * length * step)
+    square = np.abs(chi) ** 2
+    fixed = rate * np.diff(square[edges]) + mean(square)
+    by_flux = 2.0 * rate * np.diff(chi[edges]) + 2.0 * mean(chi)
+    drag, of_drag = motor.L_M * mean(i), motor.L_M * mean((np.conj(i) * chi).real)
+    best: tuple[float, float, complex, float] | None = None
+    for scale in np.linspace(0.5, 1.3, 33):
+        rows = by_flux - scale * drag
+        table = np.column_stack((rows.real, rows.imag, np.full(len(rows), psi_n))) / psi_n
+        right = -(fixed - scale * of_drag) / psi_n**2
+        left, singular, right_t = np.linalg.svd(table / math.sqrt(len(rows)), full_matrices=False)
+        inverse = (left.T @ right) / math.sqrt(len(rows)) / np.maximum(singular, 1e-9)
+        psi_r = complex(*(right_t.T @ inverse)[:2]) * psi_n
+        error = (fixed + (np.conj(rows) * psi_r).real - scale * of_drag + abs(psi_r) ** 2) / psi_n**2
+        residual = float(np.sqrt(np.mean(error**2)))
+        cost = residual + 0.05 * abs(scale - 1.0)
+        if best is None or cost < best[0]:
+            best = cost, residual, psi_r, float(singular[-1])
+    assert best is not None
+    _, residual, psi_r, least = best
+    return Fit(psi_r, residual, residual / max(least, 1e-6) * psi_n, psi_r + chi)
 
 
 @dataclass(frozen=True)
@@ -191,7 +212,8 @@ def _underway(rows: Rows, motor: Motor, inverter: Inverter, notes: list[str]) ->
             best = fit
         if n == len(rows.t) or (best is not None and best.deviation < 0.05 * base["psi"]):
             break
-    if best is None or best.deviation > 0.5 * base["psi"]:
+    turned = 0.0 if best is None else float(np.ptp(np.unwrap(np.angle(best.path))))
+    if best is None or (best.deviation > 0.3 * base["psi"] and turned < 1.0):
         psi_r = motor.L_M * complex(rows.i[0])
         notes.append("the field hardly turns at the beginning: its position is taken from the current, ± 30°")
         return Start(0, psi_r + motor.L_sigma * complex(rows.i[0]), 0.5 * abs(psi_r), 0.0, True)
@@ -199,6 +221,6 @@ def _underway(rows: Rows, motor: Motor, inverter: Inverter, notes: list[str]) ->
     omega_s = float(np.unwrap(np.angle(few))[-1] - np.angle(few[0])) / (step * (len(few) - 1))
     mean = rows.i[: len(few)]
     slip = motor.R_R * float(np.mean((np.conj(few) * mean).imag / np.abs(few) ** 2))
-    deviation = max(best.deviation, 0.02 * base["psi"])
+    deviation = min(max(best.deviation, 0.02 * base["psi"]), 0.3 * base["psi"])
     psi_s = best.psi_r + motor.L_sigma * complex(rows.i[0])
     return Start(0, psi_s, deviation, (omega_s - slip) / motor.n_p, True)

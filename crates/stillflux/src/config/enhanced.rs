@@ -1,8 +1,9 @@
 //! Configuration of the enhanced scheme: constants of its estimators and of its flux shift, per unit.
 
-use super::settings::{BOOST, DriveParams, EnhancedParams, SLOW_PERIODS};
+use super::settings::{BALANCE_PERIODS, BOOST, DriveParams, EnhancedParams, SLOW_PERIODS};
 use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
+use crate::drive::catch::CatchConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
 use crate::estimate::priors::Priors;
@@ -10,13 +11,16 @@ use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
 
+/// Duration of a block in which the induced voltage is measured at the beginning of a start, s.
+const CATCH_BLOCK: f64 = 1e-3;
 /// Duration of the speed search at the beginning of a start, s.
 const PROBE_TIME: f64 = 0.01;
 /// Least `Σ |ψ_R|² dτ` of the search, relative to that at standstill: below it noise and the error of the inverter
 /// model, in large machines of the order of the voltage that builds up the flux, would be taken for a rotation.
 const PROBE_FLOOR: f64 = 0.25;
-/// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant.
-const BALANCE_RATE: f64 = 17.0;
+/// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
+/// with temperature; a faster fit follows the noise of its samples.
+const BALANCE_RATE: f64 = 2.1;
 const BALANCE_OFFSET_RATE: f64 = 0.34;
 /// Largest load in the shifted flux, relative to the pull-out torque there.
 const PULL_OUT_USE: f64 = 0.6;
@@ -31,11 +35,14 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub filter: FilterConfig<R>,
     pub balance: BalanceConfig<R>,
     pub shift: ShiftConfig<R>,
+    pub catch: CatchConfig<R>,
+    /// What one control period takes off the logarithm of a free rotor flux, times 64.
+    pub decay: R,
     pub probe_periods: u32,
     /// Least `Σ |ψ_R|² dτ` of the speed search.
     pub probe_floor: R,
 }
-words!(EnhancedConfig: filter, balance, shift, probe_periods, probe_floor);
+words!(EnhancedConfig: filter, balance, shift, catch, decay, probe_periods, probe_floor);
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
@@ -57,11 +64,14 @@ impl<R: Real> EnhancedConfig<R> {
             Priors { r_s: prior_R_s, loss: prior_loss, knee: prior_c_out, leakage: prior_L_sigma, l_m: prior_L_M }
         };
         let filter = FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified);
+        // At least 0.0125 of normalised time, whose reciprocal fits fixed point.
+        let catch_block = inverter.periods(CATCH_BLOCK).max(libm::ceil(0.0125 / pu.t_s) as u32);
         Self {
             filter: filter.with_priors(&priors),
             balance: BalanceConfig {
-                step: rounded(BALANCE_RATE / inverter.f_s),
-                step_offset: rounded(BALANCE_OFFSET_RATE / inverter.f_s),
+                // The state is a third of the difference of the gains.
+                step: rounded(BALANCE_RATE / 3.0 * f64::from(BALANCE_PERIODS) / inverter.f_s),
+                step_offset: rounded(BALANCE_OFFSET_RATE * f64::from(BALANCE_PERIODS) / inverter.f_s),
             },
             shift: ShiftConfig {
                 omega_s_min: rounded(p.enhanced.omega_s_min / pu.base.omega),
@@ -73,6 +83,14 @@ impl<R: Real> EnhancedConfig<R> {
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
                 step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
             },
+            catch: CatchConfig {
+                block: catch_block,
+                t_block: rounded(f64::from(catch_block) * pu.t_s),
+                inv_t_block: rounded(1.0 / (f64::from(catch_block) * pu.t_s)),
+                // Limited for fixed point: with periods shorter than a hundredth of the leakage the surge ends later.
+                leakage: rounded((pu.sigma_l_s / pu.t_s).min(100.0)),
+            },
+            decay: rounded(64.0 * pu.t_s / pu.tau_r),
             probe_periods: inverter.periods(PROBE_TIME),
             probe_floor: rounded(PROBE_FLOOR * built_up * built_up * tau / 3.0),
         }

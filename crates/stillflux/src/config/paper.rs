@@ -4,6 +4,8 @@ use super::settings::{DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
 use crate::base::{PerUnit, rounded};
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
+#[cfg(feature = "variants")]
+use crate::estimate::light_load::LightLoadConfig;
 use crate::estimate::offset::{OffsetConfig, U_OFF_MAX, longest_window};
 use crate::estimate::resistance::ResistanceConfig;
 use crate::params::Inverter;
@@ -21,11 +23,29 @@ pub(crate) struct PaperConfig<R: Real> {
     /// Resistance of the nameplate, and its reciprocal.
     pub r_s: R,
     pub inv_r_s: R,
+    /// Slip from which on the machine counts as regenerating: a seventh of the rated one.
+    pub omega_r_regeneration: R,
+    /// Corner frequency of the low-pass in that slip, times the time between two calls.
+    pub slip_corner: R,
     /// Periods over which the magnetisation reads `r̂_s`, and their reciprocal.
     pub r_s_periods: u32,
     pub inv_r_s_periods: R,
+    /// The resistance at light load by the method of [9].
+    #[cfg(feature = "variants")]
+    pub light_load: Option<LightLoadConfig<R>>,
+    /// The resistance by the radius, at rest without load.
+    #[cfg(feature = "variants")]
+    pub adapt_at_rest: bool,
+    /// Estimate that a start begins with, while the machine is not magnetised yet.
+    #[cfg(feature = "variants")]
+    pub initial_flux: Option<[R; 2]>,
 }
-words!(PaperConfig: flux, resistance, confidence, r_s, inv_r_s, r_s_periods, inv_r_s_periods);
+words! {
+    PaperConfig: flux, resistance, confidence, r_s, inv_r_s, omega_r_regeneration, slip_corner, r_s_periods, inv_r_s_periods,
+    #[cfg(feature = "variants")] light_load,
+    #[cfg(feature = "variants")] adapt_at_rest,
+    #[cfg(feature = "variants")] initial_flux,
+}
 
 impl<R: Real> PaperConfig<R> {
     /// Settings for validated parameters and a magnetisation of so many periods.
@@ -50,7 +70,12 @@ impl<R: Real> PaperConfig<R> {
                 t_s: r(t_s),
                 noise_min: r(noise.0),
                 noise_max: r(noise.1),
+                noise_regeneration: r(if p.paper.noise_compensator { p.paper.noise_regeneration } else { 0.0 }),
                 offset: p.paper.offset_estimator.then_some(offset),
+                #[cfg(feature = "variants")]
+                replaced: p.paper.limiter || p.paper.low_pass > 0.0,
+                #[cfg(feature = "variants")]
+                low_pass: r(pu.hz(p.paper.low_pass)),
             },
             resistance: p.paper.resistance_adaptation.then(|| ResistanceConfig {
                 l_sum: r(pu.l_s + pu.sigma_l_s),
@@ -63,6 +88,9 @@ impl<R: Real> PaperConfig<R> {
                 transient: r(0.05),
                 corner: r(t_slow * pu.hz(2.0)),
                 hold: inverter.periods(0.2 / f64::from(SLOW_PERIODS)),
+                // As fast as the sign law at ω_s = 0.06 and half of rated i_q: faster, the transients of ε count.
+                #[cfg(feature = "variants")]
+                quotient: r(if p.paper.resistance_quotient { 0.5 * pu.torque_rated / p.psi_ref / 0.06 } else { 0.0 }),
             }),
             confidence: ConfidenceConfig {
                 t_s: r(t_slow),
@@ -73,8 +101,26 @@ impl<R: Real> PaperConfig<R> {
             r_s: r(pu.r_s),
             // Where the scheme does not run, a resistance too small for it is none of its concern.
             inv_r_s: r(if p.scheme == Scheme::Paper { 1.0 / pu.r_s } else { (1.0 / pu.r_s).min(R::LARGEST) }),
+            // ω_r ≈ r_R T/ψ_R², ψ_R ≈ ψ*.
+            omega_r_regeneration: r(0.15 * pu.r_r * pu.torque_rated / (p.psi_ref * p.psi_ref)),
+            slip_corner: r(t_slow * pu.hz(0.2)),
             r_s_periods,
             inv_r_s_periods: r(1.0 / f64::from(r_s_periods)),
+            #[cfg(feature = "variants")]
+            light_load: p.paper.resistance_at_light_load.then(|| LightLoadConfig {
+                l_s: r(pu.l_s),
+                sigma_l_s: r(pu.sigma_l_s),
+                corner: r(t_slow * pu.hz(2.0)),
+                // Time constant of 0.5 s at the current without load.
+                gain: r(t_slow / (0.5 * pu.base.omega) * (pu.l_s / p.psi_ref) * (pu.l_s / p.psi_ref)),
+                settle: inverter.periods(0.4 / f64::from(SLOW_PERIODS)),
+                omega_min: r(0.03),
+                omega_max: r(0.2),
+            }),
+            #[cfg(feature = "variants")]
+            adapt_at_rest: p.paper.resistance_at_rest,
+            #[cfg(feature = "variants")]
+            initial_flux: p.paper.initial_flux.map(|(re, im)| [r(re), r(im)]),
         }
     }
 }

@@ -13,6 +13,9 @@ pub(crate) const BOOST: f64 = 1.5;
 pub const SPEED_PERIODS: u32 = 2;
 /// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
 pub const SLOW_PERIODS: u32 = 4;
+/// Control periods between two samples of the fit of the current sensors' gains, and between two curves of the inverter
+/// model.
+pub const BALANCE_PERIODS: u32 = 8;
 
 /// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,11 +38,12 @@ impl Scheme {
         Self::Enhanced,
     ];
 
-    /// The same as a word: bit 0 the published one, bit 1 the enhanced one, bit 2 supervision. A stored configuration
-    /// fits only a build of the same features.
+    /// The same as a word: bit 0 the published one, bit 1 the enhanced one, bit 2 supervision, bit 3 the variants of the
+    /// published one. A stored configuration fits only a build of the same features.
     pub const BUILT: u32 = cfg!(feature = "paper") as u32
         | (cfg!(feature = "enhanced") as u32) << 1
-        | (cfg!(feature = "supervision") as u32) << 2;
+        | (cfg!(feature = "supervision") as u32) << 2
+        | (cfg!(feature = "variants") as u32) << 3;
 
     /// An error if the scheme is left out of this build.
     pub(super) fn check(self) -> Result<(), ParamError> {
@@ -104,13 +108,28 @@ pub struct PaperParams {
     pub offset_gain: f64,
     /// Noise compensator of Section III-D.
     pub noise_compensator: bool,
-    /// Smallest and largest gain of the noise compensator, per unit, 0 to 1 and up to 4.
+    /// Smallest and largest gain of the noise compensator, per unit, both up to 4.
     pub noise_gain: (f64, f64),
+    /// Gain of the noise compensator at low stator frequency while regenerating, per unit, up to 4.
+    pub noise_regeneration: f64,
     /// Stator resistance adaptation of Fig. 12.
     pub resistance_adaptation: bool,
     /// Gain of the adaptation: change of `r̂_s` in per unit, per second and unit of ε, 0 to 5. In per unit the answer
     /// to a wrong resistance, `2 k i_q/ω_s`, is the same for all machines.
     pub resistance_gain: f64,
+    /// Also adapt at rest without load, by the radius (Fig. 13a). Feature `variants`, as all that follow.
+    pub resistance_at_rest: bool,
+    /// Also adapt at light load away from rest, by the method of [9].
+    pub resistance_at_light_load: bool,
+    /// Weight ε by the quotient `ω_s/i_q` (Fig. 12) instead of its sign.
+    pub resistance_quotient: bool,
+    /// Estimate of the flux that a start begins with, per unit, each component within ±2; `None`: the estimator begins
+    /// at the flux that the magnetisation has built up.
+    pub initial_flux: Option<(f64, f64)>,
+    /// Corner frequency of a low-pass filter in place of Fig. 7, 0 to 10 Hz; 0: none.
+    pub low_pass: f64,
+    /// An integrator with limited components in place of Fig. 7; excludes `low_pass`.
+    pub limiter: bool,
 }
 
 impl Default for PaperParams {
@@ -120,8 +139,15 @@ impl Default for PaperParams {
             offset_gain: 0.5,
             noise_compensator: true,
             noise_gain: (0.06, 0.5),
+            noise_regeneration: 0.005,
             resistance_adaptation: true,
             resistance_gain: 0.42,
+            resistance_at_rest: false,
+            resistance_at_light_load: false,
+            resistance_quotient: false,
+            initial_flux: None,
+            low_pass: 0.0,
+            limiter: false,
         }
     }
 }
@@ -129,26 +155,51 @@ impl Default for PaperParams {
 impl PaperParams {
     fn validate(&self) -> Result<(), ParamError> {
         check("offset_gain", self.offset_gain, 0.01, 1.0, "")?;
-        check("noise_gain[0]", self.noise_gain.0, 0.0, 1.0, "")?;
+        check("noise_gain[0]", self.noise_gain.0, 0.0, 4.0, "")?;
         check("noise_gain[1]", self.noise_gain.1, self.noise_gain.0, 4.0, "")?;
-        check("resistance_gain", self.resistance_gain, 0.0, 5.0, "p.u./s")
+        check("noise_regeneration", self.noise_regeneration, 0.0, 4.0, "")?;
+        check("resistance_gain", self.resistance_gain, 0.0, 5.0, "p.u./s")?;
+        for (name, x) in ["initial_flux[0]", "initial_flux[1]"].into_iter().zip(self.initial()) {
+            check(name, x, -2.0, 2.0, "p.u.")?;
+        }
+        check("low_pass", self.low_pass, 0.0, if self.limiter { 0.0 } else { 10.0 }, "Hz")?;
+        if cfg!(feature = "variants") {
+            return Ok(());
+        }
+        self.refuse_variants("built with the feature `variants` only")
+    }
+
+    /// The initial flux as it is checked.
+    fn initial(&self) -> [f64; 2] {
+        self.initial_flux.map_or([0.0; 2], |(re, im)| [re, im])
+    }
+
+    /// An error for the first of the variants that is chosen.
+    fn refuse_variants(&self, why: &'static str) -> Result<(), ParamError> {
+        let off = |field, chosen| check(field, f64::from(u8::from(chosen)), 0.0, 0.0, "").map_err(|e| e.with_note(why));
+        off("resistance_at_rest", self.resistance_at_rest)?;
+        off("resistance_at_light_load", self.resistance_at_light_load)?;
+        off("resistance_quotient", self.resistance_quotient)?;
+        off("initial_flux", self.initial_flux.is_some())?;
+        off("low_pass", self.low_pass > 0.0)?;
+        off("limiter", self.limiter)
     }
 
     /// An error for the first field that is not at its default.
     fn refuse_changes(&self) -> Result<(), ParamError> {
         let d = Self::default();
-        let same = |field, value, default| {
-            check(field, value, default, default, "")
-                .map_err(|e| e.with_note("a setting of the published scheme, and the drive runs the enhanced one"))
-        };
+        const WHY: &str = "a setting of the published scheme, and the drive runs the enhanced one";
+        let same = |field, value, default| check(field, value, default, default, "").map_err(|e| e.with_note(WHY));
         let switch = |field, value, default| same(field, f64::from(u8::from(value)), f64::from(u8::from(default)));
         switch("offset_estimator", self.offset_estimator, d.offset_estimator)?;
         same("offset_gain", self.offset_gain, d.offset_gain)?;
         switch("noise_compensator", self.noise_compensator, d.noise_compensator)?;
         same("noise_gain[0]", self.noise_gain.0, d.noise_gain.0)?;
         same("noise_gain[1]", self.noise_gain.1, d.noise_gain.1)?;
+        same("noise_regeneration", self.noise_regeneration, d.noise_regeneration)?;
         switch("resistance_adaptation", self.resistance_adaptation, d.resistance_adaptation)?;
-        same("resistance_gain", self.resistance_gain, d.resistance_gain)
+        same("resistance_gain", self.resistance_gain, d.resistance_gain)?;
+        self.refuse_variants(WHY)
     }
 }
 
@@ -167,15 +218,16 @@ pub struct EnhancedParams {
     /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
     /// most 30 % ([`crate::control::shift`]). 0: the flux stays.
     pub omega_s_min: f64,
-    /// Relative standard deviation with which the filter begins: of the stator resistance, with its temperature.
+    /// Relative standard deviation with which the filter begins, at least 0.002: of the stator resistance with its
+    /// temperature, at most 0.5.
     pub prior_R_s: f64,
-    /// Of threshold and dead time.
+    /// Of threshold and dead time, at most 1.
     pub prior_loss: f64,
-    /// Of the legs' capacitance.
+    /// Of the legs' capacitance, at most 1.
     pub prior_c_out: f64,
-    /// Of the leakage inductance.
+    /// Of the leakage inductance, at most 1.
     pub prior_L_sigma: f64,
-    /// Of the magnetising inductance.
+    /// Of the magnetising inductance, at most 0.5.
     pub prior_L_M: f64,
 }
 
@@ -199,7 +251,11 @@ impl EnhancedParams {
 
     fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
         check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")?;
-        self.priors().into_iter().try_for_each(|(name, value)| check(name, value, 0.002, 1.0, ""))
+        self.priors().into_iter().try_for_each(|(name, value)| {
+            // Their variances, in units of the filter's scales, have to fit fixed point.
+            let most = if matches!(name, "prior_R_s" | "prior_L_M") { 0.5 } else { 1.0 };
+            check(name, value, 0.002, most, "")
+        })
     }
 
     fn priors(&self) -> [(&'static str, f64); 5] {
@@ -271,12 +327,37 @@ pub struct DriveParams {
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
     pub low_confidence: LowConfidence,
+    /// Time after a stop within which a start takes over the offsets of the current sensors and what was identified, and
+    /// is as short as the current allows, s, 0 to 3600; 0: never.
+    pub fresh_time: f64,
     /// Monitors of phases, current channels and stall. Off, a drive checks its measurements and the plausibility of its
     /// estimate alone: for tests of the bridge without a machine.
     pub supervision: bool,
     /// Time for which the torque may be at its limit at low speed without the speed approaching its reference, s, 0.1 to
     /// 60; 0: any ([`crate::supervision::stall`]).
     pub stall_time: f64,
+    /// Lower the flux where the voltage is used up ([`crate::control::weakening`]). Without it the speed ends there.
+    pub field_weakening: bool,
+    /// Largest acceleration of the speed reference, mechanical rad/s²; `None`: it is followed as it is.
+    pub acceleration: Option<f64>,
+    /// Largest jerk of the speed reference, mechanical rad/s³, together with an acceleration; `None`: no limit.
+    pub jerk: Option<f64>,
+    /// Negative and positive limit of the torque reference, N·m, within `torque_max`; `None`: ±`torque_max`.
+    pub torque_limits: Option<(f64, f64)>,
+    /// Negative and positive limit of the speed reference, mechanical rad/s, within `omega_max`; `None`: ±`omega_max`.
+    pub speed_limits: Option<(f64, f64)>,
+    /// Continuous current of the machine in A rms and the time constant of its heat in s: the current is derated before
+    /// the heat exceeds that of the continuous current ([`crate::control::overload`]); `None`: no derating.
+    pub machine_overload: Option<(f64, f64)>,
+    /// The same of the bridge.
+    pub bridge_overload: Option<(f64, f64)>,
+    /// dc-link voltage at which no braking torque is left, V ([`crate::control::dclink`]); `None`: no limit. This and the
+    /// next two need the feature `dclink`.
+    pub u_dc_brake: Option<f64>,
+    /// dc-link voltage below which the machine feeds the link, V: kinetic buffering; `None`: none.
+    pub u_dc_buffer: Option<f64>,
+    /// dc-link voltages from which on the brake chopper takes current and at which it takes all, V; `None`: no chopper.
+    pub u_dc_chopper: Option<(f64, f64)>,
     /// Settings of the published scheme: the defaults, unless the drive runs it.
     pub paper: PaperParams,
     /// Settings of the enhanced scheme: the defaults, unless the drive runs it.
@@ -308,8 +389,19 @@ impl DriveParams {
             offset_time: 0.1,
             magnetise_time: (4.0 * tau_r).max(1.4),
             low_confidence: LowConfidence::Keep,
+            fresh_time: 10.0,
             supervision: true,
             stall_time: 0.35,
+            field_weakening: true,
+            acceleration: None,
+            jerk: None,
+            torque_limits: None,
+            speed_limits: None,
+            machine_overload: None,
+            bridge_overload: None,
+            u_dc_brake: None,
+            u_dc_buffer: None,
+            u_dc_chopper: None,
             paper: PaperParams::default(),
             enhanced: EnhancedParams::new(machine),
         }
@@ -342,14 +434,72 @@ impl DriveParams {
         check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
         check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
+        check("fresh_time", self.fresh_time, 0.0, 3600.0, "s")?;
         if self.stall_time != 0.0 {
             check("stall_time", self.stall_time, 0.1, 60.0, "s")?;
         }
+        self.validate_limits(machine, inverter)?;
+        self.validate_link(inverter)?;
         self.paper.validate()?;
         self.enhanced.validate(machine)?;
         match self.scheme {
             Scheme::Paper => self.enhanced.refuse_changes(machine),
             Scheme::Enhanced => self.paper.refuse_changes(),
         }
+    }
+
+    /// Ramp, limits by direction, derating.
+    fn validate_limits(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
+        let omega_n = machine.omega_sR() / f64::from(machine.n_p);
+        if let Some(a) = self.acceleration {
+            check("acceleration", a, 1e-3 * omega_n, 1000.0 * omega_n, "rad/s²")?;
+        }
+        if let Some(j) = self.jerk {
+            let most = if self.acceleration.is_some() { 1e5 * omega_n } else { 0.0 };
+            check("jerk", j, 1e-2 * omega_n, most, "rad/s³").map_err(|e| e.with_note("with an acceleration only"))?;
+        }
+        if let Some((negative, positive)) = self.torque_limits {
+            check("torque_limits[0]", negative, -self.torque_max, 0.0, "N m")?;
+            check("torque_limits[1]", positive, 0.0, self.torque_max, "N m")?;
+        }
+        if let Some((negative, positive)) = self.speed_limits {
+            check("speed_limits[0]", negative, -self.omega_max, 0.0, "rad/s")?;
+            check("speed_limits[1]", positive, 0.0, self.omega_max, "rad/s")?;
+        }
+        let root = core::f64::consts::SQRT_2;
+        let least = 1.1 * self.psi_ref * Base::new(machine).psi / machine.L_s() / root;
+        for (fields, body) in [
+            (["machine_overload[0]", "machine_overload[1]"], self.machine_overload),
+            (["bridge_overload[0]", "bridge_overload[1]"], self.bridge_overload),
+        ] {
+            if let Some((current, time)) = body {
+                check(fields[0], current, least, self.i_max / root, "A")?;
+                // Longer than the interval in which it is computed, short enough for fixed point.
+                check(fields[1], time, 1e4 / inverter.f_s, 3600.0, "s")?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Voltages of the link's control.
+    fn validate_link(&self, inverter: &Inverter) -> Result<(), ParamError> {
+        let built = cfg!(feature = "dclink");
+        let check = |field, value, min: f64, max: f64| {
+            let max = if built { max } else { min - 1.0 };
+            check(field, value, min, max, "V")
+                .map_err(|e| if built { e } else { e.with_note("needs the feature `dclink`") })
+        };
+        // A width of 5 % lies below the braking voltage and above the buffering one.
+        if let Some(u) = self.u_dc_brake {
+            check("u_dc_brake", u, 1.1 * inverter.u_dc, self.u_dc_max)?;
+        }
+        if let Some(u) = self.u_dc_buffer {
+            check("u_dc_buffer", u, self.u_dc_min, 0.9 * inverter.u_dc)?;
+        }
+        if let Some((on, full)) = self.u_dc_chopper {
+            check("u_dc_chopper[0]", on, 1.02 * inverter.u_dc, self.u_dc_max)?;
+            check("u_dc_chopper[1]", full, on + 0.005 * inverter.u_dc, self.u_dc_max)?;
+        }
+        Ok(())
     }
 }

@@ -1,9 +1,13 @@
-//! Stator-flux-oriented control: current, flux and speed controllers, flux shift, field weakening,
-//! modulator.
+//! Stator-flux-oriented control: current, flux and speed controllers, flux shift, field weakening, ramp, derating,
+//! control of the dc link, modulator.
 
 pub mod current;
+#[cfg(feature = "dclink")]
+pub mod dclink;
 pub mod flux;
 pub mod modulator;
+pub mod overload;
+pub mod ramp;
 pub mod shift;
 pub mod speed;
 pub mod weakening;

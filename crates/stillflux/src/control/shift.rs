@@ -62,7 +62,14 @@ impl<R: Real> Default for FluxShift<R> {
 }
 
 impl<R: Real> FluxShift<R> {
-    /// One call at a speed, a torque reference and the leakage inductance relative to the parameter; returns `κ`, the flux reference in units of the rated one.
+    /// `κ` of the last call.
+    #[inline(always)]
+    pub fn factor(&self) -> R {
+        self.factor
+    }
+
+    /// One call at a speed, a torque reference and the leakage inductance relative to the parameter; returns `κ`, the flux
+    /// reference in units of the rated one.
     #[inline(never)]
     pub fn step(&mut self, c: &ShiftConfig<R>, omega_m: R, torque: R, leakage: R) -> R {
         let a = c.omega_s_min;

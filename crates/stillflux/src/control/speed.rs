@@ -16,10 +16,22 @@ pub struct SpeedControlConfig<R: Real> {
     pub k_p: R,
     /// Integral gain times the time between two calls.
     pub k_i: R,
-    /// Largest torque.
+    /// Largest torque of either sign, and of the positive and the negative one.
     pub torque_max: R,
+    /// Largest positive torque.
+    pub torque_pos: R,
+    /// Largest negative torque, its magnitude.
+    pub torque_neg: R,
 }
-words!(SpeedControlConfig: k_p, k_i, torque_max);
+words!(SpeedControlConfig: k_p, k_i, torque_max, torque_pos, torque_neg);
+
+impl<R: Real> SpeedControlConfig<R> {
+    /// Limits of the torque, of which `torque_max` is available now.
+    #[inline(always)]
+    pub fn limits(&self, torque_max: R) -> (R, R) {
+        (-torque_max.min(self.torque_neg), torque_max.min(self.torque_pos))
+    }
+}
 
 /// State of the speed controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -49,16 +61,18 @@ impl<R: Real> SpeedController<R> {
         self.demand
     }
 
-    /// One period; `torque_max` is the torque available now. Returns the torque reference.
+    /// One period with the limits `lo` and `hi` of the torque. Returns the torque reference.
     #[inline(always)]
-    pub fn step(&mut self, c: &SpeedControlConfig<R>, omega_ref: R, omega_m: R, torque_max: R) -> R {
+    pub fn step(&mut self, c: &SpeedControlConfig<R>, omega_ref: R, omega_m: R, (lo, hi): (R, R)) -> R {
         let error = omega_ref - omega_m;
-        let limit = torque_max.min(c.torque_max);
         let p = error * c.k_p;
         self.demand = p + self.x.value();
-        let p = p.limit(limit);
-        let x = self.x.add_clamped(c.k_i, error, -limit - p.min(R::ZERO), limit - p.max(R::ZERO));
-        (p + x).limit(limit)
+        let p = p.clamp(lo, hi);
+        // Of limits on both sides of zero the sum keeps within them whatever the proportional part; of others it only
+        // makes up for what that lacks.
+        let (below, above) = (p.min(lo.max(R::ZERO)), p.max(hi.min(R::ZERO)));
+        let x = self.x.add_clamped(c.k_i, error, lo - below, hi - above);
+        (p + x).clamp(lo, hi)
     }
 }
 
@@ -70,13 +84,19 @@ mod tests {
     fn a_load_step_is_answered_without_steady_error_and_without_windup() {
         let j = 50.0; // normalised inertia
         let (omega_c, t_s) = (0.06, 0.03);
-        let c = SpeedControlConfig { k_p: j * omega_c, k_i: t_s * j * omega_c * omega_c / 4.0, torque_max: 1.0 };
+        let c = SpeedControlConfig {
+            k_p: j * omega_c,
+            k_i: t_s * j * omega_c * omega_c / 4.0,
+            torque_max: 1.0,
+            torque_pos: 1.0,
+            torque_neg: 1.0,
+        };
         let mut ctrl = SpeedController::<f64>::default();
         let mut omega = 0.0;
         for k in 0..200_000 {
             let load = if k > 1000 { 0.7 } else { 0.0 };
             let reference = if k > 60_000 { 0.5 } else { 0.0 };
-            let t = ctrl.step(&c, reference, omega, 1.0);
+            let t = ctrl.step(&c, reference, omega, (-1.0, 1.0));
             assert!(t.abs() <= 1.0);
             omega += t_s * (t - load) / j;
             assert!(omega < 0.55, "no overshoot from a wound-up integrator");
@@ -84,7 +104,8 @@ mod tests {
         assert!((omega - 0.5).abs() < 1e-4);
     }
 
-    const CONFIG: SpeedControlConfig<f64> = SpeedControlConfig { k_p: 3.0, k_i: 0.01, torque_max: 1.0 };
+    const CONFIG: SpeedControlConfig<f64> =
+        SpeedControlConfig { k_p: 3.0, k_i: 0.01, torque_max: 1.0, torque_pos: 1.0, torque_neg: 1.0 };
 
     #[test]
     fn the_torque_never_exceeds_what_is_available_now_nor_what_is_set() {
@@ -92,10 +113,29 @@ mod tests {
             for (available, limit) in [(0.4, 0.4), (5.0, 1.0)] {
                 let mut ctrl = SpeedController::default();
                 for _ in 0..1000 {
-                    assert!(ctrl.step(&CONFIG, sign, 0.0, available) * sign <= limit);
+                    assert!(ctrl.step(&CONFIG, sign, 0.0, CONFIG.limits(available)) * sign <= limit);
                 }
-                assert_eq!(ctrl.step(&CONFIG, sign, 0.0, available) * sign, limit);
+                assert_eq!(ctrl.step(&CONFIG, sign, 0.0, CONFIG.limits(available)) * sign, limit);
             }
+        }
+    }
+
+    #[test]
+    fn each_direction_has_its_limit() {
+        let c = SpeedControlConfig { torque_pos: 0.8, torque_neg: 0.3, ..CONFIG };
+        assert_eq!((c.limits(2.0), c.limits(0.5)), ((-0.3, 0.8), (-0.3, 0.5)));
+        for (sign, most) in [(1.0, 0.8), (-1.0, 0.3)] {
+            let mut ctrl = SpeedController::default();
+            let torque = (0..1000).map(|_| ctrl.step(&c, sign, 0.0, c.limits(2.0))).last();
+            assert_eq!(torque, Some(sign * most));
+        }
+    }
+
+    #[test]
+    fn a_limit_beyond_zero_is_kept() {
+        let mut ctrl = SpeedController::default();
+        for _ in 0..100 {
+            assert_eq!(ctrl.step(&CONFIG, 1.0, 0.0, (-1.0, -0.4)), -0.4);
         }
     }
 
@@ -104,14 +144,14 @@ mod tests {
         for sign in [1.0, -1.0] {
             let mut ctrl = SpeedController::default();
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, sign, 0.0, 1.0);
+                ctrl.step(&CONFIG, sign, 0.0, (-1.0, 1.0));
             }
             // Proportional part and limit are equal at an error of 1/3: nothing is left for the integrator.
-            assert!(ctrl.step(&CONFIG, 0.0, 0.0, 1.0).abs() < 1e-12);
+            assert!(ctrl.step(&CONFIG, 0.0, 0.0, (-1.0, 1.0)).abs() < 1e-12);
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, 0.1 * sign, 0.0, 1.0);
+                ctrl.step(&CONFIG, 0.1 * sign, 0.0, (-1.0, 1.0));
             }
-            assert!((ctrl.step(&CONFIG, 0.0, 0.0, 1.0) * sign - 0.7).abs() < 1e-12);
+            assert!((ctrl.step(&CONFIG, 0.0, 0.0, (-1.0, 1.0)) * sign - 0.7).abs() < 1e-12);
         }
     }
 
@@ -119,6 +159,6 @@ mod tests {
     fn begins_with_the_torque_in_force() {
         let mut ctrl = SpeedController::default();
         ctrl.start(0.6);
-        assert_eq!(ctrl.step(&CONFIG, 0.2, 0.2, 1.0), 0.6);
+        assert_eq!(ctrl.step(&CONFIG, 0.2, 0.2, (-1.0, 1.0)), 0.6);
     }
 }

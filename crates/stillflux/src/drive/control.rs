@@ -18,6 +18,8 @@ use crate::config::{DriveConfig, LowConfidence, U_UTILISATION};
 use crate::control::current::CurrentController;
 use crate::control::flux::{FREQUENCY_HIGH, FluxController, Range};
 use crate::control::modulator::Duty;
+use crate::control::overload::Overload;
+use crate::control::ramp::Ramp;
 use crate::control::speed::SpeedController;
 use crate::control::weakening::Weakening;
 use crate::estimate::speed::SpeedEstimate;
@@ -48,6 +50,12 @@ pub(super) struct Control<R: Real> {
     pub psi_ref: R,
     /// Torque current for which the current limit leaves room beside `i_d*`.
     i_q_room: R,
+    /// Square of the largest current, as the heat of machine and bridge allows it.
+    i_max_sq: R,
+    /// 1 while the torque is at its upper limit, -1 at its lower one, else 0.
+    limited: R,
+    ramp: Ramp<R>,
+    overload: Overload<R>,
     pub voltage: Voltage<R>,
     /// The torque reference is at its limit, under speed control.
     pub torque_limited: bool,
@@ -65,6 +73,10 @@ impl<R: Real> Control<R> {
             i_dq_ref: Dq::default(),
             psi_ref: R::ZERO,
             i_q_room: R::ONE,
+            i_max_sq: R::ZERO,
+            limited: R::ZERO,
+            ramp: Ramp::default(),
+            overload: Overload::default(),
             voltage: Voltage::new(),
             torque_limited: false,
         }
@@ -76,12 +88,23 @@ impl<R: Real> Control<R> {
     }
 
     /// The start-up is complete: flux and speed controllers start.
-    pub fn start(&mut self, c: &DriveConfig<R>) {
+    pub fn start(&mut self, c: &DriveConfig<R>, omega_m: R) {
         self.psi_ref = c.flux_control.psi_rated;
         self.flux.start();
         self.weakening = Weakening::default();
         self.i_q_room = c.i_q_max;
+        if self.i_max_sq == R::ZERO {
+            // The first start: later ones go on with the heat of the last run.
+            self.i_max_sq = c.i_max_sq;
+        }
+        self.limited = R::ZERO;
         self.speed.start(R::ZERO);
+        self.ramp.start(omega_m);
+    }
+
+    /// Heat of machine and bridge.
+    pub fn overload(&self) -> [R; 2] {
+        self.overload.theta()
     }
 
     /// Current control: duties for the next period. `inverter`: estimated factor and curve of the inverter model.
@@ -141,26 +164,43 @@ impl<R: Real> Control<R> {
             let part = (estimators.confidence() * R::TWO).min(R::ONE);
             torque_max = torque_max.min(c.speed_control.torque_max) * part;
         }
+        let (lo, hi) = c.speed_control.limits(torque_max);
+        #[cfg(feature = "dclink")]
+        let (lo, hi) = c.dclink.limit(u_dc, speed.omega_m, (lo, hi));
         self.torque_limited = false;
         let torque_ref = match *reference {
             Reference::Speed(omega) => {
-                let torque = self.speed.step(&c.speed_control, omega.limit(c.omega_max), speed.omega_m, torque_max);
+                let omega = omega.clamp(c.omega_least, c.omega_most);
+                let omega = self.ramp.step(&c.ramp, omega, speed.omega_m, self.limited);
+                let torque = self.speed.step(&c.speed_control, omega, speed.omega_m, (lo, hi));
                 self.torque_limited = torque.abs() >= torque_max.min(c.speed_control.torque_max) * R::from_f64(0.98);
                 torque
             }
             Reference::Torque(torque) => {
-                let torque_ref = torque.limit(torque_max.min(c.speed_control.torque_max));
+                let torque_ref = torque.clamp(lo, hi);
                 self.speed.follow(torque_ref, torque);
+                self.ramp.start(speed.omega_m);
                 torque_ref
             }
             Reference::Stop => R::ZERO,
         };
+        self.limited = if torque_ref >= hi {
+            R::ONE
+        } else if torque_ref <= lo {
+            -R::ONE
+        } else {
+            R::ZERO
+        };
         let i_q = torque_ref * c.flux_control.reciprocal(psi);
         let i_d = self.flux.step(&c.flux_control, psi_ff, psi_ref - estimators.psi_s(), i_q, weight, range);
-        self.i_q_room = c.i_q_max;
+        self.i_q_room += (c.i_q_max - self.i_q_room) * R::from_f64(1.0 / 16.0);
         self.i_dq_ref = Dq::new(i_d, i_q);
-        if !likely(self.i_dq_ref.norm_sq() <= c.i_max_sq) {
+        let i_sq = self.i_dq_ref.norm_sq();
+        if !likely(i_sq <= self.i_max_sq) {
             self.limit_current(c);
+        }
+        if let Some(most) = self.overload.step(&c.overload, i_sq.min(self.i_max_sq), c.i_max_sq) {
+            self.i_max_sq = most;
         }
     }
 
@@ -180,8 +220,8 @@ impl<R: Real> Control<R> {
     #[cold]
     #[inline(never)]
     fn limit_current(&mut self, c: &DriveConfig<R>) {
-        let i_d = self.i_dq_ref.re();
-        let room = (c.i_max_sq - i_d * i_d).max(c.i_max_sq.quarter().quarter()).sqrt();
+        let (i_d, most) = (self.i_dq_ref.re(), self.i_max_sq);
+        let room = (most - i_d * i_d).max(most.quarter().quarter()).sqrt();
         self.i_q_room = room.min(c.i_q_max);
         self.i_dq_ref = Dq::new(i_d.limit(c.i_d_max), self.i_dq_ref.im().limit(room));
     }

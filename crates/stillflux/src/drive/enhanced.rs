@@ -1,7 +1,11 @@
 //! The enhanced scheme: filter ([`crate::estimate::kalman`]), correction of the current sensors' gains
 //! ([`crate::estimate::balance`]), flux shift ([`crate::control::shift`]), and start-up.
 //!
-//! **Start-up**, at standstill or in a rotating machine without flux (flying start):
+//! **Start-up**, at standstill or in a rotating machine (flying start). It begins with 8 ms without current, in which a
+//! flux that turns is found by the voltage that it induces ([`super::catch`]). With one, and after a stop of less than
+//! `fresh_time` also without, the filter follows the flux from then on, the largest current builds it up to rated, and
+//! control begins: what was identified is fresh. A flux of the stop that induces nothing is assumed to have turned at
+//! the speed of the stop. Otherwise:
 //!
 //! ```text
 //! ω = Σ ψ_R × (dψ_R - r_R i dτ) / Σ |ψ_R|² dτ          rotor equation × ψ_R; |ω| > 0.03: rotating
@@ -19,11 +23,12 @@
 //!    the magnetising current from 9/16 to 11/16 and 0.4 from 11/16 to 12/16 of the time, separate resistance, `v` and
 //!    knee.
 //!
-//! A machine that rotates with a residual flux is not covered: `ψ̂_R` begins at zero.
+//! A machine that begins to turn during a pause with its flux left, below 0.06 pu, is not covered.
 
+use super::catch::{BLOCKS, Catch};
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
-use crate::config::{DriveConfig, SPEED_PERIODS};
+use crate::config::{BALANCE_PERIODS, DriveConfig, SPEED_PERIODS};
 use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
@@ -35,6 +40,8 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Speed, per unit, above which a machine counts as rotating at the start.
 const ROTATING: f64 = 0.03;
+/// Rotor flux below which a machine is taken as one without.
+const RESIDUAL: f64 = 0.15;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
 /// Stator frequency against the torque up to which the flux shift must be able to lower the flux: it leads over zero.
@@ -42,9 +49,6 @@ const CROSSING: f64 = 0.0025;
 /// Reduced currents that separate resistance, inverter error and knee, relative to the magnetising current.
 const REDUCED: f64 = 0.7;
 const SMALL: f64 = 0.4;
-
-/// Unit of the innovation that the filter returns, per unit of flux.
-const INNOVATION_UNIT: f64 = 0.05;
 
 /// The two sums of the speed search; after it, the speed over one.
 #[derive(Clone, Copy, Debug)]
@@ -82,6 +86,21 @@ impl<R: Real> SpeedSearch<R> {
     }
 }
 
+/// What a start-up knows of the machine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+enum Start<R: Real> {
+    /// Nothing.
+    Unknown,
+    /// Its parameters are fresh; the rotor flux that it has if its speed is that of the stop.
+    Fresh(AlphaBeta<R>),
+    /// Its parameters are fresh, and it has no flux.
+    Empty,
+    /// It has a flux, and the filter follows it.
+    Caught,
+}
+
 /// State of the estimators.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -93,8 +112,12 @@ pub(super) struct EnhancedEstimators<R: Real> {
     speed_estimator: SpeedEstimator<R>,
     speed: SpeedEstimate<R>,
     search: SpeedSearch<R>,
+    catch: Catch<R>,
+    start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
+    /// Torque reference, for the next step of the flux shift.
+    torque_ref: R,
 }
 
 impl<R: Real> EnhancedEstimators<R> {
@@ -107,7 +130,10 @@ impl<R: Real> EnhancedEstimators<R> {
             speed_estimator: SpeedEstimator::default(),
             speed: SpeedEstimate::default(),
             search: SpeedSearch::new(),
+            catch: Catch::new(AlphaBeta::default()),
+            start: Start::Unknown,
             knee: *c.inverter.nominal(),
+            torque_ref: R::ZERO,
         }
     }
 
@@ -115,6 +141,21 @@ impl<R: Real> EnhancedEstimators<R> {
     #[cold]
     #[inline(never)]
     fn prepare(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, stage: u32) -> Dq<R> {
+        let catch_periods = c.enhanced.catch.block * BLOCKS;
+        if stage <= 1 {
+            self.filter.start(&c.enhanced.filter, i_s);
+            self.catch = Catch::new(self.filter.i_s());
+        }
+        if stage <= catch_periods {
+            return Dq::default();
+        }
+        let stage = stage - catch_periods;
+        if matches!(self.start, Start::Caught | Start::Empty) {
+            if self.start == Start::Empty && stage <= 1 {
+                self.filter.start(&c.enhanced.filter, i_s);
+            }
+            return Dq::new(c.i_quick, R::ZERO);
+        }
         let mut i_ref = c.magnetising_current(stage);
         // The voltage of the resistance is proportional to the current, that of the inverter is not.
         if !self.search.found_rotation() {
@@ -135,21 +176,62 @@ impl<R: Real> EnhancedEstimators<R> {
         i_ref
     }
 
+    /// A period without current: the flux that the machine has, and at the end what the start-up goes on with.
+    #[cold]
+    #[inline(never)]
+    fn catch_flux(&mut self, c: &DriveConfig<R>, u_s: &AlphaBeta<R>, stage: u32) -> FieldQuantities<R> {
+        let (filter, config) = (&mut self.filter, &c.enhanced.filter);
+        let (i_s, psi_r) = (filter.i_s(), filter.rotor_flux(config));
+        let field = self.catch.step(&c.enhanced.catch, stage, (u_s, i_s, psi_r));
+        if stage == c.enhanced.catch.block * BLOCKS {
+            let least = R::from_f64(RESIDUAL * RESIDUAL);
+            let kept = match self.start {
+                Start::Fresh(psi_r) if psi_r.norm_sq() > least => Some(psi_r),
+                _ => None,
+            };
+            let known = kept.map(|psi_r| psi_r.norm_sq().sqrt());
+            let caught = self.catch.found(&c.enhanced.catch, known).filter(|(psi_r, _)| psi_r.norm_sq() > least);
+            let kept = kept.map(|psi_r| (psi_r, R::ZERO));
+            self.start = match (caught.or(kept), self.start) {
+                (Some((psi_r, omega)), _) => {
+                    filter.catch(config, psi_r, &i_s);
+                    self.speed_estimator.start(&psi_r, omega);
+                    (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
+                    Start::Caught
+                }
+                (None, Start::Fresh(_)) => Start::Empty,
+                _ => Start::Unknown,
+            };
+        }
+        field
+    }
+
     /// After it: the speed, the direction that the current takes with the current in its coordinates, and whether the
     /// flux has built up.
     #[cold]
     #[inline(never)]
     fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp) -> (Rotator<R>, Dq<R>, bool) {
-        let searching = at.stage <= c.enhanced.probe_periods;
-        if !searching && at.period.is_multiple_of(SPEED_PERIODS) {
+        let searching = self.start != Start::Caught && at.stage <= c.enhanced.probe_periods;
+        if !searching && at.stage.is_multiple_of(SPEED_PERIODS) {
             self.update_speed(c);
-            self.knee = c.inverter.knee(self.filter.knee());
         }
         let i_s = self.filter.i_s();
         let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         let (mut field, mut periods) = (Rotator::default(), c.magnetise_periods);
         if searching {
             self.search_speed(c, &psi_r, &i_s, at.stage);
+        } else if matches!(self.start, Start::Caught | Start::Empty) {
+            if self.start == Start::Caught || self.search.found_rotation() {
+                field = Rotator::of(&psi_r).0;
+            }
+            let built_up = self.filter.magnitude() >= c.flux_control.psi_rated * R::from_f64(0.95);
+            if at.stage >= c.boost_periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
+                // No flux after the time that it takes: nothing that was assumed holds.
+                self.search.reject();
+                self.start = Start::Unknown;
+                return (Rotator::default(), Rotator::default().to_field(&i_s), false);
+            }
+            return (field, field.to_field(&i_s), built_up || at.stage >= c.boost_periods);
         } else if self.search.found_rotation() {
             field = Rotator::of(&psi_r).0;
             periods = c.boost_periods;
@@ -181,9 +263,24 @@ impl<R: Real> EnhancedEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
-    fn begin(&mut self) {
+    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>) {
+        // A free rotor flux decays.
+        self.start = pause.map_or(Start::Unknown, |pause| {
+            let x = c.enhanced.decay.periods(pause).min(R::from_f64(10.0));
+            let decayed = (R::ONE + x * (R::ONE + x.half())).recip();
+            // It turns with the rotor, whose speed of the stop is the best guess where nothing is induced.
+            let mut psi_r = self.filter.rotor_flux(&c.enhanced.filter) * decayed;
+            let mut angle = (c.t_s * self.speed.omega_m * R::from_f64(64.0)).periods(pause).limit(R::from_f64(6.0));
+            while !angle.within(R::ZERO) {
+                let part = angle.limit(R::HALF);
+                angle -= part;
+                psi_r = Rotator::default().turned(part).to_stator(&Dq::new(psi_r.re(), psi_r.im()));
+            }
+            Start::Fresh(psi_r)
+        });
         self.search = SpeedSearch::new();
         self.shift = FluxShift::default();
+        self.torque_ref = R::ZERO;
         self.speed = SpeedEstimate::default();
     }
 
@@ -191,25 +288,41 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     fn period(
         &mut self,
         c: &DriveConfig<R>,
-        x: &PeriodInput<R>,
+        x: &PeriodInput<'_, R>,
         i_dq_ref: &mut Dq<R>,
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
         if let Some(at) = start_up {
-            *i_dq_ref = self.prepare(c, &x.i_s, at.stage);
-            blind = at.stage <= c.enhanced.probe_periods;
+            let i_s = x.i_s;
+            *i_dq_ref = self.prepare(c, &i_s, at.stage);
+            let searched = at.stage <= c.enhanced.catch.block * BLOCKS + c.enhanced.probe_periods;
+            blind = searched && self.start != Start::Caught;
         }
         let i_ref = *i_dq_ref;
-        let [i_a, i_b, i_c] = x.i_abc;
-        let i_m = self.balance.step(&c.enhanced.balance, &x.i_s, i_a + i_b + i_c);
+        let i_m = self.balance.remove(&x.i_s);
         let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
-        let i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
-        let (field, i_dq, complete) = match start_up {
-            None => (self.filter.field(), i_dq, false),
-            Some(at) => self.build_up(c, at),
-        };
+        let mut i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
+        // What follows from quantities that change slowly takes its turn.
+        match x.period % BALANCE_PERIODS {
+            2 => {
+                let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
+                self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
+            }
+            6 => self.knee = c.inverter.knee(self.filter.knee()),
+            _ => {}
+        }
+        let (mut field, mut complete) = (self.filter.field(), false);
+        if let Some(at) = start_up {
+            let catch_periods = c.enhanced.catch.block * BLOCKS;
+            if at.stage <= catch_periods {
+                return PeriodOutput { field: self.catch_flux(c, &x.u_s, at.stage), complete: false };
+            }
+            let i;
+            (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods, ..at });
+            i_dq = Dq::new(i.re(), i.im());
+        }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete }
     }
@@ -227,12 +340,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
-        self.knee = c.inverter.knee(self.filter.knee());
+        self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, self.filter.leakage());
     }
 
     #[inline(always)]
-    fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R {
-        self.shift.step(&c.enhanced.shift, self.speed.omega_m, torque, self.filter.leakage())
+    fn flux_factor(&mut self, _: &DriveConfig<R>, torque: R) -> R {
+        self.torque_ref = torque;
+        self.shift.factor()
     }
 
     #[inline(always)]
@@ -273,6 +387,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     #[inline(always)]
+    fn nis(&self) -> R {
+        self.filter.nis()
+    }
+
+    #[inline(always)]
     fn confidence(&self) -> R {
         self.filter.confidence()
     }
@@ -288,7 +407,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             i_s: f.i_s(),
             r_s: f.r_s(),
             epsilon: R::ZERO,
-            innovation: f.residual() * R::from_f64(INNOVATION_UNIT),
+            innovation: f.innovation(),
             nis: f.nis(),
             angle_deviation: f.sigma(),
             confidence: f.confidence(),

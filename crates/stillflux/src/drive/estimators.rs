@@ -15,15 +15,17 @@ use crate::space::{AlphaBeta, Dq, Rotator};
     not(all(feature = "paper", feature = "enhanced")),
     allow(dead_code, reason = "not every scheme needs all of it")
 )]
-pub(super) struct PeriodInput<R: Real> {
+pub(super) struct PeriodInput<'a, R: Real> {
     /// Phase currents less the offsets read at standstill, and their space vector.
     pub i_abc: [R; 3],
     pub i_s: AlphaBeta<R>,
-    /// Voltage applied between the last two samples, and the loss of the inverter model that it contains.
+    /// Voltage applied between the last two samples, and the loss of the inverter model that was commanded last.
     pub u_s: AlphaBeta<R>,
-    pub u_loss: Distortion<R>,
+    pub u_loss: &'a Distortion<R>,
     /// Flux reference in this interval.
     pub psi_ref: R,
+    /// Periods since power-up.
+    pub period: u32,
 }
 
 /// Inputs of current control from the estimators, every period.
@@ -41,7 +43,7 @@ pub(super) struct FieldQuantities<R: Real> {
     pub i_dq: Dq<R>,
 }
 
-/// Progress of a start-up: its period, counted from one, and the period since power-up.
+/// Progress of a start-up: its period, counted from one.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(
     not(all(feature = "paper", feature = "enhanced")),
@@ -49,7 +51,6 @@ pub(super) struct FieldQuantities<R: Real> {
 )]
 pub(super) struct StartUp {
     pub stage: u32,
-    pub period: u32,
 }
 
 /// What the estimators deliver in one period.
@@ -78,15 +79,16 @@ pub(super) struct Estimated<R: Real> {
 
 /// Estimators of a scheme, with its start-up sequence.
 pub(super) trait Estimators<R: Real> {
-    /// A start-up begins with the next period.
-    fn begin(&mut self);
+    /// A start-up begins with the next period; `pause`: periods since the drive ran last, if what it learned then is
+    /// fresh.
+    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>);
 
     /// One period, of the start-up or under control, with the current reference `i_dq_ref` in field coordinates. A
     /// start-up sets its own.
     fn period(
         &mut self,
         c: &DriveConfig<R>,
-        x: &PeriodInput<R>,
+        x: &PeriodInput<'_, R>,
         i_dq_ref: &mut Dq<R>,
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R>;
@@ -119,6 +121,9 @@ pub(super) trait Estimators<R: Real> {
 
     /// Factor of the inverter model's voltage, and its curve over the current.
     fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>);
+
+    /// Normalised innovation squared; zero where there is no filter.
+    fn nis(&self) -> R;
 
     /// Confidence in the field angle.
     fn confidence(&self) -> R;

@@ -9,11 +9,18 @@ use crate::config::{DriveConfig, PaperConfig};
 use crate::control::flux::weight_by_frequency;
 use crate::estimate::confidence::Confidence;
 use crate::estimate::flux::FluxEstimator;
+#[cfg(feature = "variants")]
+use crate::estimate::light_load::LightLoad;
+#[cfg(feature = "variants")]
+use crate::estimate::resistance::ResistanceConfig;
 use crate::estimate::resistance::{self, ResistanceEstimator};
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
 use crate::scalar::{Integrator, Real};
 use crate::space::{AlphaBeta, Dq, Rotator};
+
+/// Corrections of the offset, of both components, after which it counts as known: more than one period.
+const OFFSET_UPDATES: u32 = 3;
 
 /// State of the estimators.
 #[derive(Clone, Copy, Debug)]
@@ -22,9 +29,15 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 pub(super) struct PaperEstimators<R: Real> {
     flux: FluxEstimator<R>,
     resistance: ResistanceEstimator<R>,
+    #[cfg(feature = "variants")]
+    light_load: LightLoad<R>,
     confidence: Confidence<R>,
+    /// The offset was read at rest or restored.
+    offset_known: bool,
     speed_estimator: SpeedEstimator<R>,
     speed: SpeedEstimate<R>,
+    /// Low-pass of the slip against the direction of rotation.
+    regenerating_slip: Integrator<R>,
     /// Mean of `u_d/i_d*` at the end of the magnetisation.
     r_s_mean: Integrator<R>,
     /// Latest current without its offset.
@@ -39,9 +52,13 @@ impl<R: Real> PaperEstimators<R> {
         Self {
             flux: FluxEstimator::default(),
             resistance,
+            #[cfg(feature = "variants")]
+            light_load: LightLoad::default(),
             confidence: Confidence::default(),
+            offset_known: c.calibrate_offset,
             speed_estimator: SpeedEstimator::default(),
             speed: SpeedEstimate::default(),
+            regenerating_slip: Integrator::default(),
             r_s_mean: Integrator::default(),
             i_s: AlphaBeta::default(),
         }
@@ -59,6 +76,8 @@ impl<R: Real> PaperEstimators<R> {
         if c.calibrate_offset {
             self.set_resistance(c, self.r_s_mean.value());
         }
+        #[cfg(feature = "variants")]
+        let psi_s = if c.paper.initial_flux.is_some() { self.flux.value() } else { psi_s };
         self.flux.start(psi_s, *i_s);
         self.flux.set_stator_frequency(&c.paper.flux, R::ZERO);
         self.confidence.start();
@@ -68,9 +87,25 @@ impl<R: Real> PaperEstimators<R> {
     /// Direct current along the a-axis.
     #[cold]
     #[inline(never)]
-    fn magnetise(&mut self, c: &DriveConfig<R>, x: &PeriodInput<R>, i_dq_ref: &Dq<R>, stage: u32) -> PeriodOutput<R> {
+    fn magnetise(
+        &mut self,
+        c: &DriveConfig<R>,
+        x: &PeriodInput<'_, R>,
+        i_dq_ref: &Dq<R>,
+        stage: u32,
+    ) -> PeriodOutput<R> {
         let a_axis = Rotator::default();
         self.i_s = x.i_s;
+        #[cfg(feature = "variants")]
+        if let Some([re, im]) = c.paper.initial_flux {
+            // Fig. 9: the estimator runs from the first period on, from a flux that has nothing to do with the true one.
+            if stage <= 1 {
+                self.flux.start(AlphaBeta::new(re, im), x.i_s);
+                self.flux.set_stator_frequency(&c.paper.flux, R::ZERO);
+            } else {
+                self.flux.step(&c.paper.flux, &x.u_s, &x.i_s, self.resistance.r_s(), c.flux_control.psi_rated);
+            }
+        }
         let left = c.magnetise_periods.saturating_sub(stage);
         if left < c.paper.r_s_periods {
             // Over the reference, so that a current offset does not enter; u_s is free of the threshold by the inverter
@@ -85,9 +120,24 @@ impl<R: Real> PaperEstimators<R> {
         PeriodOutput { field, complete: left == 0 }
     }
 
+    /// Where |i_q| is too small for (15): the method of [9] beyond its smallest frequency, the radius at rest.
+    #[cfg(feature = "variants")]
+    fn adapt_at_light_load(&mut self, c: &PaperConfig<R>, resistance: &ResistanceConfig<R>, i_q: R, omega_s: R) {
+        let light = self.resistance.is_light(resistance, i_q);
+        if let Some(config) = &c.light_load {
+            let u_i = self.flux.estimate().u_i;
+            if let Some(error) = self.light_load.step(config, &u_i, &self.i_s, omega_s, i_q, light) {
+                self.resistance.follow(config.gain, error);
+            }
+        }
+        if c.adapt_at_rest && light && omega_s.abs() < resistance.omega_min {
+            self.resistance.adapt_at_rest(resistance);
+        }
+    }
+
     /// Estimators under control.
     #[inline(always)]
-    fn step(&mut self, c: &PaperConfig<R>, x: &PeriodInput<R>) -> FieldQuantities<R> {
+    fn step(&mut self, c: &PaperConfig<R>, x: &PeriodInput<'_, R>) -> FieldQuantities<R> {
         let r_s = self.resistance.r_s();
         self.flux.step(&c.flux, &x.u_s, &x.i_s, r_s, x.psi_ref);
         let field = self.flux.field();
@@ -101,16 +151,17 @@ impl<R: Real> PaperEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for PaperEstimators<R> {
-    fn begin(&mut self) {
+    fn begin(&mut self, _: &DriveConfig<R>, _: Option<u32>) {
         self.r_s_mean = Integrator::default();
         self.speed = SpeedEstimate::default();
+        self.regenerating_slip = Integrator::default();
     }
 
     #[inline(always)]
     fn period(
         &mut self,
         c: &DriveConfig<R>,
-        x: &PeriodInput<R>,
+        x: &PeriodInput<'_, R>,
         i_dq_ref: &mut Dq<R>,
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R> {
@@ -137,9 +188,18 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, i_dq: &Dq<R>) {
         let c = &c.paper;
-        let SpeedEstimate { omega_s, omega_m, .. } = self.speed;
-        if let Some(resistance) = &c.resistance {
+        let SpeedEstimate { omega_s, omega_m, omega_r, .. } = self.speed;
+        // Slip against the direction of rotation, slower than the swinging that an offset causes. A light load does not
+        // count, nor does a slip beyond ω, where ω_s turns against it.
+        let slip = if omega_m < R::ZERO { omega_r } else { -omega_r };
+        let slow = self.regenerating_slip.add(c.slip_corner, slip - self.regenerating_slip.value());
+        self.flux.set_regenerating(slow > c.omega_r_regeneration && slow < omega_m.abs());
+        // (17) takes it that voltages and currents are free of offset: until that is so, ε is not of the resistance.
+        let known = self.offset_known || self.flux.offset.updates() >= OFFSET_UPDATES;
+        if let (Some(resistance), true) = (&c.resistance, known) {
             self.resistance.step(resistance, self.flux.magnitude(), i_dq, omega_s, omega_m);
+            #[cfg(feature = "variants")]
+            self.adapt_at_light_load(c, resistance, i_dq.im(), omega_s);
         }
         let corrected = (self.flux.offset.updates() > 0).then(|| self.flux.offset.last_correction());
         self.confidence.step(&c.confidence, omega_s, self.flux.effort(), corrected);
@@ -179,6 +239,11 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     }
 
     #[inline(always)]
+    fn nis(&self) -> R {
+        R::ZERO
+    }
+
+    #[inline(always)]
     fn confidence(&self) -> R {
         self.confidence.value()
     }
@@ -207,6 +272,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
         self.flux.offset.restore(u_off);
+        self.offset_known = true;
         self.set_resistance(c, memory.r_s);
     }
 }

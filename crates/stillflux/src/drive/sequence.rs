@@ -30,6 +30,8 @@ pub(super) struct Sequence<R: Real> {
     /// Periods since power-up, and since the present stage began.
     period: u32,
     stage: u32,
+    /// Period in which the drive ran last, if it stopped without having lost anything.
+    ran: Option<u32>,
     /// Period of the latest sample that could not be used.
     last_bad: u32,
     /// What was measured at the fault, and its limit.
@@ -45,6 +47,7 @@ impl<R: Real> Sequence<R> {
             status: Status::Stopped,
             period: 0,
             stage: 0,
+            ran: None,
             last_bad: u32::MAX / 2,
             trip: (R::ZERO, R::ZERO),
             i_off: [R::ZERO; 3],
@@ -168,6 +171,10 @@ impl<R: Real> Sequence<R> {
                 self.enter(Status::Stopped);
                 return Action::Blocked;
             }
+            (Status::Stopped, _) if self.pause(c).is_some() => {
+                self.enter(Status::Magnetising);
+                return Action::Ready;
+            }
             (Status::Stopped, _) => {
                 self.offset_mean = [Integrator::default(); 3];
                 self.enter(Status::ReadingOffset);
@@ -175,6 +182,14 @@ impl<R: Real> Sequence<R> {
             _ => {}
         }
         if self.status == Status::ReadingOffset { self.read_offset(c, m) } else { Action::StartUp }
+    }
+
+    /// Periods since the drive ran last, if what it learned then is fresh.
+    #[cold]
+    #[inline(never)]
+    pub fn pause(&self, c: &DriveConfig<R>) -> Option<u32> {
+        let pause = self.period.wrapping_sub(self.ran?);
+        (pause < c.fresh_periods).then_some(pause)
     }
 
     /// Mean of the current samples while no current can flow.
@@ -205,6 +220,14 @@ impl<R: Real> Sequence<R> {
     /// Enters a state.
     #[inline(never)]
     pub fn enter(&mut self, status: Status) {
+        // After a supply that failed everything learned holds, after other faults it may be their cause.
+        let sound = match status {
+            Status::Faulted { cause, .. } => matches!(cause, Fault::UnderVoltage | Fault::OverVoltage),
+            _ => true,
+        };
+        if self.status == Status::Running {
+            self.ran = sound.then_some(self.period);
+        }
         self.status = status;
         self.stage = 0;
     }

@@ -22,8 +22,8 @@ use crate::space::AlphaBeta;
 struct Commanded<R: Real> {
     /// Applied by ideal legs, per unit of dc link.
     ideal: AlphaBeta<R>,
-    /// Loss of the inverter model.
-    loss: Distortion<R>,
+    /// Loss of the inverter model, which is not applied.
+    loss: AlphaBeta<R>,
 }
 
 /// Modulation with its delay.
@@ -33,6 +33,8 @@ struct Commanded<R: Real> {
 pub(super) struct Voltage<R: Real> {
     /// The last two periods, by the lowest bit of their number.
     commanded: [Commanded<R>; 2],
+    /// Loss of the inverter model in the latest of them.
+    pub loss: Distortion<R>,
     /// `1/u_dc` of the latest period.
     inv_u_dc: R,
     /// Voltage applied between the last two current samples.
@@ -42,12 +44,18 @@ pub(super) struct Voltage<R: Real> {
 impl<R: Real> Voltage<R> {
     /// No voltage applied yet.
     pub fn new() -> Self {
-        Self { commanded: [Commanded::default(); 2], inv_u_dc: R::ZERO, u_s: AlphaBeta::default() }
+        Self {
+            commanded: [Commanded::default(); 2],
+            loss: Distortion::default(),
+            inv_u_dc: R::ZERO,
+            u_s: AlphaBeta::default(),
+        }
     }
 
     /// The bridge is blocked.
     pub fn block(&mut self) {
         self.commanded = [Commanded::default(); 2];
+        self.loss = Distortion::default();
     }
 
     /// dc-link voltage of the latest period under voltage, if there was one.
@@ -55,14 +63,14 @@ impl<R: Real> Voltage<R> {
         (self.inv_u_dc > R::ZERO).then(|| self.inv_u_dc.recip())
     }
 
-    /// Voltage applied between the last two samples, and the loss of the inverter model that it contains.
+    /// Voltage applied between the last two samples.
     #[inline(always)]
-    pub fn applied(&mut self, period: u32, u_dc: R) -> (AlphaBeta<R>, Distortion<R>) {
+    pub fn applied(&mut self, period: u32, u_dc: R) -> AlphaBeta<R> {
         self.inv_u_dc = u_dc.recip_next(self.inv_u_dc).unwrap_or_else(|| u_dc.recip());
         // Commanded two calls ago; this call's command overwrites it.
-        let last = self.commanded[(period & 1) as usize];
-        self.u_s = last.ideal * u_dc - last.loss.vector();
-        (self.u_s, last.loss)
+        let last = &self.commanded[(period & 1) as usize];
+        self.u_s = last.ideal * u_dc - last.loss;
+        self.u_s
     }
 
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
@@ -77,10 +85,10 @@ impl<R: Real> Voltage<R> {
         u_dc: R,
         (gain, knee): (R, &Knee<R>),
     ) -> Duty<R> {
-        let loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
-        let (u, e) = (u_ref.to_phases(), &loss.phases);
+        self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
+        let (u, e) = (u_ref.to_phases(), &self.loss.phases);
         let duty = modulate([u[0] + e[0], u[1] + e[1], u[2] + e[2]], self.inv_u_dc, c.timer.as_ref());
-        self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss };
+        self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: self.loss.vector() };
         duty
     }
 }

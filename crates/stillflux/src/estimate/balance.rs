@@ -14,10 +14,11 @@
 //! Δi_s = (x_α - j x_β)/3 · i_s*
 //! ```
 //!
-//! which is taken off. At low stator frequency that image is what an offset is elsewhere: it moves with the
+//! which is taken off. The state is `x/3`. Gains change with temperature: the image is removed in every period, the fit
+//! takes a sample in every eighth one. At low stator frequency that image is what an offset is elsewhere: it moves with the
 //! field, too slowly to be told from it. With two sensors and a computed third the sum is zero and so is `x`.
 
-use crate::scalar::{Integrator, Real};
+use crate::scalar::{QuickIntegrator, Real};
 use crate::space::AlphaBeta;
 use crate::words::words;
 
@@ -26,16 +27,17 @@ use crate::words::words;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct BalanceConfig<R: Real> {
-    /// Step size; 0: off.
+    /// Step size of `x/3`; 0: off.
     pub step: R,
     /// Step size of the constant `s_0`, an offset, which moves slowly.
     pub step_offset: R,
 }
 words!(BalanceConfig: step, step_offset);
 
-/// Largest difference of gains that is believed.
-const X_MAX: f64 = 0.2;
-/// Largest part of a sum that a single sample may show.
+/// Largest `x/3` that is believed: differences of the gains of 20 %.
+const IMAGE_MAX: f64 = 0.2 / 3.0;
+/// Largest constant that is believed, and largest part of a sum that a single sample may show.
+const OFFSET_MAX: f64 = 0.2;
 const ERROR_MAX: f64 = 0.1;
 
 /// State of the fit.
@@ -43,22 +45,30 @@ const ERROR_MAX: f64 = 0.1;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Balance<R: Real> {
-    x: [Integrator<R>; 2],
-    offset: Integrator<R>,
+    /// `x/3`.
+    image: [QuickIntegrator<R>; 2],
+    offset: QuickIntegrator<R>,
 }
 
 impl<R: Real> Balance<R> {
-    /// One sample: space vector `i` and `sum` of the phase currents as measured; returns the balanced vector.
+    /// The space vector `i` as measured without the image of the unequal gains.
     #[inline(always)]
-    pub fn step(&mut self, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) -> AlphaBeta<R> {
-        let (a, b) = (self.x[0].value(), self.x[1].value());
-        let error = (sum - a * i.re() - b * i.im() - self.offset.value()).limit(R::from_f64(ERROR_MAX));
-        let (bound, third) = (R::from_f64(X_MAX), R::from_f64(1.0 / 3.0));
+    pub fn remove(&self, i: &AlphaBeta<R>) -> AlphaBeta<R> {
+        let x = [self.image[0].value(), self.image[1].value()];
+        let i = [i.re(), i.im()];
+        AlphaBeta::new(i[0] - R::cross(x, [i[1], i[0]]), i[1] + R::dot(x, [i[1], i[0]]))
+    }
+
+    /// The fit, by one sample: space vector `i` and `sum` of the phase currents as measured.
+    #[inline(never)]
+    pub fn fit(&mut self, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) {
+        let (a, b) = (self.image[0].value(), self.image[1].value());
+        let fitted = R::dot([a, b], [i.re(), i.im()]);
+        let error = (sum - (fitted + fitted + fitted) - self.offset.value()).limit(R::from_f64(ERROR_MAX));
         let step = c.step * error;
-        let p = self.x[0].add_limited(step, i.re(), bound) * third;
-        let q = self.x[1].add_limited(step, i.im(), bound) * third;
-        self.offset.add_limited(c.step_offset, error, bound);
-        *i - AlphaBeta::new(p * i.re() - q * i.im(), -p * i.im() - q * i.re())
+        self.image[0].add_limited(step, i.re(), R::from_f64(IMAGE_MAX));
+        self.image[1].add_limited(step, i.im(), R::from_f64(IMAGE_MAX));
+        self.offset.add_limited(c.step_offset, error, R::from_f64(OFFSET_MAX));
     }
 }
 
@@ -68,7 +78,7 @@ mod tests {
 
     #[test]
     fn unequal_gains_are_found_and_their_image_is_removed() {
-        let c = BalanceConfig { step: 1.7e-3, step_offset: 3.4e-5 };
+        let c = BalanceConfig { step: 1.7e-3 / 3.0, step_offset: 3.4e-5 };
         let mut balance = Balance::<f64>::default();
         let gains = [1.02, 0.99, 0.99];
         let mut worst = 0.0_f64;
@@ -77,7 +87,8 @@ mod tests {
             let i = AlphaBeta::new(0.7 * cos, 0.7 * s);
             let phases = i.to_phases();
             let measured = [0, 1, 2].map(|k| phases[k] * gains[k] + 0.001);
-            let out = balance.step(&c, &AlphaBeta::from_phases(measured), measured.iter().sum());
+            let out = balance.remove(&AlphaBeta::from_phases(measured));
+            balance.fit(&c, &AlphaBeta::from_phases(measured), measured.iter().sum());
             // The constant takes longest.
             if k > 60_000 {
                 worst = worst.max((out - i).norm_sq().sqrt());
@@ -90,22 +101,23 @@ mod tests {
     fn two_sensors_and_a_computed_third_change_nothing() {
         let mut balance = Balance::<f64>::default();
         let i = AlphaBeta::new(0.4, -0.3);
-        assert_eq!(balance.step(&BalanceConfig { step: 1e-3, step_offset: 1e-5 }, &i, 0.0), i);
+        balance.fit(&BalanceConfig { step: 1e-3, step_offset: 1e-5 }, &i, 0.0);
+        assert_eq!(balance.remove(&i), i);
     }
 
     #[test]
     fn a_disturbed_sample_moves_little_and_no_fit_leaves_its_bounds() {
-        let c = BalanceConfig { step: 0.01, step_offset: 0.01 };
+        let c = BalanceConfig { step: 0.01 / 3.0, step_offset: 0.01 };
         let i = AlphaBeta::new(1.0, 0.5);
         for sign in [1.0, -1.0] {
             let mut balance = Balance::<f64>::default();
-            balance.step(&c, &i, 5.0 * sign);
-            let x = balance.x.map(|x| x.value());
+            balance.fit(&c, &i, 5.0 * sign);
+            let x = balance.image.map(|x| 3.0 * x.value());
             assert!((x[0] - 0.001 * sign).abs() < 1e-12 && (x[1] - 0.0005 * sign).abs() < 1e-12, "{x:?}");
             for _ in 0..100_000 {
-                balance.step(&c, &i, 5.0 * sign);
+                balance.fit(&c, &i, 5.0 * sign);
             }
-            assert_eq!(balance.x.map(|x| x.value() * sign), [0.2; 2]);
+            assert_eq!(balance.image.map(|x| x.value() * sign), [IMAGE_MAX; 2]);
             assert_eq!(balance.offset.value() * sign, 0.2);
         }
     }

@@ -15,10 +15,17 @@
 //! noise compensator acts on the radius only, and its gain `k = 2|ω_s|` is limited to a working range:
 //! without a floor nothing would hold the radius at zero frequency, without a ceiling steady
 //! disturbances would be turned into angle errors.
+//!
+//! In regeneration with `0 < ω_s < ω` its steady action destabilises: an error of angle makes the true flux, and with it
+//! the radius that the compensator corrects, change with the sign that turns the field further away. So while regenerating
+//! the gain is twice `2|ω_s|` less its floor, at least [`FluxConfig::noise_regeneration`]: low where the machine is
+//! unstable, below ω_s of about 0.03, and from 0.06 on as in motoring.
 
 use super::integral::FluxIntegral;
 use super::offset::{OffsetConfig, OffsetEstimator};
 use crate::scalar::Real;
+#[cfg(feature = "variants")]
+use crate::scalar::likely;
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
 
@@ -33,10 +40,23 @@ pub struct FluxConfig<R: Real> {
     pub noise_min: R,
     /// Largest gain of the noise compensator.
     pub noise_max: R,
+    /// Gain of the noise compensator at low stator frequency while regenerating.
+    pub noise_regeneration: R,
     /// The parallel path with the offset estimator; `None`: its output stays what it was set to.
     pub offset: Option<OffsetConfig<R>>,
+    /// Whether one of the two estimators of Section II takes the place of Fig. 7.
+    #[cfg(feature = "variants")]
+    pub replaced: bool,
+    /// Corner frequency of the low-pass filter ([`super::lowpass`]) that does; zero: the limited integrator
+    /// ([`super::limiter`]) does.
+    #[cfg(feature = "variants")]
+    pub low_pass: R,
 }
-words!(FluxConfig: t_s, noise_min, noise_max, offset);
+words! {
+    FluxConfig: t_s, noise_min, noise_max, noise_regeneration, offset,
+    #[cfg(feature = "variants")] replaced,
+    #[cfg(feature = "variants")] low_pass,
+}
 
 /// What the estimator delivers for one period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -66,6 +86,7 @@ pub struct FluxEstimator<R: Real> {
     /// Gain of the noise compensator, and its output along the field axis.
     gain: R,
     effort: R,
+    regenerating: bool,
     /// The parallel path of Fig. 4.
     pub offset: OffsetEstimator<R>,
 }
@@ -85,6 +106,11 @@ impl<R: Real> FluxEstimator<R> {
         self.i_s = *i_s;
         self.u_i = u_i;
 
+        #[cfg(feature = "variants")]
+        if !likely(!config.replaced) {
+            return self.step_replaced(config, &u_i, psi_ref);
+        }
+
         self.effort = self.gain * (psi_ref - self.psi_s.magnitude());
         let u_hf = self.psi_s.field().axis() * self.effort;
 
@@ -95,16 +121,37 @@ impl<R: Real> FluxEstimator<R> {
         self.psi_s.add(config.t_s, &(u_i - u_off + u_hf));
     }
 
+    /// One period of an estimator of Section II, which has neither offset estimator nor noise compensator.
+    #[cfg(feature = "variants")]
+    #[cold]
+    fn step_replaced(&mut self, config: &FluxConfig<R>, u_i: &AlphaBeta<R>, psi_ref: R) {
+        if config.low_pass > R::ZERO {
+            super::lowpass::step(&mut self.psi_s, config.t_s, config.low_pass, u_i);
+        } else {
+            super::limiter::step(&mut self.psi_s, config.t_s, u_i, psi_ref);
+        }
+    }
+
     /// Stator frequency, once in [`OffsetConfig::interval`]: sets the gain of the noise compensator and the time base
     /// of the offset estimator, which need not be computed in every period.
     #[inline(always)]
     pub fn set_stator_frequency(&mut self, config: &FluxConfig<R>, omega_s: R) {
         let omega = omega_s.abs();
-        self.gain = (omega + omega).max(config.noise_min).min(config.noise_max);
+        let damped = omega + omega;
+        let gain = damped.max(config.noise_min).min(config.noise_max);
+        let lowered = damped - config.noise_min;
+        let lowered = (lowered + lowered).max(config.noise_regeneration);
+        self.gain = if self.regenerating { gain.min(lowered) } else { gain };
         if let Some(c) = &config.offset {
             self.offset.set_stator_frequency(c, omega_s);
         }
         self.psi_s.confine();
+    }
+
+    /// Whether the machine regenerates, as the next call of [`Self::set_stator_frequency`] takes it.
+    #[inline(always)]
+    pub fn set_regenerating(&mut self, regenerating: bool) {
+        self.regenerating = regenerating;
     }
 
     /// Field angle as `e^{jδ̂}`.
@@ -151,7 +198,7 @@ mod tests {
 
     /// Worst angle error and worst deviation of the radius over the last of `periods` revolutions.
     fn run(noise: f64, offset: f64, periods: u32) -> (f64, f64) {
-        let config = FluxConfig { t_s: T_S, noise_min: noise, noise_max: noise, offset: None };
+        let config = FluxConfig { noise_min: noise, noise_max: noise, ..CONFIG };
         let mut est = FluxEstimator::<f64>::default();
         est.start(AlphaBeta::new(1.0, 0.0), AlphaBeta::default());
         let omega: f64 = 0.05;
@@ -188,7 +235,17 @@ mod tests {
         assert!(angle > 0.1, "u_0/(ω_s ψ) of Fig. 10: {angle}");
     }
 
-    const CONFIG: FluxConfig<f64> = FluxConfig { t_s: T_S, noise_min: 0.01, noise_max: 0.5, offset: None };
+    const CONFIG: FluxConfig<f64> = FluxConfig {
+        t_s: T_S,
+        noise_min: 0.01,
+        noise_max: 0.5,
+        noise_regeneration: 0.02,
+        offset: None,
+        #[cfg(feature = "variants")]
+        replaced: false,
+        #[cfg(feature = "variants")]
+        low_pass: 0.0,
+    };
 
     #[test]
     fn the_resistive_voltage_is_taken_at_the_mean_of_the_two_samples() {
@@ -221,6 +278,27 @@ mod tests {
             est.step(&CONFIG, &AlphaBeta::default(), &AlphaBeta::default(), 0.1, 1.0);
             assert!((est.effort() - gain * 0.1).abs() < 1e-9, "{omega}: {}", est.effort());
             assert!((est.value() - AlphaBeta::new(0.0, 0.9 + T_S * gain * 0.1)).norm_sq() < 1e-20);
+            est.start(AlphaBeta::new(0.0, 0.9), AlphaBeta::default());
+            est.set_regenerating(true);
+            est.set_stator_frequency(&CONFIG, omega);
+            est.step(&CONFIG, &AlphaBeta::default(), &AlphaBeta::default(), 0.1, 1.0);
+            assert!(
+                (est.effort() - gain.min((4.0 * omega.abs() - 0.02).max(0.02)) * 0.1).abs() < 1e-9,
+                "regenerating {omega}: {}",
+                est.effort()
+            );
+        }
+    }
+
+    #[cfg(feature = "variants")]
+    #[test]
+    fn an_estimator_of_section_two_takes_the_place_of_fig_7() {
+        for (low_pass, expected) in [(0.0, 1.0), (0.01, 2.0 - 0.01 * T_S)] {
+            let config = FluxConfig { replaced: true, low_pass, ..CONFIG };
+            let mut est = FluxEstimator::<f64>::default();
+            est.start(AlphaBeta::new(1.0, 0.0), AlphaBeta::default());
+            est.step(&config, &AlphaBeta::new(1.0 / T_S, 0.0), &AlphaBeta::default(), 0.1, 1.0);
+            assert!((est.value().re() - expected).abs() < 1e-12, "{:?}", est.value());
         }
     }
 

@@ -40,6 +40,14 @@ impl<R: Real> FluxIntegral<R> {
         (self.field, self.magnitude, self.inv_psi) = Rotator::near(&psi_s, self.inv_psi);
     }
 
+    /// One period with the voltage `u`, each component limited.
+    #[cfg(feature = "variants")]
+    pub fn add_limited(&mut self, t_s: R, u: &AlphaBeta<R>, bound: R) {
+        let [a, b] = &mut self.psi_s;
+        let psi_s = AlphaBeta::new(a.add_limited(t_s, u.re(), bound), b.add_limited(t_s, u.im(), bound));
+        (self.field, self.magnitude, self.inv_psi) = Rotator::near(&psi_s, self.inv_psi);
+    }
+
     /// Adds `gain · z` to each component; direction and magnitude follow with the next period.
     #[inline(always)]
     pub fn correct(&mut self, gain: [R; 2], z: R) {

@@ -1,5 +1,6 @@
 //! Estimators. The published scheme: flux (Fig. 7), offset (Fig. 4), resistance (Fig. 12), and the confidence
-//! in them. The enhanced scheme: one filter for all of it, and the balance of the current sensors. Speed is
+//! in them; with the feature `variants` also its other method for the resistance and the two flux estimators that it
+//! argues against. The enhanced scheme: one filter for all of it, and the balance of the current sensors. Speed is
 //! common to both.
 
 pub mod balance;
@@ -7,6 +8,12 @@ pub mod confidence;
 pub mod flux;
 pub mod integral;
 pub mod kalman;
+#[cfg(feature = "variants")]
+pub mod light_load;
+#[cfg(feature = "variants")]
+pub mod limiter;
+#[cfg(feature = "variants")]
+pub mod lowpass;
 pub mod offset;
 pub mod priors;
 pub mod resistance;

@@ -12,9 +12,21 @@
 //! * below a smallest `|ω_s|`: there the relation is a transient one and its sign depends on the load,
 //! * above a largest `|ω_s|`, where `ε` tells parameters from noise no more,
 //! * while `i_q` moves: the early response to a load step has a sign of its own,
+//! * in regeneration with 0 < ω_s < ω, where that response turns the field further away, however low the gain,
 //!
-//! and slowed in regeneration and above 60 % load, where the early response of ε has the opposite sign.
+//! and slowed to a tenth where the early response of ε has the opposite sign: above 60 % load and while braking against
+//! the field (ω_s and ω of opposite signs).
 //! `r̂_s` stays within ±50 % of the prior ([`range`]): nameplate or dc measurement.
+//!
+//! Feature `variants`:
+//! * **Quotient** (caption of Fig. 12, N and D): `ε ω̂_s/i_q` in place of `ε sign(ω̂_s i_q)`. By the steady state above
+//!   that is `-2 ψ* Δr_s`: the error itself, with sign and size, so that the time constant does not depend on speed and
+//!   load. The sign law is `i_q/ω_s` times as fast: slower by ten from ω_s = 0.01 to 0.1.
+//! * **At rest** (Fig. 13a): without load and with ω_s about zero ε does have a steady state. The noise compensator
+//!   takes up `Δr_s i_d` along the field, which displaces the radius by `Δψ = -Δr_s i_d/k`: ε > 0 for r̂_s < r_s, whatever
+//!   the direction, `dr̂_s/dτ = k ε`. An error of `l_s` or a remaining offset displaces it as well and is then taken for
+//!   resistance.
+//! * **Light load**: [`super::light_load`] moves the same integrator where this law is frozen for want of `i_q`.
 
 use crate::scalar::{Integrator, Real};
 use crate::space::Dq;
@@ -45,8 +57,15 @@ pub struct ResistanceConfig<R: Real> {
     pub corner: R,
     /// Calls for which a transient freezes the adaptation.
     pub hold: u32,
+    /// The quotient of Fig. 12: `ω_s/i_q` times this, in place of its sign; zero: the sign.
+    #[cfg(feature = "variants")]
+    pub quotient: R,
 }
-words!(ResistanceConfig: l_sum, l_product, gain, i_q_min, i_q_high, omega_min, omega_max, transient, corner, hold);
+words! {
+    ResistanceConfig:
+    l_sum, l_product, gain, i_q_min, i_q_high, omega_min, omega_max, transient, corner, hold,
+    #[cfg(feature = "variants")] quotient,
+}
 
 /// Range of a resistance around its prior, ±50 %: cold and hot windings, and the tolerance of a nameplate.
 #[inline(always)]
@@ -90,12 +109,40 @@ impl<R: Real> ResistanceEstimator<R> {
         // i_q and ω_s are beyond their smallest values here: neither sign is of a zero.
         let negative = i_q < R::ZERO;
         let regeneration = (omega_m < R::ZERO) != negative;
+        if regeneration && (omega_m < R::ZERO) == (omega_s < R::ZERO) {
+            return self.r_s.value();
+        }
         let gain = if regeneration || i_q.abs() > c.i_q_high { c.gain * R::from_f64(0.1) } else { c.gain };
         // The limit keeps a single disturbed sample from mattering.
         let epsilon = self.epsilon.limit(R::HALF);
+        #[cfg(feature = "variants")]
+        let gain = if c.quotient > R::ZERO { gain * (c.quotient * omega * i_q.abs().recip()) } else { gain };
         let epsilon = if (omega_s < R::ZERO) == negative { epsilon } else { -epsilon };
+        self.add(gain, epsilon)
+    }
+
+    /// Moves the estimate within its range.
+    fn add(&mut self, gain: R, x: R) -> R {
         let (lo, hi) = range(self.prior);
-        self.r_s.add_clamped(gain, epsilon, lo, hi)
+        self.r_s.add_clamped(gain, x, lo, hi)
+    }
+
+    /// Whether the load is light and steady: too small an `i_q` for (15).
+    #[cfg(feature = "variants")]
+    pub fn is_light(&self, c: &ResistanceConfig<R>, i_q: R) -> bool {
+        self.frozen == 0 && i_q.abs() < c.i_q_min
+    }
+
+    /// After [`Self::step`], at rest without load: follows the radius (Fig. 13a).
+    #[cfg(feature = "variants")]
+    pub fn adapt_at_rest(&mut self, c: &ResistanceConfig<R>) {
+        self.add(c.gain, self.epsilon.limit(R::HALF));
+    }
+
+    /// After [`Self::step`], at light load: the error that [`super::light_load`] found, times its gain.
+    #[cfg(feature = "variants")]
+    pub fn follow(&mut self, gain: R, error: R) {
+        self.add(gain, error);
     }
 
     /// Present estimate.
@@ -127,6 +174,8 @@ mod tests {
             transient: 0.05,
             corner: 0.0015,
             hold: 100,
+            #[cfg(feature = "variants")]
+            quotient: 0.0,
         }
     }
 
@@ -161,7 +210,8 @@ mod tests {
                 let i_d = (1.0 - closed_form_epsilon(kappa, i_q, 0.36 + i_q * i_q)) / c.l_sum;
                 est.step(&c, 1.0, &Dq::new(i_d, i_q), omega, omega);
             }
-            let frozen = i_q.abs() < 0.1 || omega.abs() < 0.004;
+            // Slip against the rotation at the same sign of ω_s and ω: regeneration.
+            let frozen = i_q.abs() < 0.1 || omega.abs() < 0.004 || omega * i_q < 0.0;
             if frozen {
                 assert_eq!(est.r_s(), 0.1);
             } else {
@@ -179,12 +229,14 @@ mod tests {
     }
 
     #[test]
-    fn regeneration_and_high_load_are_a_tenth_as_fast() {
+    fn high_load_is_a_tenth_as_fast_and_regeneration_holds() {
         for ((i_q, omega_s, omega_m), speed) in [
             ((0.5, 0.02, 0.02), 1.0),
             ((-0.5, -0.02, -0.02), 1.0),
-            ((-0.5, 0.02, 0.04), -0.1),
-            ((0.5, -0.02, -0.04), -0.1),
+            ((-0.5, 0.02, 0.04), 0.0),
+            ((0.5, -0.02, -0.04), 0.0),
+            ((-0.5, -0.02, 0.02), 0.1),
+            ((0.5, 0.02, -0.02), 0.1),
             ((1.2, 0.02, 0.02), 0.1),
             ((-1.2, -0.02, -0.02), 0.1),
             ((0.5, 0.3, 0.3), 0.0),

@@ -77,6 +77,10 @@ macro_rules! impl_real {
                     1.0 / $tiny
                 }
             }
+            #[inline(always)]
+            fn over_64(self, y: Self) -> Self {
+                self * (1.0 / 64.0) / y
+            }
             // A call: hardly any period needs one, and flash is short.
             #[inline(never)]
             fn rsqrt(self) -> Self {

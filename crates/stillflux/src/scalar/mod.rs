@@ -97,6 +97,10 @@ pub trait Real:
     /// `1/√x` for `x > 0`; a large positive value where `x` is not above (nearly) zero.
     fn rsqrt(self) -> Self;
 
+    /// `x/(64 y)` of `x >= 0` and `y >= 2^-13` for a quotient below 2, with a relative error of 2e-5: the part of a
+    /// voltage that an inverter loses, or a weight. In fixed point cheaper than [`Real::recip`].
+    fn over_64(self, y: Self) -> Self;
+
     /// `n / 2^15`, exact: a left-aligned converter reading as part of full scale.
     fn fraction(n: i16) -> Self;
     /// Nearest multiple of one timer count, for `0 <= x <= 1`.

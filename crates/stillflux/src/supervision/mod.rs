@@ -5,6 +5,7 @@
 //! | [`plausibility`] | flux off its circle, speed beyond reach, low confidence | fourth period |
 //! | [`phases`] | open phase, current that does not follow its reference | fourth period |
 //! | [`channels`] | stuck, saturated, inverted current channel | fourth period |
+//! | [`innovation`] | a lost field near zero frequency | fourth period |
 //! | [`stall`] | torque at its limit, speed not following; a field lost at low speed | fourth period |
 //! | [`timing`] | missed and doubled calls | period, if the caller gives a cycle stamp |
 //!
@@ -17,6 +18,8 @@ pub mod plausibility;
 
 #[cfg(feature = "supervision")]
 pub mod channels;
+#[cfg(feature = "supervision")]
+pub mod innovation;
 #[cfg(feature = "supervision")]
 pub mod phases;
 #[cfg(feature = "supervision")]
@@ -31,6 +34,8 @@ use crate::space::{Dq, Rotator};
 use crate::words::words;
 #[cfg(feature = "supervision")]
 use channels::{ChannelConfig, Channels};
+#[cfg(feature = "supervision")]
+use innovation::{Innovation, InnovationConfig};
 #[cfg(feature = "supervision")]
 use phases::{PhaseConfig, Phases};
 use plausibility::{Plausibility, PlausibilityConfig};
@@ -50,6 +55,8 @@ pub(crate) struct SupervisionConfig<R: Real> {
     #[cfg(feature = "supervision")]
     pub channels: ChannelConfig<R>,
     #[cfg(feature = "supervision")]
+    pub innovation: InnovationConfig<R>,
+    #[cfg(feature = "supervision")]
     pub stall: StallConfig,
 }
 words! {
@@ -57,6 +64,7 @@ words! {
     plausibility,
     #[cfg(feature = "supervision")] phases,
     #[cfg(feature = "supervision")] channels,
+    #[cfg(feature = "supervision")] innovation,
     #[cfg(feature = "supervision")] stall,
 }
 
@@ -70,6 +78,8 @@ pub(crate) struct Currents<'a, R: Real> {
     pub i_dq: &'a Dq<R>,
     pub i_dq_ref: &'a Dq<R>,
     pub field: &'a Rotator<R>,
+    /// Stator frequency under control.
+    pub omega_s: Option<R>,
 }
 
 /// Estimate and references of a period under control.
@@ -79,6 +89,9 @@ pub(crate) struct Course<R: Real> {
     /// `|ψ̂_s| - ψ*`.
     pub psi_deviation: R,
     pub omega_m: R,
+    pub omega_s: R,
+    /// Normalised innovation squared of the filter.
+    pub nis: R,
     /// Reference of the speed less the estimate, under speed control.
     pub speed_deviation: R,
     /// The torque reference is at its limit, under speed control.
@@ -96,6 +109,8 @@ pub(crate) struct Supervision<R: Real> {
     #[cfg(feature = "supervision")]
     channels: Channels,
     #[cfg(feature = "supervision")]
+    innovation: Innovation<R>,
+    #[cfg(feature = "supervision")]
     stall: Stall<R>,
     #[cfg(feature = "supervision")]
     pub timing: Timing,
@@ -112,6 +127,8 @@ impl<R: Real> Supervision<R> {
             phases: Phases::default(),
             #[cfg(feature = "supervision")]
             channels: Channels::default(),
+            #[cfg(feature = "supervision")]
+            innovation: Innovation::default(),
             #[cfg(feature = "supervision")]
             stall: Stall::default(),
             #[cfg(feature = "supervision")]
@@ -139,7 +156,7 @@ impl<R: Real> Supervision<R> {
         #[cfg(feature = "supervision")]
         {
             let trip = self.channels.step(&c.channels, x.i_abc);
-            trip.or_else(|| self.phases.step(&c.phases, x.i_dq, x.i_dq_ref, x.field))
+            trip.or_else(|| self.phases.step(&c.phases, x.i_dq, x.i_dq_ref, x.field, x.omega_s))
         }
         #[cfg(not(feature = "supervision"))]
         None
@@ -155,7 +172,9 @@ impl<R: Real> Supervision<R> {
     ) -> Option<Trip<R>> {
         let trip = self.plausibility.step(&c.plausibility, x.psi_deviation, x.omega_m, confidence);
         #[cfg(feature = "supervision")]
-        let trip = trip.or_else(|| self.stall.step(&c.stall, x.torque_limited, x.speed_deviation, x.omega_m));
+        let trip = trip
+            .or_else(|| self.innovation.step(&c.innovation, x.nis, x.omega_s))
+            .or_else(|| self.stall.step(&c.stall, x.torque_limited, x.speed_deviation, x.omega_m));
         trip
     }
 }

@@ -3,15 +3,15 @@
 //! ```text
 //! |i* - i|² > 0.2² |i*|² + 0.05²         violated
 //! Σ|i_x| < 0.15 Σ|i_x*|                  phase x is open; sums over the violated calls
-//! |i* - i|² > 0.06² |i*|² + 0.02²        and |i_x| < 0.03 |i| in every call for 8 ms: phase x is open
+//! |i* - i|² > 0.06² |i*|² + 0.02²        and |ω̂_s| > 0.03, |i_x| < 0.03 |i| in every call for 8 ms: phase x is open
 //! ```
 //!
 //! An open phase confines the current vector to a line. A rotating reference leaves that line in every turn, and the
 //! sums over the violated calls tell the phase; a direct current deviates unless the phase happens to carry none. At low
 //! frequency the estimated field may follow the current that is left, and the reference with it: then a phase whose
-//! current stays at its zero under a small deviation is open. After 4 ms of violation (leaky, [`super::leaky`]) an open
-//! phase is a fault, after `calls_control` any lasting deviation is: channels that are swapped or inverted, or a voltage
-//! that does not suffice.
+//! current stays at its zero under a small deviation, although the field turns, is open. After 4 ms of violation (leaky, [`super::leaky`]) an open
+//! phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped or
+//! inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
 //!
 //! Validity: the deviation of a healthy drive is over within some ms, in the voltage limit within tens of ms.
 
@@ -31,6 +31,8 @@ const ZERO: f64 = 0.03;
 const OPEN: f64 = 0.15;
 /// Least mean reference, per unit, with which a phase counts.
 const CARRIES: f64 = 0.1;
+/// Least stator frequency at which a phase passes its zero in less than 8 ms.
+const TURNS: f64 = 0.03;
 /// Part of a current that one call adds to the sums: keeps them within the range of fixed point.
 const SCALE: f64 = 1.0 / 64.0;
 
@@ -72,9 +74,17 @@ impl<R: Real> Default for Phases<R> {
 }
 
 impl<R: Real> Phases<R> {
-    /// One call with the current in field coordinates, its reference, and the field's direction.
+    /// One call with the current in field coordinates, its reference, the field's direction, and under control the stator
+    /// frequency.
     #[inline(always)]
-    pub fn step(&mut self, c: &PhaseConfig<R>, i: &Dq<R>, i_ref: &Dq<R>, field: &Rotator<R>) -> Option<Trip<R>> {
+    pub fn step(
+        &mut self,
+        c: &PhaseConfig<R>,
+        i: &Dq<R>,
+        i_ref: &Dq<R>,
+        field: &Rotator<R>,
+        omega_s: Option<R>,
+    ) -> Option<Trip<R>> {
         let deviation = (*i_ref - *i).norm_sq();
         if likely(deviation <= i_ref.norm_sq() * R::from_f64(SMALL * SMALL) + c.small_floor_sq) {
             if !likely(self.counter.is_empty()) {
@@ -82,7 +92,7 @@ impl<R: Real> Phases<R> {
             }
             return None;
         }
-        self.compare(c, i, i_ref, field, deviation)
+        self.compare(c, i, i_ref, (field, omega_s), deviation)
     }
 
     /// A call with a deviation.
@@ -93,13 +103,14 @@ impl<R: Real> Phases<R> {
         c: &PhaseConfig<R>,
         i: &Dq<R>,
         i_ref: &Dq<R>,
-        field: &Rotator<R>,
+        (field, omega_s): (&Rotator<R>, Option<R>),
         deviation: R,
     ) -> Option<Trip<R>> {
         let r = R::from_f64;
         let open = |phase: f64| Some(Trip::new(Fault::OpenPhase, r(phase), R::ZERO));
         let (measured, wanted) = (field.to_stator(i).to_phases(), field.to_stator(i_ref).to_phases());
-        let nothing = i.norm_sq() * r(ZERO * ZERO);
+        let turns = omega_s.is_some_and(|omega_s| !omega_s.within(r(TURNS)));
+        let nothing = if turns { i.norm_sq() * r(ZERO * ZERO) } else { R::ZERO };
         for (k, number) in [1.0, 2.0, 3.0].into_iter().enumerate() {
             self.zero[k] = if measured[k] * measured[k] < nothing { self.zero[k].saturating_add(1) } else { 0 };
             if self.zero[k] > c.calls_zero {
@@ -135,6 +146,6 @@ impl<R: Real> Phases<R> {
         if let Some(phase) = phase {
             return open(phase);
         }
-        lasting.then(|| Trip::new(Fault::CurrentControl, deviation.sqrt(), admissible.sqrt()))
+        (lasting && omega_s.is_some()).then(|| Trip::new(Fault::CurrentControl, deviation.sqrt(), admissible.sqrt()))
     }
 }

@@ -1,7 +1,7 @@
 //! Stall: the torque is at its limit, and the speed does not approach its reference. Per unit.
 //!
 //! ```text
-//! e = |ω* - ω̂|,    violated: torque limited and 0.02 < e, |ω̂| < 0.3;    approached: e < least e so far - 0.004
+//! e = ω* - ω̂,   violated: torque limited, 0.02 < |e|, |ω̂| < 0.3;   approach: ω̂ farther towards ω* than ever, by 0.004
 //! ```
 //!
 //! Every approach empties the counter and begins anew, so that an acceleration at the torque limit is none; a fault
@@ -48,13 +48,13 @@ impl crate::words::Words for StallConfig {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Stall<R: Real> {
     counter: LeakyCounter,
-    /// Least deviation since the torque has been at its limit.
-    least: R,
+    /// Speed nearest to the reference since the last approach.
+    nearest: R,
 }
 
 impl<R: Real> Default for Stall<R> {
     fn default() -> Self {
-        Self { counter: LeakyCounter::default(), least: R::ZERO }
+        Self { counter: LeakyCounter::default(), nearest: R::ZERO }
     }
 }
 
@@ -71,13 +71,11 @@ impl<R: Real> Stall<R> {
     #[cold]
     #[inline(never)]
     fn examine(&mut self, c: &StallConfig, limited: bool, deviation: R, omega_m: R) -> Option<Trip<R>> {
-        let e = deviation.abs();
-        if self.counter.is_empty() {
-            self.least = e;
-        } else if e < self.least - R::from_f64(APPROACH) {
-            *self = Self { counter: LeakyCounter::default(), least: e };
+        let advance = if deviation < R::ZERO { self.nearest - omega_m } else { omega_m - self.nearest };
+        if self.counter.is_empty() || advance > R::from_f64(APPROACH) {
+            *self = Self { counter: LeakyCounter::default(), nearest: omega_m };
         }
-        let violated = limited && e > R::from_f64(DEVIATION) && omega_m.within(R::from_f64(OMEGA));
+        let violated = limited && !deviation.within(R::from_f64(DEVIATION)) && omega_m.within(R::from_f64(OMEGA));
         self.counter.step(violated, c.calls).then(|| Trip::new(Fault::Stall, deviation, R::from_f64(DEVIATION)))
     }
 }
@@ -108,6 +106,13 @@ mod tests {
         assert_eq!(first(|k| (true, (1e-5 * f64::from(k)).min(0.1))), None);
         assert_eq!(first(|_| (true, 0.09)), None);
         assert_eq!(first(|_| (false, 0.0)), None);
+        // A step of the reference at a speed that stands in the limit already.
+        let mut stall = Stall::default();
+        let course = |k: u32| (if k < 100 { 0.05 } else { 0.25 }, (2e-5 * f64::from(k.saturating_sub(50))).min(0.24));
+        assert!((0..20_000).all(|k| {
+            let (reference, omega) = course(k);
+            stall.step(&C, true, reference - omega, omega).is_none()
+        }));
         let off = StallConfig { calls: u32::MAX };
         let mut stall = Stall::default();
         assert!((0..20_000).all(|_| stall.step(&off, true, 0.5, 0.0).is_none()));

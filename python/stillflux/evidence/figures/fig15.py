@@ -112,7 +112,7 @@ def draw(result: Result, *others: Result) -> Figure:
 _CONTROL = Control(
     "offset estimator off",
     settings(offset_estimator=False),
-    (RIPPLE, "û_off, deviation from the true offset"),
+    (RIPPLE, "û_off, deviation from the true offset", "the drive runs to the end"),
     event=RUN,
 )
 

@@ -50,6 +50,7 @@ def draw(earlier: Result, result: Result) -> Figure:
             pu.angle(5.0),
         ],
         0.0,
+        events=[(RUN, "control begins"), (RUN + 8.0, "two periods")],
     )
 
 

@@ -64,7 +64,8 @@ def draw(result: Result) -> Figure:
         result,
         lambda pu: [pu.frequency(), pu.speed(), pu.i_q(), pu.i_alpha(), pu.angle(5.0)],
         _BEGIN - 2.0,
-        size=(7.5, 6.0),
+        size=(7.5, 6.6),
+        events=[(_BEGIN + k * _STAY, f"{100 * part:.0f} %") for k, part in enumerate(_PARTS)],
     )
 
 

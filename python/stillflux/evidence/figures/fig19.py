@@ -69,6 +69,7 @@ def draw(result: Result) -> Figure:
         ],
         LOAD - 0.5,
         LOAD + 2.0,
+        events=[(LOAD, "120 % load")],
     )
 
 

@@ -82,6 +82,8 @@ EXPERIMENTS = (
         scenario,
         claims,
         draw,
-        Control("no offset", _without_offset, (_CLEAR,), event=RUN),
+        directed=False,
+        beside="ψ̂_1 is a block of the published scheme",
+        control=Control("no offset", _without_offset, (_CLEAR,), event=RUN),
     ),
 )

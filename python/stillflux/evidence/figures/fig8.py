@@ -1,4 +1,10 @@
-"""Fig. 8: what the noise compensator has to do in a drive without deliberate offset."""
+"""Fig. 8: what the noise compensator has to do in a drive without deliberate offset.
+
+The paper lists "errors due to incomplete dead-time compensation" among the disturbances: the real dead time
+is 5 % longer than the inverter model has it. With the plant's own value in the model the sixth harmonic
+still is the largest line, but of 4 to 20 % of the power of u_hf only, beneath the noise of the current
+sensors: that is what hides it in a simulation whose model is exact. At 2 % it has 50 to 70 %.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +15,7 @@ from numpy.typing import NDArray
 
 from stillflux.evidence.claims import Claim, at_least, at_most
 from stillflux.evidence.draw import ESTIMATE, STYLE, TRUE, Strip, figure_of, from_time, parts, recorder
-from stillflux.evidence.figure import Control, Experiment, inverter
+from stillflux.evidence.figure import Control, Experiment, Runs, inverter
 from stillflux.evidence.machines import step
 from stillflux.evidence.paper import RUN, paper_drive, runs_to_the_end
 from stillflux.result import Result
@@ -21,11 +27,12 @@ if TYPE_CHECKING:
 STEADY = 8.0
 """From then on the state is steady, s."""
 _SIXTH = "sixth harmonic over the next largest"
+_SHARE = "part of the sixth harmonic in the power of u_hf"
 
 
 def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
-    """Rated load at ω = 0.1, every period recorded."""
-    return paper_drive(
+    """Rated load at ω = 0.1, the real dead time 5 % longer, every period recorded."""
+    built = paper_drive(
         machine,
         arithmetic,
         name="Fig. 8",
@@ -35,6 +42,8 @@ def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
         duration=10.0,
         record_every=1,
     )
+    known = built.inverter
+    return built.replace(plant_inverter=known.replace(dead_time=1.05 * known.dead_time))
 
 
 def claims(result: Result) -> list[Claim]:
@@ -52,8 +61,17 @@ def claims(result: Result) -> list[Claim]:
     return [
         runs_to_the_end(result),
         at_most("u_hf, rms", rms, 2, "% of rated voltage"),
-        at_least(_SIXTH, sixth, 1, note=f"order {order}"),
+        at_least(_SIXTH, sixth, 1.5, note=f"order {order}"),
+        at_least(_SHARE, lines[5] ** 2 / (2.0 * float(np.var(radial(steady)))), 0.5),
     ]
+
+
+def radial(result: Result) -> NDArray[np.float64]:
+    """Component of u_hf along the estimated field: all of it, V."""
+    along: NDArray[np.float64] = (
+        result["estimate.u_hf"] * np.exp(-1j * np.angle(result["estimate.psi_s"]))
+    ).real
+    return along
 
 
 def harmonics(result: Result) -> NDArray[np.float64]:
@@ -61,9 +79,8 @@ def harmonics(result: Result) -> NDArray[np.float64]:
     angle = np.unwrap(np.angle(result["psi_s"]))
     angle = np.abs(angle - angle[0])
     whole = int(angle[-1] / (2 * np.pi))
-    radial = (result["estimate.u_hf"] * np.exp(-1j * np.angle(result["estimate.psi_s"]))).real
     grid = np.linspace(0.0, 2 * np.pi * whole, 4096 * whole, endpoint=False)
-    spectrum = 2 * np.abs(np.fft.rfft(np.interp(grid, angle, radial))) / len(grid)
+    spectrum = 2 * np.abs(np.fft.rfft(np.interp(grid, angle, radial(result)))) / len(grid)
     lines: NDArray[np.float64] = spectrum[whole * np.arange(1, 41)]
     return lines
 
@@ -80,7 +97,11 @@ def draw(result: Result) -> Figure:
     recorder(
         upper,
         pu.t,
-        [Strip(r"$10^3\,u_{hf\alpha}$", [("", u.real)]), Strip(r"$10^3\,u_{hf\beta}$", [("", u.imag)])],
+        [
+            Strip(r"$10^3\,u_{hf\alpha}$", [("", u.real)]),
+            Strip(r"$10^3\,u_{hf\beta}$", [("", u.imag)]),
+            Strip(r"$10^3\,u_{hf}$ along $\hat\psi_s$", [("", 1e3 * radial(pu.result) / pu.base["u"])]),
+        ],
     )
     with mpl.rc_context(STYLE):
         panel = lower.subplots()
@@ -91,6 +112,10 @@ def draw(result: Result) -> Figure:
     return figure
 
 
+def _ideal(runs: Runs) -> Runs:
+    return tuple(run.replace(plant_inverter=None) for run in inverter(u_th=0.0, dead_time=0.0)(runs))
+
+
 EXPERIMENTS = (
     Experiment(
         "8",
@@ -99,6 +124,8 @@ EXPERIMENTS = (
         scenario,
         claims,
         draw,
-        Control("ideal bridge", inverter(u_th=0.0, dead_time=0.0), (_SIXTH,), event=RUN),
+        Control("ideal bridge", _ideal, (_SIXTH, _SHARE), event=RUN),
+        directed=False,
+        beside="u_hf is a block of the published scheme",
     ),
 )

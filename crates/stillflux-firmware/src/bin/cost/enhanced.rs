@@ -1,6 +1,8 @@
 //! Blocks of the enhanced scheme beside the drive: its filter, each period of a block separately, and its balance.
 
 use super::{Cost, Input};
+use core::hint::black_box;
+use stillflux::config::BALANCE_PERIODS;
 use stillflux::drive::{Drive, Estimate};
 use stillflux::estimate::balance::{Balance, BalanceConfig};
 use stillflux::estimate::kalman::{self, Filter, FilterConfig};
@@ -35,6 +37,8 @@ pub struct Costs {
     /// The same by period of a block.
     filter_part: [Cost; BLOCK],
     balance: Cost,
+    /// Its fit, every eighth period.
+    balance_fit: Cost,
 }
 
 impl Costs {
@@ -45,6 +49,7 @@ impl Costs {
             f(name, part);
         }
         f("balance", &self.balance);
+        f("balance_fit", &self.balance_fit);
     }
 }
 
@@ -86,12 +91,16 @@ impl<R: Word> Blocks<R> {
     ) {
         let (c, e) = (drive.config(), drive.estimate());
         let f = c.filter_config();
-        let i = input.measured.i_abc;
-        let sum = i[0] + i[1] + i[2];
-        let i_m = costs.balance.call(|| balance(&mut self.balance, c.balance_config(), i_s, sum));
+        let i_m = costs.balance.call(|| black_box(balance(black_box(&self.balance), i_s)));
         let inverter = c.inverter_model();
         let loss = inverter.distortion(inverter.nominal(), &e.i_s, input.measured.u_dc, R::ONE);
-        let x = kalman::Input { u_s: e.u_s, loss, i_m, i_ref: before.i_dq_ref, omega_s: before.speed.omega_s };
+        let x = kalman::Input { u_s: e.u_s, loss: &loss, i_m, i_ref: before.i_dq_ref, omega_s: before.speed.omega_s };
+        if drive.period() % BALANCE_PERIODS == 2 {
+            // The offsets read at rest differ in their sum only, which the fit takes for its constant.
+            let [i_a, i_b, i_c] = input.measured.i_abc;
+            let sum = i_a + i_b + i_c;
+            costs.balance_fit.call(|| balance_fit(&mut self.balance, c.balance_config(), i_s, sum));
+        }
         let n = costs.filter.sum;
         costs.filter.call(|| predict(&mut self.filter, f, &x));
         let n = costs.filter.sum - n;
@@ -105,10 +114,14 @@ impl<R: Word> Blocks<R> {
 // Calls that the optimiser leaves where they are.
 
 #[inline(never)]
-fn predict<R: Word>(s: &mut Filter<R>, c: &FilterConfig<R>, x: &kalman::Input<R>) {
+fn predict<R: Word>(s: &mut Filter<R>, c: &FilterConfig<R>, x: &kalman::Input<'_, R>) {
     s.step(c, x, false);
 }
 #[inline(never)]
-fn balance<R: Word>(s: &mut Balance<R>, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) -> AlphaBeta<R> {
-    s.step(c, i, sum)
+fn balance<R: Word>(s: &Balance<R>, i: &AlphaBeta<R>) -> AlphaBeta<R> {
+    s.remove(i)
+}
+#[inline(never)]
+fn balance_fit<R: Word>(s: &mut Balance<R>, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) {
+    s.fit(c, i, sum);
 }

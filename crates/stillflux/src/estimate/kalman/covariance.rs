@@ -92,48 +92,46 @@ impl<R: Real> Covariance<R> {
     }
 
     /// The same for one of the first two states, a vector whose components have rows of the same shape:
-    /// `x_0 ← x_0 + own x_O + Σ c_j x_j`, or with `x_1` and `x_(O+1)` (`second`). One code for both.
+    /// `x_0 ← x_0 + Σ c_j x_j`, the first term with `j = O`, or `x_1` with the first of `x_(O+1)` (`second`). One code
+    /// for both.
     #[inline(always)]
-    pub fn advance_pair<const O: usize>(&mut self, second: bool, own: R, terms: &[(usize, R); 4]) {
+    pub fn advance_pair<const O: usize, const T: usize>(&mut self, second: bool, terms: &[(usize, R); T]) {
         let from = usize::from(second);
         // Written out: in a loop, fixed point would compute the position of every element at run time.
         let row: Column<R> = [
-            self.pair_row::<O>(from, own, terms, 0),
-            self.pair_row::<O>(from, own, terms, 1),
-            self.pair_row::<O>(from, own, terms, 2),
-            self.pair_row::<O>(from, own, terms, 3),
-            self.pair_row::<O>(from, own, terms, 4),
-            self.pair_row::<O>(from, own, terms, 5),
-            self.pair_row::<O>(from, own, terms, 6),
-            self.pair_row::<O>(from, own, terms, 7),
-            self.pair_row::<O>(from, own, terms, 8),
-            self.pair_row::<O>(from, own, terms, 9),
-            self.pair_row::<O>(from, own, terms, 10),
+            self.pair_row::<O, T>(from, terms, 0),
+            self.pair_row::<O, T>(from, terms, 1),
+            self.pair_row::<O, T>(from, terms, 2),
+            self.pair_row::<O, T>(from, terms, 3),
+            self.pair_row::<O, T>(from, terms, 4),
+            self.pair_row::<O, T>(from, terms, 5),
+            self.pair_row::<O, T>(from, terms, 6),
+            self.pair_row::<O, T>(from, terms, 7),
+            self.pair_row::<O, T>(from, terms, 8),
+            self.pair_row::<O, T>(from, terms, 9),
+            self.pair_row::<O, T>(from, terms, 10),
         ];
-        let (before, of_self, of_own) =
-            if second { (self.get(1, 1), row[1], row[O + 1]) } else { (self.get(0, 0), row[0], row[O]) };
-        let variance = before
-            + of_self
-            + of_self
-            + own * of_own
-            + R::sum_of_products(terms.map(|(_, c)| c), terms.map(|(j, _)| row[j]));
+        let (of_self, first) = if second { (row[1], row[O + 1]) } else { (row[0], row[O]) };
+        let of = |t: usize| if t == 0 { first } else { row[terms[t].0] };
+        let variance = R::sum_of_products(terms.map(|(_, c)| c), core::array::from_fn(of));
+        // Columns 0 and 1 lie side by side, also where the element is (0, 1) = (1, 0): with another origin all positions
+        // are constants.
+        let flat = self.p.as_flattened_mut();
+        let Some(column) = flat.get_mut(from..).and_then(<[R]>::first_chunk_mut::<{ PACKED - 1 }>) else { return };
         for (k, r) in row.into_iter().enumerate() {
-            // Columns 0 and 1 lie side by side, also where the element is (0, 1) = (1, 0).
-            self.p.as_flattened_mut()[at(k, 0) + from] += r;
+            column[at(k, 0)] += r;
         }
-        *self.get_mut(from, from) = variance;
+        // The element of the variance has got the row once.
+        column[from] += of_self + variance;
     }
 
     /// Element of the row that [`Covariance::advance_pair`] adds.
     #[inline(always)]
-    fn pair_row<const O: usize>(&self, from: usize, own: R, terms: &[(usize, R); 4], k: usize) -> R {
+    fn pair_row<const O: usize, const T: usize>(&self, from: usize, terms: &[(usize, R); T], k: usize) -> R {
         // Row O + 1 begins O + 1 elements behind row O; columns O and O + 1 lie side by side.
-        let of_own = self.p.as_flattened()[at(O, k) + if k <= O { (O + 1) * from } else { from }];
-        let [(a, by_a), (b, by_b), (c, by_c), (d, by_d)] = *terms;
-        R::sum_of_products(
-            [own, by_a, by_b, by_c, by_d],
-            [of_own, self.get(a, k), self.get(b, k), self.get(c, k), self.get(d, k)],
-        )
+        let of_first = self.p.as_flattened()[at(O, k) + if k <= O { (O + 1) * from } else { from }];
+        let of = |t: usize| if t == 0 { of_first } else { self.get(terms[t].0, k) };
+        R::sum_of_products(terms.map(|(_, c)| c), core::array::from_fn(of))
     }
 
     /// `P h` for a sparse `h`.
@@ -152,22 +150,15 @@ impl<R: Real> Covariance<R> {
         }
     }
 
-    /// Update of the rows `from..to`: `P ← P - (P h)(P h)ᵀ/S`, the variances not below a floor.
-    /// A loop over the elements: unrolled it would take a kilobyte of flash.
-    #[inline(never)]
-    pub fn reduce(&mut self, from: usize, to: usize, ph: &Column<R>, inv_s: R, floor: R) {
-        let mut rest = self.p.as_flattened_mut().get_mut(at(from, 0)..).unwrap_or_default();
-        for i in from..to {
-            let Some((row, below)) = rest.split_at_mut_checked(i) else { return };
-            let Some((own, below)) = below.split_first_mut() else { return };
-            let of_row = ph[if i < N { i } else { N - 1 }];
-            let gain = of_row * inv_s;
-            for (x, y) in row.iter_mut().zip(ph) {
-                *x -= gain * *y;
-            }
-            *own = (*own - gain * of_row).max(floor);
-            rest = below;
+    /// Update of row `I`: `P ← P - (P h)(P h)ᵀ/S`, the variance not below a floor.
+    #[inline(always)]
+    pub fn reduce<const I: usize>(&mut self, ph: &Column<R>, inv_s: R, floor: R) {
+        let gain = ph[I] * inv_s;
+        for (j, y) in ph.iter().enumerate().take(I) {
+            *self.get_mut(I, j) -= gain * *y;
         }
+        let own = self.get_mut(I, I);
+        *own = (*own - gain * ph[I]).max(floor);
     }
 }
 
@@ -220,8 +211,10 @@ mod tests {
         let before = full(&p);
         let ph = p.project(&h);
         let s = (row * before * row.transpose())[0] + 0.1;
-        p.reduce(0, 5, &ph, 1.0 / s, 0.0);
-        p.reduce(5, N, &ph, 1.0 / s, 0.0);
+        macro_rules! reduce {
+            ($($i:literal)*) => { $(p.reduce::<$i>(&ph, 1.0 / s, 0.0);)* };
+        }
+        reduce!(0 1 2 3 4 5 6 7 8 9 10);
         assert!((full(&p) - (before - before * row.transpose() * row * before / s)).norm() < 1e-12);
     }
 

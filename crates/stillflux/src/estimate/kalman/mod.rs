@@ -51,7 +51,7 @@
 //! The flux is integrated in every control period, the rest runs once per block of 1 ms, or of `SLOTS` periods if
 //! that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
 //! the next one, a part in each period. The gain is therefore one block old; the time constants that it depends on are
-//! many blocks. Above `|ω_s| = 0.2` its part for the flux is turned by the angle that the rotor flux has passed since:
+//! many blocks. The parameters are corrected one period after flux, `m`, offset and leakage. Above `|ω_s| = 0.2` its part for the flux is turned by the angle that the rotor flux has passed since:
 //! 36° in 1 ms at 100 Hz, without which the correction of a fast field would be a disturbance.
 //!
 //! # Validity, and what is added to the noise outside it
@@ -87,7 +87,8 @@ pub use noise::Identified;
 use self::covariance::N;
 use self::covariance::{Column, Covariance};
 use self::model::{
-    B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, Saturated, V,
+    BlockMeans, C_MAX, Model, OperatingPoint, PSI, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI,
+    SCALE_R, SCALE_V, Saturated,
 };
 use self::noise::Noise;
 use self::schedule::{Holds, SLOTS};
@@ -106,6 +107,8 @@ use crate::words::words;
 /// Length of a block, s: long against the control period, short against the rotor time constant.
 const BLOCK_TIME: f64 = 1e-3;
 
+/// Largest magnitude of the rotor flux, per unit.
+const M_MAX: f64 = 3.0;
 /// Limits of the identified states: offset per unit, `v`, knee and `γ` relative to the parameters.
 const B_MAX: f64 = 0.2;
 const V_MAX: f64 = 0.8;
@@ -172,12 +175,6 @@ impl<R: Real> FilterConfig<R> {
         }
     }
 
-    /// The same with other standard deviations of the parameters at the start.
-    #[must_use]
-    pub fn with_priors(self, priors: &Priors) -> Self {
-        Self { noise: self.noise.with_priors(priors), ..self }
-    }
-
     /// Periods and duration, s, of a block.
     fn block(inverter: &Inverter) -> (u32, f64) {
         let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
@@ -194,15 +191,22 @@ impl<R: Real> FilterConfig<R> {
         check("R_R", machine.R_R, 0.0, most, "ohm")
             .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
     }
+
+    /// The same with other standard deviations of the parameters at the start.
+    #[must_use]
+    pub fn with_priors(self, priors: &Priors) -> Self {
+        Self { noise: self.noise.with_priors(priors), ..self }
+    }
 }
 
 /// Inputs of the filter in one period, per unit.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Input<R: Real> {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Input<'a, R: Real> {
     /// Voltage applied since the last call.
     pub u_s: AlphaBeta<R>,
-    /// Loss of the inverter model at the present estimates, already subtracted from `u_s`.
-    pub loss: Distortion<R>,
+    /// Loss of the inverter model at the present estimates and the present operating point, as it is subtracted from
+    /// `u_s`.
+    pub loss: &'a Distortion<R>,
     /// Current sample at the end.
     pub i_m: AlphaBeta<R>,
     /// Current reference, field coordinates.
@@ -239,8 +243,10 @@ pub struct Filter<R: Real> {
     holds: Holds,
     /// `1/S` of the last block, `S` the innovation variance (scaled).
     inv_s: R,
+    /// Innovation of the last block over its variance.
+    weighted: R,
     /// Innovation (scaled), and low-pass of its normalised square (NIS).
-    residual: R,
+    innovation: R,
     nis: R,
     /// Blocks left in which the NIS is not evaluated (NIS hold-off).
     trial: u8,
@@ -248,8 +254,8 @@ pub struct Filter<R: Real> {
     valid: bool,
     /// Standard deviation of the field angle, rad.
     sigma: R,
-    /// Variance of the flux's magnitude, scaled.
-    variance: R,
+    /// Weight of the estimated flux magnitude.
+    weight: R,
     /// Values and variances with which the present start began.
     initial: Initial<R>,
 }
@@ -258,32 +264,26 @@ impl<R: Real> Filter<R> {
     /// One period; returns the current of its sample in field coordinates. With `blind` nothing is corrected: the
     /// machine has no flux yet.
     #[inline(always)]
-    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<R>, blind: bool) -> Dq<R> {
+    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, blind: bool) -> Dq<R> {
         let i_s = x.i_m - self.b();
         self.u_i = x.u_s - (self.i_s + i_s) * self.r_s().half();
         self.i_s = i_s;
         self.psi_s.add(c.t_s, &self.u_i);
         let i_dq = self.field().to_field(&i_s);
         self.sum += i_dq;
-        self.advance(c, x, blind);
-        i_dq
-    }
-
-    /// Closes the block, or executes the slot of this period.
-    #[inline(never)]
-    fn advance(&mut self, c: &FilterConfig<R>, x: &Input<R>, blind: bool) {
         self.period += 1;
-        if self.period >= c.block {
-            self.period = 0;
-            self.close(c, x, blind);
-        } else {
+        if likely(self.period < c.block) {
             self.work(c);
+        } else {
+            self.period = 0;
+            self.close(c, &x.i_ref, x.loss, x.omega_s, blind);
         }
+        i_dq
     }
 
     /// End of a block: current model, innovation, correction, and the next operating point.
     #[inline(never)]
-    fn close(&mut self, c: &FilterConfig<R>, input: &Input<R>, blind: bool) {
+    fn close(&mut self, c: &FilterConfig<R>, i_ref: &Dq<R>, loss: &Distortion<R>, omega_s: R, blind: bool) {
         let model = &c.model;
         let i_dq = self.sum * c.inv_block;
         self.sum = Dq::default();
@@ -298,7 +298,7 @@ impl<R: Real> Filter<R> {
         let i_d = (self.magnitude() * i_dq.re() - sigma_l_s * i_dq.norm_sq()) * inv;
         let i_q = self.magnitude() * i_dq.im() * inv;
 
-        let i_s = self.field().to_stator(&input.i_ref);
+        let i_s = self.field().to_stator(i_ref);
         let means = BlockMeans {
             n,
             inv_psi_r: inv,
@@ -306,8 +306,8 @@ impl<R: Real> Filter<R> {
             i_q,
             i_s,
             d_leakage_flux: (i_s - self.point.i_s) * sigma_l_s,
-            loss: input.loss,
-            omega_s: input.omega_s,
+            loss: *loss,
+            omega_s,
         };
         self.valid = valid;
         let before = self.point.n;
@@ -315,11 +315,12 @@ impl<R: Real> Filter<R> {
         self.point = point;
         if !valid {
             self.m.set(psi_r);
+            self.holds = Holds::Nothing;
             return;
         }
         let m = self.m.add(R::ONE, increment);
         let z = Model::innovation(m, psi_r);
-        self.residual = z;
+        self.innovation = z;
         if self.trial == 0 {
             let nis = (z * z * self.inv_s).min(R::from_f64(9.0));
             self.nis += R::from_f64(NIS_CORNER) * (nis - self.nis);
@@ -337,33 +338,54 @@ impl<R: Real> Filter<R> {
     #[cold]
     #[inline(never)]
     fn turn_gain(&mut self, before: &Rotator<R>) {
-        if self.holds == Holds::Gain {
+        if self.holds == Holds::Innovation {
             let old = AlphaBeta::new(self.column[PSI], self.column[PSI + 1]);
             let new = self.point.n.to_stator(&before.to_field(&old));
             (self.column[PSI], self.column[PSI + 1]) = (new.re(), new.im());
         }
     }
 
-    /// State correction by gain times innovation `z`, each state within its limits.
+    /// Correction of flux, `m`, offset and leakage by gain times innovation `z`, each state within its limits.
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
-        let Some(by) = self.gain() else { return };
         let r = R::from_f64;
-        // δψ_s = δχ + l̂ (i δε_l - δb).
-        let to_psi = (self.i_s * by[LEAKAGE] - AlphaBeta::new(by[B], by[B + 1])) * self.sigma_l_s(c);
-        self.psi_s.correct([by[PSI] + to_psi.re(), by[PSI + 1] + to_psi.im()], z);
-        let r_s = c.model.r_s;
-        correct_state(&mut self.m, by[M], z, R::ZERO, r(3.0));
-        correct_state(&mut self.b[0], by[B], z, r(-B_MAX), r(B_MAX));
-        correct_state(&mut self.b[1], by[B + 1], z, r(-B_MAX), r(B_MAX));
-        correct_state(&mut self.r_s, by[RS], z, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
-        // Their errors are logarithmic: the correction acts on the factors 1 + v, k and l.
-        let (gain, knee, leakage) = (R::ONE + self.v(), self.knee(), self.leakage());
-        correct_state(&mut self.v, by[V] * gain, z, r(-V_MAX), r(V_MAX));
-        correct_state(&mut self.knee, by[KNEE] * knee, z, r(KNEE_RANGE.0), r(KNEE_RANGE.1));
-        correct_state(&mut self.leakage, by[LEAKAGE] * leakage, z, r(LEAKAGE_RANGE.0), r(LEAKAGE_RANGE.1));
-        correct_state(&mut self.gamma, by[GAMMA], z, r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
-        correct_state(&mut self.c, by[C], z, R::ZERO, r(C_MAX));
+        if self.holds != Holds::Innovation {
+            // The rotor equation alone; where the curve is steep a block is too long a step for it to be stable.
+            self.m.add_clamped(R::ZERO, R::ZERO, R::ZERO, r(M_MAX));
+            return;
+        }
+        let z = z * self.inv_s;
+        self.weighted = z;
+        let (z_psi, z_b) = (z * r(SCALE_PSI), z * r(SCALE_B));
+        let [p_a, p_b, p_m, b_a, b_b, _, _, _, of_leakage, ..] = self.column;
+        // δψ_s = δχ + l̂ (i δε_l - δb), with the flux in its scale.
+        let (l, leakage, i) = (self.sigma_l_s(c), self.leakage(), self.i_s);
+        let (by_l, by_b) = (l * r(SCALE_LEAKAGE / SCALE_PSI) * of_leakage, l * r(SCALE_B / SCALE_PSI));
+        self.psi_s.correct([p_a + by_l * i.re() - by_b * b_a, p_b + by_l * i.im() - by_b * b_b], z_psi);
+        // Its error is logarithmic: the correction acts on the factor.
+        let z_l = z * r(SCALE_LEAKAGE) * leakage;
+        correct_state(&mut self.leakage, of_leakage, z_l, r(LEAKAGE_RANGE.0), r(LEAKAGE_RANGE.1));
+        correct_state(&mut self.m, p_m, z_psi, R::ZERO, r(M_MAX));
+        correct_state(&mut self.b[0], b_a, z_b, r(-B_MAX), r(B_MAX));
+        correct_state(&mut self.b[1], b_b, z_b, r(-B_MAX), r(B_MAX));
+    }
+
+    /// The same for the parameters, in the period after.
+    #[inline(never)]
+    fn correct_parameters(&mut self, c: &FilterConfig<R>) {
+        if self.holds != Holds::Innovation {
+            return;
+        }
+        let r = R::from_f64;
+        let (z, r_s) = (self.weighted, c.model.r_s);
+        let [.., of_r_s, of_v, of_knee, _, of_gamma, of_c] = self.column;
+        correct_state(&mut self.r_s, of_r_s, z * (r_s * r(SCALE_R)), r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
+        // Their errors are logarithmic: the correction acts on the factors 1 + v and k.
+        let (gain, knee) = (R::ONE + self.v(), self.knee());
+        correct_state(&mut self.v, of_v, z * r(SCALE_V) * gain, r(-V_MAX), r(V_MAX));
+        correct_state(&mut self.knee, of_knee, z * r(SCALE_K) * knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1));
+        correct_state(&mut self.gamma, of_gamma, z * r(SCALE_GAMMA), r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
+        correct_state(&mut self.c, of_c, z * r(SCALE_C), R::ZERO, r(C_MAX));
     }
 
     /// A current sample while the bridge is blocked: start value of the trapezoidal rule.
@@ -437,9 +459,9 @@ impl<R: Real> Filter<R> {
         self.i_s
     }
 
-    /// Latest innovation `m - |ψ̂_R|`, in units of 0.05 pu.
-    pub fn residual(&self) -> R {
-        self.residual
+    /// Latest innovation `m - |ψ̂_R|`, per unit.
+    pub fn innovation(&self) -> R {
+        self.innovation * R::from_f64(SCALE_PSI)
     }
 
     /// Normalised innovation squared, low-passed over 20 blocks. Its expectation is one where the innovation has the
@@ -455,9 +477,9 @@ impl<R: Real> Filter<R> {
 
     /// Weight of the estimated flux magnitude against that which current and nominal inductance give, 0 to 1:
     /// `1/(1 + σ²/σ_0²)` with the expected deviation `σ` of `|ψ̂_s|` and `σ_0` = 0.03 pu.
+    #[inline]
     pub fn magnitude_weight(&self) -> R {
-        let scale = R::from_f64(SCALE_PSI * SCALE_PSI / (MAGNITUDE * MAGNITUDE));
-        (R::ONE + self.variance * scale).recip()
+        self.weight
     }
 
     /// Confidence in the field angle, 0 to 1, as of [`super::confidence`]: one half where 15° must be expected.
@@ -518,7 +540,7 @@ pub struct Learned<R: Real> {
 
 #[cfg(test)]
 mod tests {
-    use super::model::SCALE_LEAKAGE;
+    use super::model::{B, LEAKAGE, RS};
     use super::*;
     use crate::base::{Base, PerUnit};
     use crate::params::{Inverter, Machine};
@@ -567,7 +589,7 @@ mod tests {
             let (i, psi) = at(theta, i_q);
             let u_s = (i + i_last) * (0.5 * c.model.r_s * r_s) + (psi - psi_last) * (1.0 / t_s);
             let i_ref = filter.field().to_field(&i);
-            let x = Input { u_s, loss: Distortion::default(), i_m: i + offset, i_ref, omega_s };
+            let x = Input { u_s, loss: &Distortion::default(), i_m: i + offset, i_ref, omega_s };
             filter.step(&c, &x, false);
             (i_last, psi_last) = (i, psi);
         }

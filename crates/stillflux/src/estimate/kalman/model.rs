@@ -35,10 +35,10 @@
 //! follows `dχ = dψ_s - ε_l l̂ di_m`: an error of the leakage becomes visible where the current changes, with the load or
 //! with the rotation of the field. A correction is converted by `δψ_s = δχ + l̂ i δε_l - l̂ δb` ([`super::Filter`]).
 //!
-//! The covariance is that of *scaled* states, each in units of a typical deviation ([`Model::scale`]), so that it
+//! The covariance is that of *scaled* states, each in units of a typical deviation (the scales below), so that it
 //! fits fixed point; the rows below are scaled accordingly.
 
-use super::covariance::{Column, N};
+use super::covariance::N;
 
 use crate::base::{PerUnit, rounded};
 use crate::inverter::Distortion;
@@ -235,16 +235,6 @@ impl<R: Real> Model<R> {
             exponent: exponent as u32,
             x_max: r(libm::pow(SATURATED_MAX, 1.0 / exponent)),
         }
-    }
-
-    /// Sizes of the scaled states.
-    #[inline(always)]
-    pub fn scale(&self) -> Column<R> {
-        let r = R::from_f64;
-        let r_s = self.r_s * r(SCALE_R);
-        let [psi, b, v, k, l, gamma, c] =
-            [SCALE_PSI, SCALE_B, SCALE_V, SCALE_K, SCALE_LEAKAGE, SCALE_GAMMA, SCALE_C].map(r);
-        by_state([psi, psi, b, r_s, v, k, l, gamma, c])
     }
 
     /// The magnetising curve at flux `m` and saturation `c`.

@@ -67,8 +67,9 @@ const WALK_K: f64 = 3e-3;
 const WALK_LEAKAGE: f64 = 2e-3;
 const WALK_GAMMA: f64 = 1e-4;
 const WALK_C: f64 = 1e-4;
-/// Random walk of the flux per unit of stator frequency, per √s: at rated frequency and blocks of 1 ms as 0.5 % of the
-/// induced voltage at 50 Hz, uncorrelated from block to block. Allowance.
+/// Random walk of the flux per unit of stator frequency, per √s. In a block of 1 ms at 50 Hz and rated flux it is
+/// 0.05 √0.001 = 1.6e-3 pu, which is 0.5 % of the flux that the induced voltage adds in the block (0.314 pu), uncorrelated
+/// from block to block. Allowance.
 const INDUCED: f64 = 0.05;
 
 /// Measurement noise of a block, per unit. Allowance, larger than the noise of the converters (the NIS of an

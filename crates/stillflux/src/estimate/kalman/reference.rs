@@ -6,6 +6,7 @@ use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA,
     SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
 };
+use super::schedule::{Holds, OMEGA_HELD};
 use super::{
     B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, N, NIS_CORNER,
     NIS_THRESHOLD, R_S_RANGE, SIGMA_LOST, V_MAX, noise,
@@ -18,9 +19,6 @@ use nalgebra::{SMatrix, SVector, Vector2};
 
 type State = SVector<f64, N>;
 type Matrix = SMatrix<f64, N, N>;
-
-/// Stator frequency, per unit, above which `r_s`, `v` and knee are consider states.
-const OMEGA_HELD: f64 = 0.2;
 
 fn config(machine: &Machine, inverter: &Inverter) -> (FilterConfig<f64>, PerUnit) {
     let pu = PerUnit::new(machine, inverter).unwrap();
@@ -201,6 +199,8 @@ struct Reference {
     p: Matrix,
     /// `P Hᵀ/S`, of the scaled states; zero where the block corrects nothing.
     gain: State,
+    /// Parameters after the correction, which takes effect one period late.
+    pending: Option<State>,
     inv_s: f64,
     /// Direction of the rotor flux when the gain was computed.
     n: Vector2<f64>,
@@ -237,7 +237,12 @@ impl Reference {
                 value(&filter.c),
             ]),
             p: dense(filter),
-            gain: filter.gain().map_or(State::zeros(), |x| State::from(x).component_div(&scale(&c.model))),
+            gain: if filter.holds == Holds::Innovation {
+                State::from(filter.column) * filter.inv_s
+            } else {
+                State::zeros()
+            },
+            pending: None,
             inv_s: filter.inv_s,
             n: Vector2::new(filter.point.n.cos, filter.point.n.sin),
             i_s: vector(&filter.i_s),
@@ -257,7 +262,7 @@ impl Reference {
         (Vector2::new(n.cos, n.sin), magnitude)
     }
 
-    fn step(&mut self, input: &Input<f64>) {
+    fn step(&mut self, input: &Input<'_, f64>) {
         let (model, t_s) = (self.c.model, self.c.t_s);
         let b = Vector2::new(self.x[B], self.x[B + 1]);
         let leakage = model.sigma_l_s * self.x[LEAKAGE];
@@ -268,6 +273,9 @@ impl Reference {
         (self.x[PSI], self.x[PSI + 1], self.i_s) = (chi.x, chi.y, i_s);
         let (d, psi_s) = self.polar(0, psi);
         self.sum += Vector2::new(d.dot(&i_s), d.x * i_s.y - d.y * i_s.x);
+        if let Some(corrected) = self.pending.take() {
+            self.x.rows_mut(RS, N - RS).copy_from(&corrected.rows(RS, N - RS));
+        }
         self.period += 1;
         if self.period < u32::from(self.c.block) {
             return;
@@ -293,7 +301,7 @@ impl Reference {
             i_q: across * inv,
             i_s: i_ref,
             d_leakage_flux: AlphaBeta::new(d_i.x, d_i.y) * leakage,
-            loss: input.loss,
+            loss: *input.loss,
             omega_s: input.omega_s,
         };
         let (at, increment) = model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma);
@@ -316,7 +324,7 @@ impl Reference {
         for factor in [V, KNEE, LEAKAGE] {
             by[factor] *= self.x[factor];
         }
-        self.x += by;
+        let mut x = self.x + by;
         let r_s = model.r_s;
         for (k, (low, high)) in [
             (M, (0.0, 3.0)),
@@ -329,11 +337,14 @@ impl Reference {
             (GAMMA, GAMMA_RANGE),
             (C, (0.0, C_MAX)),
         ] {
-            self.x[k] = self.x[k].clamp(low, high);
+            x[k] = x[k].clamp(low, high);
         }
-        let chi = psi + Vector2::new(self.x[B], self.x[B + 1]) * (model.sigma_l_s * self.x[LEAKAGE]);
-        (self.x[PSI], self.x[PSI + 1]) = (chi.x, chi.y);
-        self.update_covariance(&at, self.x[RS], self.x[GAMMA]);
+        let chi = psi + Vector2::new(x[B], x[B + 1]) * (model.sigma_l_s * x[LEAKAGE]);
+        (x[PSI], x[PSI + 1]) = (chi.x, chi.y);
+        self.x.rows_mut(0, RS).copy_from(&x.rows(0, RS));
+        self.x[LEAKAGE] = x[LEAKAGE];
+        self.pending = Some(x);
+        self.update_covariance(&at, x[RS], x[GAMMA]);
     }
 
     /// Prediction with noise, gain, update.
@@ -402,6 +413,8 @@ struct ClosedLoop {
     r_r: f64,
     inv_tau_r: f64,
     i_d: f64,
+    /// Loss of the inverter model.
+    loss: Distortion<f64>,
     /// Resistance and leakage inductance of the winding, relative to the parameters.
     r_s: f64,
     leakage: f64,
@@ -429,6 +442,7 @@ impl ClosedLoop {
             r_r: pu.r_r,
             inv_tau_r: 1.0 / pu.tau_r,
             i_d,
+            loss: Distortion::default(),
             r_s: 1.05,
             leakage: 1.1,
             offset: Vector2::new(3e-4, -2e-4),
@@ -437,7 +451,7 @@ impl ClosedLoop {
     }
 
     /// One period at a speed and a torque current; returns the inputs of the filter.
-    fn step(&mut self, omega: f64, i_q: f64) -> Input<f64> {
+    fn step(&mut self, omega: f64, i_q: f64) -> Input<'_, f64> {
         let (c, t_s) = (&self.c, self.c.t_s);
         let i_ref = Dq::new(self.i_d, i_q);
         let next = vector(&self.filter.field().to_stator(&i_ref));
@@ -457,6 +471,8 @@ impl ClosedLoop {
         self.i = next;
         let i_m = next + self.offset;
         let omega_s = omega + self.r_r * i_q / self.psi_r.norm();
+        self.loss = loss;
+        let loss = &self.loss;
         let input = Input { u_s: AlphaBeta::new(u.x, u.y), loss, i_m: AlphaBeta::new(i_m.x, i_m.y), i_ref, omega_s };
         self.filter.step(&self.c, &input, false);
         input

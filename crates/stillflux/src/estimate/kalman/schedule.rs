@@ -10,14 +10,14 @@
 //! | period of the block | work |
 //! |---|---|
 //! | 0 | closes the block: mean current, innovation, correction, next operating point ([`Filter`]) |
-//! | 1 | `F_m P` |
-//! | 2 | row and column of `m` |
-//! | 3, 4 | row and column of a flux component each |
-//! | 5 | `Q`; decorrelation of consider states |
-//! | 6 | angle deviation, `S`, `P Hᵀ` |
-//! | 7 | update of rows 0 to 3, magnetising curve at the end of the block |
-//! | 8 | update of rows 4 to 6 |
-//! | 9 | update of rows 7 to 10, `K` in units of the states |
+//! | 1 | correction of the parameters |
+//! | 2 | `F_m P` |
+//! | 3 | row and column of `m` |
+//! | 4, 5 | row and column of a flux component each |
+//! | 6 | `Q`; decorrelation of consider states |
+//! | 7 | angle deviation, `S`, `P Hᵀ` |
+//! | 8 | update of rows 0 to 6 |
+//! | 9 | update of rows 7 to 10, magnetising curve at the end of the block |
 //! | 10 … | none |
 //!
 //! The flux is integrated in every period. A block has at least [`SLOTS`] periods; its gain is one block old,
@@ -29,7 +29,7 @@
 use super::covariance::{Column, N};
 use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
 use super::noise::{FLOOR, MEASUREMENT, Noise, SECOND_ORDER};
-use super::{Filter, FilterConfig, NIS_THRESHOLD};
+use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Rotator};
 
@@ -38,11 +38,16 @@ pub(super) const SLOTS: u32 = 10;
 
 /// Stator frequency, per unit, above which resistance, inverter error and knee are consider states: their voltage is
 /// smaller than the error of the voltage itself.
-const OMEGA_HELD: f64 = 0.2;
+pub(super) const OMEGA_HELD: f64 = 0.2;
+
+/// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
+const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
 
 /// Work of a control period on the covariance. The closing period of a block has number zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
+    /// Correction of the parameters.
+    Parameters,
     /// Prediction, row of `m`: its product with the covariance.
     RotorRow,
     /// Prediction, row and column of `m`.
@@ -53,12 +58,10 @@ enum Slot {
     Noise,
     /// Innovation variance and gain.
     Gain,
-    /// Update of some rows.
-    Update(usize, usize),
-    /// Magnetising curve at the estimates after the correction, then update of some rows.
-    Magnetisation(usize, usize),
-    /// Update of some rows, then the gain of the correction.
-    LastUpdate(usize, usize),
+    /// Update of the first rows.
+    FirstUpdate,
+    /// Update of the last rows; magnetising curve at the estimates after the correction.
+    LastUpdate,
     /// No work: a block may have more periods than slots.
     Idle,
 }
@@ -68,15 +71,15 @@ impl Slot {
     #[inline(always)]
     fn of(period: u8) -> Self {
         match period {
-            1 => Self::RotorRow,
-            2 => Self::RotorAdvance,
-            3 => Self::Flux(false),
-            4 => Self::Flux(true),
-            5 => Self::Noise,
-            6 => Self::Gain,
-            7 => Self::Magnetisation(0, 4),
-            8 => Self::Update(4, 7),
-            9 => Self::LastUpdate(7, N),
+            1 => Self::Parameters,
+            2 => Self::RotorRow,
+            3 => Self::RotorAdvance,
+            4 => Self::Flux(false),
+            5 => Self::Flux(true),
+            6 => Self::Noise,
+            7 => Self::Gain,
+            8 => Self::FirstUpdate,
+            9 => Self::LastUpdate,
             _ => Self::Idle,
         }
     }
@@ -94,10 +97,8 @@ pub(super) enum Holds {
     Row,
     /// Current, loss, its derivative by the knee, and change of the leakage flux, as [`OperatingPoint::regressors`] has them.
     Regressors,
-    /// `P Hᵀ`: with `1/S` the gain of this block's update.
+    /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
     Innovation,
-    /// The gain of the next correction, in units of the states.
-    Gain,
 }
 
 impl<R: Real> OperatingPoint<R> {
@@ -123,24 +124,31 @@ impl<R: Real> OperatingPoint<R> {
     }
 }
 
+/// Covariance update of some rows, written out: the positions of all elements are constants then.
+macro_rules! update_rows {
+    ($filter:ident, $($row:literal)*) => {
+        if $filter.holds == Holds::Innovation {
+            let (inv_s, floor) = ($filter.inv_s, R::from_f64(FLOOR));
+            $($filter.p.reduce::<$row>(&$filter.column, inv_s, floor);)*
+        }
+    };
+}
+
 impl<R: Real> Filter<R> {
     /// Executes the slot of this period.
-    #[inline(always)]
+    #[inline(never)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
         match Slot::of(self.period) {
+            Slot::Parameters => self.correct_parameters(c),
             Slot::RotorRow => self.rotor(c, false),
             Slot::RotorAdvance => self.rotor(c, true),
             Slot::Flux(second) => self.flux_advance(c, second),
             Slot::Noise => self.add_noise(c),
             Slot::Gain => self.weigh(c),
-            Slot::Update(from, to) => self.update(from, to),
-            Slot::Magnetisation(from, to) => {
+            Slot::FirstUpdate => self.update_first(),
+            Slot::LastUpdate => {
                 self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
-                self.update(from, to);
-            }
-            Slot::LastUpdate(from, to) => {
-                self.update(from, to);
-                self.scale_gain(c);
+                self.update_last();
             }
             Slot::Idle => {}
         }
@@ -167,7 +175,8 @@ impl<R: Real> Filter<R> {
         }
         let of = |k: usize| self.column[k + usize::from(second)];
         let [by_b, by_r_s, by_v, by_k, by_l] = c.model.flux_row(of(0), of(2), of(4), of(6), self.r_s());
-        self.p.advance_pair::<B>(second, by_b, &[(RS, by_r_s), (V, by_v), (KNEE, by_k), (LEAKAGE, by_l)]);
+        let terms = [(B, by_b), (RS, by_r_s), (V, by_v), (KNEE, by_k), (LEAKAGE, by_l)];
+        self.p.advance_pair::<B, 5>(second, &terms);
     }
 
     /// Process noise `Q`, and decorrelation of consider states.
@@ -219,7 +228,8 @@ impl<R: Real> Filter<R> {
         let across = sin * sin * a + cos * cos * b - (mixed + mixed);
         let across = across.max(R::ZERO);
         // Along n: the trace less the part across.
-        self.variance = (a + b - across).max(R::ZERO);
+        let along = (a + b - across).max(R::ZERO);
+        self.weight = R::ONE.over_64(R::from_f64(1.0 / 64.0) + along * R::from_f64(WEIGHT));
         let scale = R::from_f64(SCALE_PSI);
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 
@@ -241,28 +251,14 @@ impl<R: Real> Filter<R> {
         self.holds = Holds::Innovation;
     }
 
-    /// Covariance update of the rows `from..to`.
     #[inline(never)]
-    fn update(&mut self, from: usize, to: usize) {
-        if self.holds == Holds::Innovation {
-            self.p.reduce(from, to, &self.column, self.inv_s, R::from_f64(FLOOR));
-        }
+    fn update_first(&mut self) {
+        update_rows!(self, 0 1 2 3 4 5 6);
     }
 
-    /// The column becomes the gain of the correction, in units of the states.
     #[inline(never)]
-    fn scale_gain(&mut self, c: &FilterConfig<R>) {
-        if self.holds == Holds::Innovation {
-            let (inv_s, scale) = (self.inv_s, c.model.scale());
-            self.column = core::array::from_fn(|k| self.column[k] * inv_s * scale[k]);
-            self.holds = Holds::Gain;
-        }
-    }
-
-    /// Gain of the correction, if this block has one.
-    #[inline(always)]
-    pub(super) fn gain(&self) -> Option<Column<R>> {
-        (self.holds == Holds::Gain).then_some(self.column)
+    fn update_last(&mut self) {
+        update_rows!(self, 7 8 9 10);
     }
 }
 

@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! start:    ψ_s = 0, m = 0;    P = diag(σ_0²), but b, r_s, v, k, l, γ with min(max(P_kk, ρ_k σ_0²), σ_0²)
+//! catch:    the same with ψ_s = ψ_R + σl_s i_s, m = |ψ_R|
 //! settle:   ψ_s = ψ_0 ∠0, m = ψ_0 - σl_s i_α;    δψ_sα = δm = -m/(1 + S c) δγ
 //! ```
 //!
@@ -123,6 +124,14 @@ impl<R: Real> Filter<R> {
         self.i_s = *i_s - self.b();
     }
 
+    /// Begins like [`Filter::start`], at the rotor flux of a machine without current.
+    pub fn catch(&mut self, c: &FilterConfig<R>, psi_r: AlphaBeta<R>, i_s: &AlphaBeta<R>) {
+        self.begin(c);
+        self.i_s = *i_s;
+        self.psi_s.set(psi_r + *i_s * self.sigma_l_s(c));
+        self.m = Integrator::new(psi_r.norm_sq().sqrt());
+    }
+
     /// Begins with the values of `initial` and the variances after a stop.
     fn begin(&mut self, c: &FilterConfig<R>) {
         self.keep_variances(c);
@@ -172,7 +181,7 @@ impl<R: Real> Filter<R> {
     pub fn join(&mut self, c: &FilterConfig<R>, i_s: &AlphaBeta<R>, psi_s: AlphaBeta<R>, deviation: R) {
         self.start(c, i_s);
         self.psi_s.set(psi_s);
-        self.m = Integrator::new((psi_s - self.i_s * c.model.sigma_l_s).norm_sq().sqrt());
+        self.m = Integrator::new((psi_s - self.i_s * self.sigma_l_s(c)).norm_sq().sqrt());
         let scaled = deviation * R::from_f64(1.0 / SCALE_PSI);
         for k in [PSI, PSI + 1, M] {
             self.p.add_at(k, k, scaled * scaled);

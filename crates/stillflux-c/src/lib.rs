@@ -1,0 +1,621 @@
+//! The drive in C: what `stillflux.h` declares. Nothing of its own: every function hands over to the core.
+//!
+//! The comments of this file are those of the header.
+#![no_std]
+#![allow(non_camel_case_types, non_snake_case)]
+
+use core::ffi::c_char;
+use core::fmt::{self, Write};
+use core::mem::MaybeUninit;
+use core::panic::PanicInfo;
+use core::{ptr, slice};
+
+use drive::config::{DriveParams, Scheme};
+use drive::counts::{Converters, Counts, CountsDrive, Layout, Resolution};
+use drive::drive::{Fault, Status};
+use drive::page::{Page, Ready, WORDS};
+use drive::params::{Inverter, Machine, ParamError, Saturation};
+use drive::si::MemorySi;
+use drive::telemetry::{SetPoint, Telemetry};
+
+#[cfg(not(feature = "q"))]
+type Arithmetic = f32;
+#[cfg(feature = "q")]
+type Arithmetic = drive::scalar::Q;
+
+/// The call has done what its name says.
+pub const STILLFLUX_OK: u32 = 0;
+/// The parameter page is torn, of another arithmetic, of another choice of schemes, or of another version.
+pub const STILLFLUX_ERROR_PAGE: u32 = 1;
+/// The state has another size than the library's: the header belongs to another build.
+pub const STILLFLUX_ERROR_SIZE: u32 = 2;
+/// A parameter is outside its admissible range; `stillflux_error` says which.
+pub const STILLFLUX_ERROR_PARAMETER: u32 = 3;
+/// The state holds no drive: `stillflux_open` has not been called, or has failed.
+pub const STILLFLUX_ERROR_CLOSED: u32 = 4;
+
+/// Words of a parameter page.
+pub const STILLFLUX_PAGE_WORDS: usize = 256;
+const _: () = assert!(STILLFLUX_PAGE_WORDS == WORDS);
+
+/// Gates off, waiting for a set point.
+pub const STILLFLUX_STOPPED: u32 = 0;
+/// Reading the zero of the current sensors, gates off.
+pub const STILLFLUX_READING_OFFSET: u32 = 1;
+/// Building up the flux.
+pub const STILLFLUX_MAGNETISING: u32 = 2;
+/// Under control.
+pub const STILLFLUX_RUNNING: u32 = 3;
+/// Gates off after a fault, until `stillflux_reset`.
+pub const STILLFLUX_FAULTED: u32 = 4;
+
+/// Set point: gates off.
+pub const STILLFLUX_STOP: u32 = 0;
+/// Set point: speed control, `value` is the mechanical speed in rad/s.
+pub const STILLFLUX_SPEED: u32 = 1;
+/// Set point: torque control, `value` is the torque in N m.
+pub const STILLFLUX_TORQUE: u32 = 2;
+
+/// Data register right-aligned (ALIGN = 0), no offset; oversampled results and those of an offset with SATEN too.
+pub const STILLFLUX_RIGHT: u32 = 0;
+/// Data register left-aligned (ALIGN = 1), no offset.
+pub const STILLFLUX_LEFT: u32 = 1;
+/// Data register right-aligned, offset by hardware (OFFSETy_EN = 1, SATEN = 0): signed.
+pub const STILLFLUX_RIGHT_OFFSET: u32 = 2;
+/// Data register left-aligned, offset by hardware (OFFSETy_EN = 1, SATEN = 0, OFFSETPOS = 0): signed, one bit lower.
+pub const STILLFLUX_LEFT_OFFSET: u32 = 3;
+
+/// The published scheme.
+pub const STILLFLUX_PAPER: u32 = 0;
+/// The enhanced scheme.
+pub const STILLFLUX_ENHANCED: u32 = 1;
+
+/// A drive: state of known size, without pointers; it may be copied and moved. All zero is no drive, which blocks the
+/// bridge.
+#[repr(C)]
+pub struct stillflux_drive {
+    open: u32,
+    drive: MaybeUninit<CountsDrive<Arithmetic>>,
+}
+
+/// `open` of a state that holds a drive.
+const OPEN: u32 = 0x6E65_706F;
+
+impl stillflux_drive {
+    #[inline(always)]
+    fn get(&self) -> Option<&CountsDrive<Arithmetic>> {
+        // SAFETY: `open` is set after the drive was written, by `stillflux_open` alone.
+        (self.open == OPEN).then(|| unsafe { self.drive.assume_init_ref() })
+    }
+    #[inline(always)]
+    fn get_mut(&mut self) -> Option<&mut CountsDrive<Arithmetic>> {
+        // SAFETY: as in `get`.
+        (self.open == OPEN).then(|| unsafe { self.drive.assume_init_mut() })
+    }
+}
+
+/// One set of readings as fractions of full scale, n / 2^15.
+#[repr(C)]
+pub struct stillflux_counts {
+    /// Phase currents, positive into the machine; INT16_MIN and INT16_MAX: the channel is saturated.
+    pub i_abc: [i16; 3],
+    /// dc-link voltage, 0 to INT16_MAX; INT16_MAX: the channel is saturated.
+    pub u_dc: i16,
+}
+
+/// Converters of a drive.
+#[repr(C)]
+pub struct stillflux_converters {
+    /// Layout of the data registers of the current channels: STILLFLUX_RIGHT to STILLFLUX_LEFT_OFFSET.
+    pub current: u32,
+    /// Bits of their results: 6, 8, 10, 12, and if oversampled 14 or 16; any other number reads as 12.
+    pub current_bits: u32,
+    /// Code of each current channel at zero current, nominally half of the range; with an offset by hardware, the
+    /// content of its OFFSETy.
+    pub zero: [u16; 3],
+    /// Layout of the data register of the dc-link channel: STILLFLUX_RIGHT or STILLFLUX_LEFT.
+    pub u_dc: u32,
+    /// Bits of its results.
+    pub u_dc_bits: u32,
+}
+
+/// What a drive is to do.
+#[repr(C)]
+pub struct stillflux_set_point {
+    /// STILLFLUX_STOP, STILLFLUX_SPEED or STILLFLUX_TORQUE; any other number is a stop.
+    pub kind: u32,
+    /// Mechanical speed in rad/s, or torque in N m.
+    pub value: f32,
+}
+
+/// What the timer's preload registers take.
+#[repr(C)]
+pub struct stillflux_command {
+    /// Compare values of the three legs, counts: 0 to `stillflux_timer_full`.
+    pub compare: [u32; 3],
+    /// 0: block the bridge at once. 1: gates on.
+    pub gates_on: u32,
+}
+
+/// State and estimates, SI.
+#[repr(C)]
+pub struct stillflux_telemetry {
+    /// STILLFLUX_STOPPED to STILLFLUX_FAULTED.
+    pub status: u32,
+    /// Code of the fault (STILLFLUX_FAULT_...), 0 without one.
+    pub fault: u32,
+    /// Control periods since power-up (wraps).
+    pub period: u32,
+    /// Mechanical speed, rad/s.
+    pub omega_m: f32,
+    /// Stator frequency, electrical rad/s.
+    pub omega_s: f32,
+    /// Torque, N m.
+    pub torque: f32,
+    /// Stator flux linkage, magnitude, V s.
+    pub psi_s: f32,
+    /// Magnetising current, A peak.
+    pub i_d: f32,
+    /// Torque-producing current, A peak.
+    pub i_q: f32,
+    /// Stator resistance with that of the bridge, ohm.
+    pub R_s: f32,
+    /// Expected standard deviation of the field angle, rad; pi while the drive does not run.
+    pub angle_deviation: f32,
+    /// Confidence, 0 to 1.
+    pub confidence: f32,
+}
+const _: () = assert!(size_of::<stillflux_telemetry>() == size_of::<Telemetry>());
+
+/// Induction machine: inverse-Gamma parameters and rating, SI.
+#[repr(C)]
+pub struct stillflux_machine {
+    /// Stator resistance, ohm.
+    pub R_s: f64,
+    /// Rotor resistance of the inverse-Gamma circuit, ohm.
+    pub R_R: f64,
+    /// Leakage inductance, H.
+    pub L_sigma: f64,
+    /// Magnetising inductance of the inverse-Gamma circuit, H.
+    pub L_M: f64,
+    /// Pole pairs.
+    pub n_p: u32,
+    /// Moment of inertia of the whole shaft, kg m^2.
+    pub J: f64,
+    /// Rated line-to-line voltage, V rms.
+    pub U_N: f64,
+    /// Rated phase current, A rms.
+    pub I_N: f64,
+    /// Rated frequency, Hz.
+    pub f_N: f64,
+    /// Rated torque, N m.
+    pub T_N: f64,
+    /// Saturation of the Gamma-form stator inductance, L_s(psi) = L_u / (1 + (a psi)^S): L_u in H; 0: not known.
+    pub L_u: f64,
+    /// a, 1/(V s).
+    pub a: f64,
+    /// S.
+    pub S: f64,
+}
+
+/// Two-level inverter, SI.
+#[repr(C)]
+pub struct stillflux_inverter {
+    /// Rated dc-link voltage, V.
+    pub u_dc: f64,
+    /// Switching frequency = control frequency, Hz.
+    pub f_s: f64,
+    /// Threshold voltage of switches and diodes, V.
+    pub u_th: f64,
+    /// Differential resistance of switches and diodes, ohm.
+    pub r_d: f64,
+    /// Dead time, s.
+    pub dead_time: f64,
+    /// Clock of the PWM timer, Hz; with f_s it gives the counts of a full duty, f_clk / (2 f_s).
+    pub f_clk: f64,
+    /// Capacitance of one leg's node, F.
+    pub c_out: f64,
+    /// Current that a current channel reads as full scale, A.
+    pub i_full: f64,
+    /// Voltage that the dc-link channel reads as full scale, V.
+    pub u_full: f64,
+}
+
+/// Settings of a drive, SI. `stillflux_defaults` fills them in.
+#[repr(C)]
+pub struct stillflux_settings {
+    /// STILLFLUX_PAPER or STILLFLUX_ENHANCED.
+    pub scheme: u32,
+    /// Flux reference, relative to the rated flux.
+    pub psi_ref: f64,
+    /// Largest current reference, A peak.
+    pub i_max: f64,
+    /// Largest torque reference, N m.
+    pub torque_max: f64,
+    /// Largest mechanical speed reference, rad/s.
+    pub omega_max: f64,
+    /// Over-current trip level, A peak of the space vector.
+    pub i_trip: f64,
+    /// Current at which a channel is taken for saturated, A.
+    pub i_range: f64,
+    /// Smallest dc-link voltage, V.
+    pub u_dc_min: f64,
+    /// Largest dc-link voltage, V.
+    pub u_dc_max: f64,
+    /// Bandwidth of current control, Hz.
+    pub current_bandwidth: f64,
+    /// Bandwidth of flux control, Hz.
+    pub flux_bandwidth: f64,
+    /// Bandwidth of speed control, Hz.
+    pub speed_bandwidth: f64,
+    /// Natural frequency of the speed estimator, Hz.
+    pub pll_bandwidth: f64,
+    /// Duration of the reading of the sensors' zero, s.
+    pub offset_time: f64,
+    /// Duration of the magnetisation, s.
+    pub magnetise_time: f64,
+}
+
+/// What a drive remembers over a stop, SI.
+#[repr(C)]
+pub struct stillflux_memory {
+    /// Offset voltage, V: real and imaginary part.
+    pub u_off: [f64; 2],
+    /// Stator resistance with that of the bridge, ohm.
+    pub R_s: f64,
+    /// Zero of the current channels, A.
+    pub i_off: [f64; 3],
+    /// Error of the inverter model, relative.
+    pub loss_error: f64,
+    /// Knee of the inverter model, relative to that of the parameters.
+    pub knee: f64,
+    /// Leakage inductance, H.
+    pub L_sigma: f64,
+    /// Magnetising inductance, H.
+    pub L_M: f64,
+}
+
+/// A parameter outside its admissible range.
+#[repr(C)]
+pub struct stillflux_error {
+    /// Name of the field, terminated by a zero.
+    pub field: [c_char; 32],
+    /// The value given, in the unit of the field.
+    pub value: f64,
+    /// Smallest admissible value.
+    pub min: f64,
+    /// Largest admissible value.
+    pub max: f64,
+}
+
+/// Reads a parameter page and puts a stopped drive into `drive`.
+///
+/// `bytes` is `sizeof *drive`. Returns STILLFLUX_OK, STILLFLUX_ERROR_PAGE or STILLFLUX_ERROR_SIZE; unless it is
+/// STILLFLUX_OK the state holds no drive, and blocks the bridge. Takes no floating-point division and no memory but
+/// `drive`. Not to be called while the control interrupt may run with the same state.
+///
+/// # Safety
+/// `drive` is aligned to 8 bytes and `page` has STILLFLUX_PAGE_WORDS words; both are not null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn stillflux_open(drive: *mut stillflux_drive, bytes: usize, page: *const u32) -> u32 {
+    if bytes != size_of::<stillflux_drive>() {
+        return STILLFLUX_ERROR_SIZE;
+    }
+    // SAFETY: the caller's promise; no reference to memory that holds no drive yet.
+    unsafe {
+        (&raw mut (*drive).open).write(0);
+        let words = ptr::read(page.cast::<[u32; WORDS]>());
+        let Some(ready) = Page::new(words).open::<Arithmetic>() else { return STILLFLUX_ERROR_PAGE };
+        (&raw mut (*drive).drive).cast::<CountsDrive<Arithmetic>>().write(CountsDrive::new(&ready));
+        (&raw mut (*drive).open).write(OPEN);
+    }
+    STILLFLUX_OK
+}
+
+/// One control period: the content of the control interrupt.
+///
+/// `counts` are the readings at the start of the period, `set_point` what the drive is to do, SI; `command` takes the
+/// compare values of the next period and whether the gates are on. A state without a drive blocks the bridge. Never
+/// fails, allocates, waits or divides by software.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_period(
+    drive: &mut stillflux_drive,
+    counts: &stillflux_counts,
+    set_point: &stillflux_set_point,
+    command: &mut stillflux_command,
+) {
+    let Some(drive) = drive.get_mut() else {
+        (command.compare, command.gates_on) = ([0; 3], 0);
+        return;
+    };
+    let counts = Counts { i_abc: counts.i_abc, u_dc: counts.u_dc };
+    let set_point = match set_point.kind {
+        STILLFLUX_SPEED => SetPoint::Speed(set_point.value),
+        STILLFLUX_TORQUE => SetPoint::Torque(set_point.value),
+        _ => SetPoint::Stop,
+    };
+    let out = drive.period(&counts, &set_point);
+    command.compare = out.compare;
+    command.gates_on = u32::from(out.gates_on);
+}
+
+/// Readings from the content of the converters' data registers (STM32: JDRy). A channel at an end of its range reads
+/// full scale, which is a fault of the drive.
+///
+/// `i_abc` are the three current registers, `u_dc` that of the dc link.
+///
+/// # Safety
+/// `i_abc` has three elements; no pointer is null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn stillflux_counts_from_raw(
+    i_abc: *const u16,
+    u_dc: u16,
+    converters: &stillflux_converters,
+    counts: &mut stillflux_counts,
+) {
+    let c = converters;
+    let layouts =
+        Converters { current: layout(c.current, c.current_bits), zero: c.zero, u_dc: layout(c.u_dc, c.u_dc_bits) };
+    // SAFETY: the caller's promise.
+    let i_abc = unsafe { ptr::read(i_abc.cast::<[u16; 3]>()) };
+    let read = Counts::from_raw(i_abc, u_dc, &layouts);
+    (counts.i_abc, counts.u_dc) = (read.i_abc, read.u_dc);
+}
+
+fn layout(layout: u32, bits: u32) -> Layout {
+    let bits = match bits {
+        6 => Resolution::Six,
+        8 => Resolution::Eight,
+        10 => Resolution::Ten,
+        14 => Resolution::Fourteen,
+        16 => Resolution::Sixteen,
+        _ => Resolution::Twelve,
+    };
+    match layout {
+        STILLFLUX_LEFT => Layout::Left(bits),
+        STILLFLUX_RIGHT_OFFSET => Layout::RightOffset(bits),
+        STILLFLUX_LEFT_OFFSET => Layout::LeftOffset(bits),
+        _ => Layout::Right(bits),
+    }
+}
+
+/// State of the sequence: STILLFLUX_STOPPED to STILLFLUX_FAULTED.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_status(drive: &stillflux_drive) -> u32 {
+    drive.get().map_or(STILLFLUX_STOPPED, |d| d.status().code())
+}
+
+/// Code of the fault (STILLFLUX_FAULT_...), 0 without one.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_fault(drive: &stillflux_drive) -> u32 {
+    match drive.get().map(CountsDrive::status) {
+        Some(Status::Faulted { cause, .. }) => cause.code(),
+        _ => 0,
+    }
+}
+
+/// Text of a fault's code in English, as much of it as `text` takes, terminated by a zero; "none" for a code without a
+/// fault. `size` is that of `text` in bytes.
+///
+/// # Safety
+/// `text` has `size` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn stillflux_fault_text(code: u32, text: *mut c_char, size: usize) {
+    // SAFETY: the caller's promise.
+    let text = unsafe { slice::from_raw_parts_mut(text.cast::<u8>(), size) };
+    let mut to = Text(text.iter_mut());
+    // What does not fit is left out.
+    let _ = match Fault::ALL.iter().find(|f| f.code() == code) {
+        Some(fault) => write!(to, "{fault}"),
+        None => to.write_str("none"),
+    };
+    if let Some(end) = to.0.next() {
+        *end = 0;
+    }
+}
+
+/// Text that leaves room for the zero at its end.
+struct Text<'a>(slice::IterMut<'a, u8>);
+
+impl Write for Text<'_> {
+    fn write_str(&mut self, s: &str) -> fmt::Result {
+        for letter in s.bytes() {
+            if self.0.len() > 1
+                && let Some(to) = self.0.next()
+            {
+                *to = letter;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Leaves a fault; the drive is stopped then, and starts with the next set point that is no stop.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_reset(drive: &mut stillflux_drive) {
+    if let Some(drive) = drive.get_mut() {
+        drive.reset();
+    }
+}
+
+/// Counts of a full duty, from carrier valley to peak: the reload value of a centre-aligned timer. 0 without a drive.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_timer_full(drive: &stillflux_drive) -> u32 {
+    drive.get().and_then(CountsDrive::timer).map_or(0, drive::scalar::Timer::full)
+}
+
+/// State and estimates of the latest period in SI, in single precision. All zero without a drive.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_telemetry_read(drive: &stillflux_drive, telemetry: &mut stillflux_telemetry) {
+    let Telemetry {
+        status,
+        fault,
+        period,
+        omega_m,
+        omega_s,
+        torque,
+        psi_s,
+        i_d,
+        i_q,
+        R_s,
+        angle_deviation,
+        confidence,
+    } = drive.get().map_or(Telemetry::default(), CountsDrive::telemetry);
+    *telemetry = stillflux_telemetry {
+        status,
+        fault,
+        period,
+        omega_m,
+        omega_s,
+        torque,
+        psi_s,
+        i_d,
+        i_q,
+        R_s,
+        angle_deviation,
+        confidence,
+    };
+}
+
+/// Writes a parameter page with what the drive has learned, to be kept over a loss of supply: `page` is the one it was
+/// opened with, `to` takes the same parameters with the offsets, the resistance and the inverter error of now.
+///
+/// Returns STILLFLUX_OK, STILLFLUX_ERROR_PAGE or STILLFLUX_ERROR_CLOSED. To be called after a stop.
+///
+/// # Safety
+/// `page` and `to` have STILLFLUX_PAGE_WORDS words and may be the same; none is null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn stillflux_store(drive: &stillflux_drive, page: *const u32, to: *mut u32) -> u32 {
+    let Some(drive) = drive.get().and_then(CountsDrive::drive) else { return STILLFLUX_ERROR_CLOSED };
+    // SAFETY: the caller's promise.
+    let words = unsafe { ptr::read(page.cast::<[u32; WORDS]>()) };
+    let Some(ready) = Page::new(words).open::<Arithmetic>() else { return STILLFLUX_ERROR_PAGE };
+    let stored = Page::seal(&Ready { memory: drive.memory(), ..ready });
+    // SAFETY: the caller's promise.
+    unsafe { ptr::write(to.cast::<[u32; WORDS]>(), *stored.words()) };
+    STILLFLUX_OK
+}
+
+/// Default settings for a machine on an inverter. Computes in double precision: for a host, or for commissioning.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_defaults(
+    machine: &stillflux_machine,
+    inverter: &stillflux_inverter,
+    settings: &mut stillflux_settings,
+) {
+    let d = DriveParams::new(&machine_of(machine), &inverter_of(inverter));
+    *settings = stillflux_settings {
+        scheme: if d.scheme == Scheme::Paper { STILLFLUX_PAPER } else { STILLFLUX_ENHANCED },
+        psi_ref: d.psi_ref,
+        i_max: d.i_max,
+        torque_max: d.torque_max,
+        omega_max: d.omega_max,
+        i_trip: d.i_trip,
+        i_range: d.i_range,
+        u_dc_min: d.u_dc_min,
+        u_dc_max: d.u_dc_max,
+        current_bandwidth: d.current_bandwidth,
+        flux_bandwidth: d.flux_bandwidth,
+        speed_bandwidth: d.speed_bandwidth,
+        pll_bandwidth: d.pll_bandwidth,
+        offset_time: d.offset_time,
+        magnetise_time: d.magnetise_time,
+    };
+}
+
+/// What a drive that has not run yet remembers: the parameters.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_memory_of(
+    machine: &stillflux_machine,
+    inverter: &stillflux_inverter,
+    memory: &mut stillflux_memory,
+) {
+    let m = MemorySi::of(&machine_of(machine), &inverter_of(inverter));
+    *memory = stillflux_memory {
+        u_off: m.u_off,
+        R_s: m.R_s,
+        i_off: m.i_off,
+        loss_error: m.loss_error,
+        knee: m.knee,
+        L_sigma: m.L_sigma,
+        L_M: m.L_M,
+    };
+}
+
+/// Writes the parameter page of a drive: validated, with every division done. Computes in double precision: for a host,
+/// or for commissioning.
+///
+/// Returns STILLFLUX_OK, or STILLFLUX_ERROR_PARAMETER and in `error` the parameter, the value given and its admissible
+/// range; `page` is untouched then.
+///
+/// # Safety
+/// `page` has STILLFLUX_PAGE_WORDS words; no pointer is null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn stillflux_page(
+    machine: &stillflux_machine,
+    inverter: &stillflux_inverter,
+    settings: &stillflux_settings,
+    memory: &stillflux_memory,
+    page: *mut u32,
+    error: &mut stillflux_error,
+) -> u32 {
+    let (m, i, s) = (machine_of(machine), inverter_of(inverter), settings);
+    let params = DriveParams {
+        scheme: if s.scheme == STILLFLUX_PAPER { Scheme::Paper } else { Scheme::Enhanced },
+        psi_ref: s.psi_ref,
+        i_max: s.i_max,
+        torque_max: s.torque_max,
+        omega_max: s.omega_max,
+        i_trip: s.i_trip,
+        i_range: s.i_range,
+        u_dc_min: s.u_dc_min,
+        u_dc_max: s.u_dc_max,
+        current_bandwidth: s.current_bandwidth,
+        flux_bandwidth: s.flux_bandwidth,
+        speed_bandwidth: s.speed_bandwidth,
+        pll_bandwidth: s.pll_bandwidth,
+        offset_time: s.offset_time,
+        magnetise_time: s.magnetise_time,
+        ..DriveParams::new(&m, &i)
+    };
+    let &stillflux_memory { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M } = memory;
+    let memory = MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M };
+    match Ready::<Arithmetic>::new(&m, &i, &params, (inverter.i_full, inverter.u_full), &memory) {
+        Ok(ready) => {
+            // SAFETY: the caller's promise.
+            unsafe { slice::from_raw_parts_mut(page, WORDS) }.copy_from_slice(Page::seal(&ready).words());
+            STILLFLUX_OK
+        }
+        Err(e) => {
+            *error = error_of(&e);
+            STILLFLUX_ERROR_PARAMETER
+        }
+    }
+}
+
+fn error_of(e: &ParamError) -> stillflux_error {
+    let mut field = [0; 32];
+    for (to, letter) in field.iter_mut().take(31).zip(e.field.bytes()) {
+        *to = letter as c_char;
+    }
+    stillflux_error { field, value: e.value, min: e.min, max: e.max }
+}
+
+fn machine_of(m: &stillflux_machine) -> Machine {
+    let &stillflux_machine { R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, L_u, a, S } = m;
+    let saturation = (L_u != 0.0).then_some(Saturation { L_u, a, S });
+    Machine { R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, saturation }
+}
+
+fn inverter_of(i: &stillflux_inverter) -> Inverter {
+    let &stillflux_inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, .. } = i;
+    Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out }
+}
+
+/// Unreachable from every function of the header.
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    loop {
+        core::hint::spin_loop();
+    }
+}

@@ -1,0 +1,108 @@
+//! DC link with a capacitor, fed by a diode rectifier, with a brake chopper. SI.
+//!
+//! ```text
+//! C u du/dt = u i_supply - p_bridge - δ u²/R_chopper,    i_supply = max(0, (E - u)/R_supply)
+//! ```
+//!
+//! `E` is the rectifier's no-load voltage and `R_supply` stands for the grid: the mean drop by commutation, `3 ω L/π`, and
+//! resistance. The link is constant within a PWM period and takes the period's energies at its end, each part exactly:
+//! bridge, chopper, supply. So the books balance to rounding,
+//!
+//! ```text
+//! C/2 (u² - u_0²) = W_supply - W_bridge - W_chopper
+//! ```
+//!
+//! Validity: `C u` changes by little in a period; ripple of the rectifier is not modelled.
+#![allow(non_snake_case)]
+
+use stillflux::params::{ParamError, check};
+
+/// What a link consists of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DcLink {
+    /// Capacitance, F.
+    pub C: f64,
+    /// Resistance that stands for the supply, Ω.
+    pub R_supply: f64,
+    /// Resistor of the brake chopper, Ω; infinite: there is none.
+    pub R_chopper: f64,
+}
+
+impl DcLink {
+    /// Checks every field against its admissible range.
+    pub(crate) fn validate(&self) -> Result<(), ParamError> {
+        check("dc_link C", self.C, 1e-6, 10.0, "F")?;
+        check("dc_link R_supply", self.R_supply, 1e-4, 1e3, "ohm")?;
+        check("dc_link R_chopper", self.R_chopper, 1e-3, f64::INFINITY, "ohm")
+    }
+}
+
+/// Energies of the link since the plant was made, J.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LinkEnergy {
+    /// From the supply into the capacitor.
+    pub supply: f64,
+    /// Into the bridge.
+    pub bridge: f64,
+    /// Into the chopper's resistor.
+    pub chopper: f64,
+}
+
+/// State of a link.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Link {
+    pub params: DcLink,
+    /// `E`, V.
+    pub supply: f64,
+    /// Duty of the chopper.
+    pub chopper: f64,
+    pub energy: LinkEnergy,
+}
+
+impl Link {
+    pub fn new(params: DcLink, supply: f64) -> Self {
+        Self { params, supply, chopper: 0.0, energy: LinkEnergy::default() }
+    }
+
+    /// A period of length `dt` that began at `u` and in which the bridge took the energy `bridge`; returns its voltage
+    /// at the end.
+    pub fn advance(&mut self, u: f64, bridge: f64, dt: f64) -> f64 {
+        let DcLink { C, R_supply, R_chopper } = self.params;
+        let fed = (u * u - 2.0 * bridge / C).max(0.0).sqrt();
+        let chopped = fed * (-self.chopper * dt / (R_chopper * C)).exp();
+        let charged = if self.supply > chopped {
+            self.supply + (chopped - self.supply) * (-dt / (R_supply * C)).exp()
+        } else {
+            chopped
+        };
+        let e = &mut self.energy;
+        e.bridge += 0.5 * C * (u * u - fed * fed);
+        e.chopper += 0.5 * C * (fed * fed - chopped * chopped);
+        e.supply += 0.5 * C * (charged * charged - chopped * chopped);
+        charged
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_part_follows_its_equation() {
+        let p = DcLink { C: 1e-3, R_supply: 0.5, R_chopper: 50.0 };
+        // The bridge takes 1 kW for 10 ms without a supply.
+        let mut link = Link::new(p, 0.0);
+        let u = (0..100).fold(540.0, |u, _| link.advance(u, 0.1, 1e-4));
+        assert!((0.5 * p.C * (540.0 * 540.0 - u * u) - 10.0).abs() < 1e-9);
+        // The chopper alone discharges with 50 ms.
+        let mut link = Link { chopper: 1.0, ..Link::new(p, 0.0) };
+        let u = (0..500).fold(540.0, |u, _| link.advance(u, 0.0, 1e-4));
+        assert!((u / 540.0 - (-1.0f64).exp()).abs() < 1e-9);
+        // A load of 2 kW on the supply: u (E - u)/R = P.
+        let mut link = Link::new(p, 540.0);
+        let u = (0..10_000).fold(540.0, |u, _| link.advance(u, 0.02, 1e-5));
+        assert!((u * (540.0 - u) / p.R_supply - 2000.0).abs() < 25.0, "{u}");
+        let e = link.energy;
+        assert!((0.5 * p.C * (u * u - 540.0 * 540.0) - (e.supply - e.bridge - e.chopper)).abs() < 1e-9);
+    }
+}

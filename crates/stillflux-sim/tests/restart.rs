@@ -1,0 +1,134 @@
+//! Stops and restarts of a drive whose machine keeps its flux and its speed.
+
+use stillflux::base::Base;
+use stillflux::config::DriveParams;
+use stillflux::drive::Status;
+use stillflux::params::{Inverter, Machine};
+use stillflux::si::{Arithmetic, MeasurementSi, ReferenceSi, SiDrive};
+use stillflux_sim::{Plant, PlantParams};
+
+struct Rig {
+    drive: SiDrive,
+    plant: Plant,
+    sample: MeasurementSi,
+    base: Base,
+    f_s: f64,
+    /// Largest current since the last restart, A, and largest angle error while running, °.
+    i_max: f64,
+    angle: f64,
+}
+
+impl Rig {
+    fn new(machine: Machine, inverter: Inverter, change: impl FnOnce(&mut DriveParams)) -> Self {
+        let mut params = DriveParams::new(&machine, &inverter);
+        change(&mut params);
+        let mut p = PlantParams::new(machine, inverter);
+        p.adc.noise = 0.004 * machine.I_N;
+        p.adc.offset = [0.005 * machine.I_N, -0.004 * machine.I_N, 0.0];
+        let mut plant = Plant::new(p).unwrap();
+        let sample = plant.sample();
+        let drive = SiDrive::new(&machine, &inverter, &params, Arithmetic::F32).unwrap();
+        Self { drive, plant, sample, base: Base::new(&machine), f_s: inverter.f_s, i_max: 0.0, angle: 0.0 }
+    }
+
+    /// Runs for some seconds; `until` ends it earlier. Returns the seconds.
+    fn run(&mut self, seconds: f64, reference: ReferenceSi, load: f64, until: impl Fn(&SiDrive) -> bool) -> f64 {
+        let periods = (seconds * self.f_s).round() as u32;
+        for k in 0..periods {
+            let (duty, gates_on) = self.drive.step(&self.sample, &reference);
+            if until(&self.drive) {
+                return f64::from(k) / self.f_s;
+            }
+            self.sample = self.plant.step(duty, gates_on, load);
+            let t = self.plant.truth();
+            self.i_max = self.i_max.max(t.i_s[0].hypot(t.i_s[1]));
+            if self.drive.status() == Status::Running {
+                let (a, b) = (t.psi_s, self.drive.estimate().psi_s);
+                let angle = (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1]).to_degrees();
+                self.angle = self.angle.max(angle.abs());
+            }
+        }
+        seconds
+    }
+
+    fn speed(&self, omega: f64) -> ReferenceSi {
+        ReferenceSi::Speed(omega * self.base.omega_m)
+    }
+}
+
+fn machines() -> [(Machine, Inverter); 2] {
+    [(Machine::preset_2k2(), Inverter::preset_2k2()), (Machine::preset_11k(), Inverter::preset_11k())]
+}
+
+/// What a restart showed.
+#[derive(Debug)]
+struct Restart {
+    /// Time until the drive runs, s; infinite: it does not.
+    time: f64,
+    /// Largest current over the trip level.
+    current: f64,
+    /// Largest angle error over the second after it, °.
+    angle: f64,
+    /// Speed error at its end, per unit.
+    error: f64,
+}
+
+/// Runs at a speed and 0.3 of rated torque, stops for a pause, and restarts.
+fn restart(m: (Machine, Inverter), omega: f64, pause: f64, change: impl FnOnce(&mut DriveParams)) -> Restart {
+    let mut rig = Rig::new(m.0, m.1, change);
+    let load = 0.3 * m.0.T_N;
+    let at = rig.speed(omega);
+    rig.run(2.0, rig.speed(0.0), 0.0, |drive| drive.status() == Status::Running);
+    rig.run(1.2, at, 0.0, |_| false);
+    rig.run(0.5, at, load, |_| false);
+    rig.run(pause, ReferenceSi::Stop, 0.0, |_| false);
+    (rig.i_max, rig.angle) = (0.0, 0.0);
+    let time = rig.run(3.0, at, 0.0, |drive| matches!(drive.status(), Status::Running | Status::Faulted { .. }));
+    rig.run(1.0, at, load, |_| false);
+    let running = rig.drive.status() == Status::Running;
+    Restart {
+        time: if running { time } else { f64::INFINITY },
+        current: rig.i_max / DriveParams::new(&m.0, &m.1).i_trip,
+        angle: rig.angle,
+        error: (rig.plant.truth().omega_m / rig.base.omega_m - omega).abs(),
+    }
+}
+
+#[test]
+fn a_restart_catches_the_flux_that_is_left_at_any_speed_and_after_any_pause() {
+    for m in machines() {
+        for omega in [0.0, 0.03, 0.24, -0.5, 1.0] {
+            for pause in [0.001, 0.02, 0.3] {
+                let r = restart(m, omega, pause, |_| {});
+                println!("{} N m, {omega}, {pause} s: {r:?}", m.0.T_N);
+                assert!(r.time < 0.1 && r.current < 0.9, "{omega} after {pause} s: {r:?}");
+                assert!(r.angle < 15.0 && r.error < 0.01, "{omega} after {pause} s: {r:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn without_fresh_data_a_restart_reads_offsets_and_magnetises_anew() {
+    let r = restart(machines()[0], 0.0, 0.02, |p| p.fresh_time = 0.0);
+    assert!(r.time > 1.0, "{r:?}");
+}
+
+/// A drive that knows nothing, on a machine that turns with a flux of its own.
+#[test]
+fn a_drive_at_power_up_catches_a_flux_that_it_did_not_build_up() {
+    for m in machines() {
+        for (omega, psi, angle) in [(0.4, 0.8, 0.3_f64), (-0.7, 0.5, 2.0), (1.0, 0.6, -1.0)] {
+            let mut rig = Rig::new(m.0, m.1, |_| {});
+            let psi_r = [angle.cos(), angle.sin()].map(|x| x * psi * rig.base.psi);
+            rig.plant.set_state(psi_r, psi_r, omega * rig.base.omega_m);
+            let at = rig.speed(omega);
+            let t = rig.run(3.0, at, 0.0, |drive| matches!(drive.status(), Status::Running | Status::Faulted { .. }));
+            rig.run(0.5, at, 0.0, |_| false);
+            assert_eq!(rig.drive.status(), Status::Running, "{omega}: {:?}", rig.drive.fault());
+            let error = rig.plant.truth().omega_m / rig.base.omega_m - omega;
+            println!("{omega}: {:.0} ms, {:.1}°, {error:.3}", 1e3 * t, rig.angle);
+            assert!(t < 0.3 && rig.angle < 15.0 && error.abs() < 0.02, "{omega}: {t} s, {}°, {error}", rig.angle);
+        }
+    }
+}

@@ -1,0 +1,96 @@
+"""Section III-E: "the machine parameters l_s and σl_s as functions of the load are determined by
+self-commissioning."
+
+Fig. 13b at 70 % of rated flux, where the iron is no longer saturated: l_s of the 2.2-kW machine is a third
+larger than at rated flux, and (12) is the wrong circle with the rated one. The drive is told l_s(ψ*) as a
+commissioning finds it; the control is l_s as a constant. The 11-kW machine has no saturation: constant and
+function are the same there, and only the 2.2-kW machine is shown. σl_s(i) is a constant in the plant, whose
+leakage paths do not saturate: with what the paper says of it nothing can be measured here.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stillflux.evidence.claims import Claim, at_most
+from stillflux.evidence.draw import recording
+from stillflux.evidence.figure import Control, Experiment, Runs
+from stillflux.evidence.figures import fig13b
+from stillflux.evidence.paper import HOLD, identified, resistance_error, runs_to_the_end, turned_by_at_most
+from stillflux.parameters import Motor
+from stillflux.result import Result
+from stillflux.scenario import Scenario
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FLUX = 0.7
+"""Flux reference, per unit of rated flux."""
+_BEFORE = "r̂_s before the change, deviation"
+_TIME = "time until r̂_s is within 5 %"
+
+
+def at_flux(motor: Motor, psi: float) -> Motor:
+    """The motor with the l_s(ψ) of its saturation curve at a flux in per unit."""
+    if motor.saturation is None:
+        return motor
+    L_u, a, S = motor.saturation
+    return motor.replace(L_M=L_u / (1.0 + (a * psi * motor.base["psi"]) ** S) - motor.L_sigma)
+
+
+def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
+    """Fig. 13b at reduced flux, l_s(ψ*) told."""
+    built = fig13b.scenario(machine, arithmetic).with_settings(psi_ref=FLUX)
+    real = built.motor
+    return built.replace(name="l_s(ψ) at 70 % flux", motor=at_flux(real, FLUX), plant_motor=real)
+
+
+def _constant(runs: Runs) -> Runs:
+    return tuple(run.replace(motor=run.plant_motor) for run in runs)
+
+
+def claims(result: Result) -> list[Claim]:
+    """r̂_s right before the change and soon after it."""
+    if result.status != "running":
+        return [runs_to_the_end(result)]
+    before = 100 * float(
+        np.abs(resistance_error(result.window(fig13b.CHANGE - 1.0, fig13b.CHANGE - 1e-3))).max()
+    )
+    return [
+        runs_to_the_end(result),
+        at_most(_BEFORE, before, 3, "%").inner(),
+        at_most(_TIME, identified(result, fig13b.CHANGE, 0.05), 1.5, "s").inner(),
+        turned_by_at_most(15, "from the change on", result.window(fig13b.CHANGE)),
+    ]
+
+
+def draw(result: Result) -> Figure:
+    """Resistance, i_q, speed and angle from the load on."""
+    return recording(
+        result,
+        lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(5.0)],
+        HOLD - 0.5,
+        size=(7.5, 5.2),
+        events=[(HOLD, "30 % load"), (fig13b.CHANGE, "$r_s$ + 25 %")],
+    )
+
+
+EXPERIMENTS = (
+    Experiment(
+        "III-E-l_s",
+        "l_s as a function of the flux",
+        "The circle of (12) with l_s(ψ)",
+        scenario,
+        claims,
+        draw,
+        Control(
+            "l_s of rated flux as a constant",
+            _constant,
+            (_BEFORE, _TIME, "the drive runs to the end"),
+            event=HOLD,
+        ),
+        machines=("2.2kW",),
+    ),
+)

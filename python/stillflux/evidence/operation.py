@@ -1,0 +1,45 @@
+"""What a file in `operations` holds: something a drive is asked to do in the field, what must happen, and its
+negative control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from stillflux.evidence.claims import Claim
+from stillflux.evidence.drives import DRIVES
+from stillflux.result import Result
+from stillflux.scenario import Scenario
+
+__all__ = ["Control", "Operation"]
+
+
+@dataclass(frozen=True)
+class Control:
+    """The negative control: the same with the mechanism switched off."""
+
+    off: str
+    """What is switched off, in words."""
+    build: Callable[[Scenario], Scenario]
+    check: Callable[[Result], Sequence[Claim]]
+    """What the run must show: that it fails, for its reason and not before its event."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One thing that is asked of a drive."""
+
+    name: str
+    order: int
+    """Its place on the page; tens for topics."""
+    asked: str
+    """What is asked, in a sentence."""
+    build: Callable[[str, str, str], Scenario]
+    """Its scenario for a drive of `drives.DRIVES`, a scheme and an arithmetic."""
+    check: Callable[[Result], Sequence[Claim]]
+    """What must happen, on the plant's truth."""
+    control: Control
+    machines: Sequence[str] = tuple(DRIVES)
+    schemes: Sequence[str] = ("enhanced",)
+    shown: Sequence[str] = ("omega_m", "reference", "torque", "psi_s")
+    """Signals of its picture; of a complex one the magnitude."""

@@ -1,0 +1,107 @@
+"""Steps of the speed reference far into field weakening, and full reversals there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from stillflux.evidence.claims import Claim, at_least, at_most, holds, reported
+from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.limits import shortest_time
+from stillflux.evidence.machines import ADC_NOISE
+from stillflux.evidence.operation import Control, Operation
+from stillflux.metrics import faulted
+from stillflux.result import Result
+from stillflux.scenario import Scenario
+from stillflux.status import StatusCode
+
+_TOP = 2.0
+"""Speed, per unit."""
+_BAND = 0.02
+"""Relative to the step's end: it is reached here."""
+_SIGNALS = ("omega_m", "reference", "torque", "psi_s", "i_s", "u_s", "angle_error", "status")
+
+
+def _start(machine: str) -> float:
+    """When the drive runs: offset reading and magnetisation are over, s."""
+    return 0.3 + max(1.4, 4.0 * DRIVES[machine].motor.tau_r)
+
+
+def _scenario(machine: str, scheme: str, arithmetic: str, *, sign: float) -> Scenario:
+    """From rest to `sign` 2 pu, and from there to the opposite."""
+    drive = DRIVES[machine]
+    top, begin = sign * _TOP * drive.motor.base["omega_m"], _start(machine)
+    least = shortest_time(drive.motor, drive.inverter, _TOP)
+    turn = begin + 1.6 * least + 0.5
+    return Scenario(
+        name=f"rest, {sign * _TOP:g} pu, {-sign * _TOP:g} pu; {machine}, {scheme}, {arithmetic}",
+        motor=drive.motor,
+        inverter=drive.inverter,
+        scheme=scheme,
+        arithmetic=arithmetic,
+        plant={"adc_noise": ADC_NOISE * drive.motor.I_N},
+        omega_ref=[(0.0, 0.0), (begin, 0.0), (begin, top), (turn, top), (turn, -top)],
+        duration=turn + 3.2 * least + 1.0,
+        signals=_SIGNALS,
+    )
+
+
+def _times(result: Result) -> list[tuple[float, float]]:
+    """Of every step: the time until its end is reached within 2 %, s, and the shortest one."""
+    scenario = result.scenario
+    assert isinstance(scenario.omega_ref, Sequence)
+    points = scenario.omega_ref
+    events = [k for k in range(1, len(points)) if points[k][0] == points[k - 1][0]]
+    found = []
+    for n, k in enumerate(events):
+        begin, target = points[k]
+        end = points[k + 1][0] if k + 1 < len(points) else scenario.duration
+        part = result.window(begin, end)
+        there = np.flatnonzero(np.abs(part["omega_m"] - target) <= _BAND * abs(target))
+        reached = float(part.t[there[0]] - begin) if len(there) else float("inf")
+        # A reversal brakes and accelerates: twice the time at most, for there is more voltage when braking.
+        least = shortest_time(scenario.motor, scenario.inverter, _TOP) * (1.0 if n == 0 else 2.0)
+        found.append((reached, least))
+    return found
+
+
+def _check(result: Result) -> list[Claim]:
+    (step, least), (turn, twice) = _times(result)
+    angle = np.degrees(np.abs(result["angle_error"][result["status"] == StatusCode.RUNNING]))
+    return [
+        holds("no fault", not faulted(result).any()),
+        at_most("rest to 2 pu, against the shortest time", step / least, 1.3),
+        at_most("reversal, against twice the shortest time", turn / twice, 1.3),
+        reported("field angle error", float(angle.max()), "°"),
+    ]
+
+
+def _stays(result: Result) -> list[Claim]:
+    """Without field weakening the speed stays where the voltage is used up."""
+    begin = _start_of(result)
+    speed = np.abs(result.window(begin)["omega_m"]) / result.scenario.motor.base["omega_m"]
+    return [
+        at_most("largest speed, pu", float(speed.max()), 1.6),
+        at_least("largest speed, pu", float(speed.max()), 0.8),
+    ]
+
+
+def _start_of(result: Result) -> float:
+    assert isinstance(result.scenario.omega_ref, Sequence)
+    return result.scenario.omega_ref[1][0]
+
+
+OPERATIONS = tuple(
+    Operation(
+        f"speed-step{'' if sign > 0 else '-negative'}",
+        10 + (sign < 0),
+        f"A step of the reference to {'' if sign > 0 else '−'}2 pu without load, then to the opposite",
+        partial(_scenario, sign=sign),
+        _check,
+        Control("field weakening", lambda s: s.with_settings(field_weakening=False), _stays),
+        schemes=("enhanced", "paper") if sign > 0 else ("enhanced",),
+    )
+    for sign in (1.0, -1.0)
+)

@@ -1,0 +1,174 @@
+"""The drive in C: header and library build, and compute what the drive computes in Rust, bit by bit.
+
+On the host, and on a Cortex-M4F under QEMU, where the interrupt in C costs hardly more than in Rust.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+CRATE = ROOT / "crates" / "stillflux-c"
+EXAMPLES = CRATE / "examples"
+sys.path.insert(0, str(ROOT / "crates" / "stillflux-firmware"))
+toolchain: Any = importlib.import_module("tools.toolchain")
+pil: Any = importlib.import_module("tools.pil")
+image: Any = importlib.import_module("tools.image")
+
+WARNINGS = [
+    *("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wstrict-prototypes"),
+    *("-Wmissing-prototypes", "-Werror"),
+]
+#: Features of the library by arithmetic.
+FEATURES: dict[str, list[str]] = {"f32": [], "q": ["--features", "q"]}
+#: The functions of the header.
+FUNCTIONS = {
+    *(
+        "stillflux_open",
+        "stillflux_period",
+        "stillflux_counts_from_raw",
+        "stillflux_status",
+        "stillflux_fault",
+    ),
+    *("stillflux_fault_text", "stillflux_reset", "stillflux_timer_full", "stillflux_telemetry_read"),
+    *("stillflux_store", "stillflux_defaults", "stillflux_memory_of", "stillflux_page"),
+}
+
+
+@pytest.fixture(scope="module", params=["gcc", "clang"])
+def compiler(request: pytest.FixtureRequest) -> str:
+    if not shutil.which(request.param):
+        pytest.skip(f"{request.param} not found")
+    return str(request.param)
+
+
+@pytest.fixture(scope="module", params=list(FEATURES))
+def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """Arithmetic, and the folder of its library and header for the host."""
+    to = tmp_path_factory.mktemp(request.param)
+    features = " ".join(FEATURES[request.param])
+    subprocess.run(["make", "-s", "c", f"C_TO={to}", f"C_FEATURES={features}"], cwd=ROOT, check=True)
+    return request.param, to
+
+
+def compile_host(compiler: str, library: Path, to: Path, *sources: str) -> None:
+    command = [compiler, *WARNINGS, "-Wpedantic", "-O2", f"-I{library}"]
+    command += [*(str(EXAMPLES / s) for s in sources), str(library / "libstillflux.a"), "-o", str(to)]
+    subprocess.run(command, check=True)
+
+
+def test_the_loop_in_c_is_that_in_rust_bit_by_bit(compiler: str, library: tuple[str, Path]) -> None:
+    arithmetic, folder = library
+    program = folder / f"drive-{compiler}"
+    compile_host(compiler, folder, program, "drive.c", "board_host.c")
+    frames = pil.record(arithmetic)[0]
+    recorded = [write_page(compiler, folder), frames, frames.with_suffix(".telemetry")]
+    done = subprocess.run([str(program), *map(str, recorded)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "periods 142000\nwords different 0\n" in done.stdout
+    # The comparison notices one bit.
+    torn = folder / "torn.telemetry"
+    content = bytearray(recorded[2].read_bytes())
+    content[64 * 70_000 + 4 * 9] ^= 1
+    torn.write_bytes(content)
+    command = [str(program), *map(str, recorded[:2]), str(torn)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "words different 1\n" in done.stdout
+
+
+def write_page(compiler: str, folder: Path) -> Path:
+    """Runs the example that writes a parameter page; it checks beside that what is bad is refused."""
+    program, page = folder / f"page-{compiler}", folder / "drive.page"
+    compile_host(compiler, folder, program, "page.c")
+    done = subprocess.run([str(program), str(page)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return page
+
+
+def test_a_page_from_c_is_that_in_the_image_from_rust(compiler: str, library: tuple[str, Path]) -> None:
+    arithmetic, folder = library
+    page = write_page(compiler, folder).read_bytes()
+    assert len(page) == 1024
+    try:
+        chain = toolchain.find()
+    except toolchain.MissingError as missing:
+        pytest.skip(str(missing))
+    elf = toolchain.build(chain, "drive", *([] if arithmetic == "f32" else ["q"]))
+    assert page in elf.read_bytes()
+
+
+def test_the_header_declares_every_function_with_a_comment(library: tuple[str, Path]) -> None:
+    lines = (library[1] / "stillflux.h").read_text().splitlines()
+    found = set()
+    for k, line in enumerate(lines):
+        for name in FUNCTIONS:
+            if f" {name}(" in line and not line.startswith(("//", " *")):
+                found.add(name)
+                # The comment may stand above the line with the type.
+                assert any(above.startswith("//") for above in lines[max(0, k - 2) : k]), name
+    assert found == FUNCTIONS
+
+
+def test_the_target_computes_every_bit_in_c_at_the_cost_of_rust(
+    library: tuple[str, Path], in_rust: dict[str, float]
+) -> None:
+    arithmetic, folder = library
+    chain = toolchain.find()
+    for tool in ("gcc", "arm-none-eabi-gcc"):
+        if not shutil.which(tool):
+            pytest.skip(f"{tool} not found")
+    elf = _image(chain, folder, arithmetic)
+    page = toolchain.OUT / f"c-{arithmetic}.page"
+    shutil.copy(write_page("gcc", folder), page)
+    frames = pil.record(arithmetic)[0]
+    names = [page.name, frames.name, frames.with_suffix(".telemetry").name]
+    lines = toolchain.emulate(elf, *names, count=True).splitlines()
+    assert lines[:2] == ["periods 142000", "words different 0"]
+    in_c = int(lines[2].split()[-1]) / 100
+    print(f"{arithmetic}: {in_c} instructions a period in C, {in_rust[arithmetic]} in Rust")
+    assert in_c <= 1.02 * in_rust[arithmetic]
+    # What a call from C can reach cannot panic, allocate, or leave the FPU, as in Rust.
+    assert image.Image(elf).violations("stillflux_period") == {}
+
+
+def _image(chain: Any, folder: Path, arithmetic: str) -> Path:
+    """The example on the target, without a C library; the header is that of the host."""
+    chain.cargo("build", "--release", "--locked", *FEATURES[arithmetic], target=toolchain.TARGET, cwd=CRATE)
+    library = toolchain.OUT / toolchain.TARGET / "release" / "libstillflux.a"
+    elf: Path = toolchain.OUT / f"c-{arithmetic}.elf"
+    machine = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
+    command = ["arm-none-eabi-gcc", *WARNINGS, *machine, "-O2", "-ffreestanding", "-nostdlib", f"-I{folder}"]
+    command += [str(EXAMPLES / name) for name in ("drive.c", "board_mps2.c")]
+    command += [
+        str(library),
+        "-lgcc",
+        f"-T{EXAMPLES / 'mps2.ld'}",
+        "-Wl,--gc-sections,-z,noexecstack",
+        "-o",
+        str(elf),
+    ]
+    subprocess.run(command, check=True)
+    return elf
+
+
+@pytest.fixture(scope="module")
+def in_rust() -> dict[str, float]:
+    """Mean instructions of the interrupt's content in Rust over the same recording, by arithmetic."""
+    try:
+        chain = toolchain.find()
+    except toolchain.MissingError as missing:
+        pytest.skip(str(missing))
+    frames = [pil.record(a)[0].name for a in FEATURES]
+    rows = map(
+        json.loads, toolchain.emulate(toolchain.build(chain, "cost"), *frames, count=True).splitlines()
+    )
+    return {row["arithmetic"]: row["mean"] for row in rows if row.get("block") == "interrupt_enhanced"}
