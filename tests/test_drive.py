@@ -149,8 +149,10 @@ def test_faults_are_latched_with_cause_and_time(
 ) -> None:
     motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter()
     drive = sf.Drive(motor, inverter, arithmetic)
-    for _ in range(99):
+    for _ in range(98):
         drive.step((0.0, 0.0, 0.0), 540.0, omega_ref=0.0)
+    drive.step(i_abc, u_dc, omega_ref=0.0)
+    assert drive.status == "starting"
     drive.step(i_abc, u_dc, omega_ref=0.0)
     drive.step((0.0, 0.0, 0.0), 540.0, omega_ref=0.0)
     assert drive.status == "fault"

@@ -98,10 +98,12 @@ fn restart(m: (Machine, Inverter), omega: f64, pause: f64, change: impl FnOnce(&
 fn a_restart_catches_the_flux_that_is_left_at_any_speed_and_after_any_pause() {
     for m in machines() {
         for omega in [0.0, 0.03, 0.24, -0.5, 1.0] {
-            for pause in [0.001, 0.02, 0.3] {
+            for pause in [0.001, 0.02, 0.3, 1.0] {
                 let r = restart(m, omega, pause, |_| {});
                 println!("{} N m, {omega}, {pause} s: {r:?}", m.0.T_N);
-                assert!(r.time < 0.1 && r.current < 0.9, "{omega} after {pause} s: {r:?}");
+                // After a second nothing is left: the current has to build it up, at 11 kW in 95 ms and more.
+                let most = if pause < 1.0 { 0.1 } else { 0.25 };
+                assert!(r.time < most && r.current < 0.9, "{omega} after {pause} s: {r:?}");
                 assert!(r.angle < 15.0 && r.error < 0.01, "{omega} after {pause} s: {r:?}");
             }
         }

@@ -4,6 +4,7 @@
 use std::borrow::Cow;
 
 use stillflux::base::Base;
+use stillflux::config::DriveParams;
 use stillflux::drive::{Fault, Status};
 use stillflux::params::{Inverter, Machine};
 use stillflux::si::FaultSi;
@@ -174,5 +175,27 @@ fn a_blocked_shaft_is_a_stall() {
         assert!(fault.cause == Fault::Stall && t < 2.5, "{fault:?}");
         assert!((fault.value / base.omega_m) > 0.02);
         assert!(blocked(0.0).is_none_or(|(fault, _)| fault.cause != Fault::Stall));
+    }
+}
+
+/// At 2 kHz the default of the largest speed is below 2.2 pu: what is left of it is carried.
+#[test]
+fn a_switching_frequency_too_low_for_the_speed_is_refused_by_name_and_what_is_admitted_runs() {
+    for (machine, inverter) in machines() {
+        let inverter = Inverter { f_s: 2e3, ..inverter };
+        let base = Base::new(&machine);
+        let mut s = Scenario::new(machine, inverter, 5.0);
+        let (rated, top) = (base.omega_m, s.drive.omega_max);
+        assert!(top < 1.5 * rated, "{}", top / rated);
+        let too_fast = DriveParams { omega_max: 2.2 * rated, ..s.drive };
+        let refused = too_fast.validate(&machine, &inverter).unwrap_err();
+        assert!(refused.field == "omega_max" && (refused.max - top).abs() < 1e-9 * top, "{refused}");
+        s.reference = ReferenceProfile::Speed(Profile::new(vec![(0.0, 0.0), (1.7, 0.0), (3.0, top)]).unwrap());
+        s.signals = Some(vec!["omega_m".into()]);
+        let mut run = Run::new(Cow::Owned(s)).unwrap();
+        while run.advance(u64::MAX) {}
+        assert_eq!(run.drive().status(), Status::Running, "{:?}", run.drive().fault());
+        let error = (run.plant().truth().omega_m - top) / rated;
+        assert!(error.abs() < 0.02, "{error}");
     }
 }

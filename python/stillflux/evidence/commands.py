@@ -51,17 +51,17 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         metavar="TARGET",
         help="such as plane, plane-drift, mismatch; none: all of them; or alone one of the campaigns over "
-        "installations drawn at random, tolerance, consistency and commissioning, or operations",
+        "installations drawn at random, tolerance, consistency, guarantee and commissioning, or operations",
     )
     _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES])))
-    drawn = parser.add_argument_group("tolerance, consistency and commissioning")
+    drawn = parser.add_argument_group("tolerance, consistency, guarantee and commissioning")
     drawn.add_argument("--draws", type=_count, metavar="N", help="draws of each drive (and course)")
     drawn.add_argument("--draw", type=int, action="append", metavar="K", help="only this draw")
     drawn.add_argument(
         "--course",
         choices=COURSES,
         action="append",
-        help="only this course (tolerance); on this one as well (commissioning)",
+        help="only this course (tolerance, guarantee); on this one as well (commissioning)",
     )
     parser.add_argument(
         "--operation",
@@ -381,6 +381,31 @@ def _operations(options: argparse.Namespace) -> int:
     return failed or int(not options.metrics and not all(x.ok for x in found))
 
 
+def _guarantee(options: argparse.Namespace) -> int:
+    from stillflux.evidence import guarantee
+    from stillflux.evidence.courses import COURSES
+    from stillflux.evidence.journal import Journal
+    from stillflux.parallel import Stopped, run_jobs
+
+    if options.json or options.metrics:
+        raise ValueError("--json and --metrics: not of guarantee")
+    machines, courses = _drives(options), options.course or tuple(COURSES)
+    draws = _draws(options, guarantee.DRAWS)
+    journal = Journal(options.journal) if options.journal else None
+    try:
+        found = guarantee.run_all(
+            machines, courses, draws, guarantee.progress, journal.run if journal else run_jobs
+        )
+    except Stopped as stop:
+        print(guarantee.table(stop.results))
+        print(f"stillflux: {stop}", file=sys.stderr)
+        return 130
+    print(guarantee.table(found))
+    if journal:
+        journal.remove()
+    return int(any(x.violated for x in found))
+
+
 def _ended(path: Path, journal: Journal | None, stopped: str) -> int:
     """Where the report is; a journal has served once all is done."""
     print(f"report: {path}", file=sys.stderr)
@@ -394,6 +419,7 @@ def _ended(path: Path, journal: Journal | None, stopped: str) -> int:
 _CAMPAIGNS: Mapping[str, Callable[[argparse.Namespace], int]] = {
     "tolerance": _tolerance,
     "consistency": _consistency,
+    "guarantee": _guarantee,
     "commissioning": _commissioning,
     "operations": _operations,
 }

@@ -43,6 +43,7 @@ TOLD_SIGMA, TOLD_RANGE = 0.4, (1.0 / 3.0, 3.0)
 RIPPLE, RIPPLE_FREQUENCY, RIPPLE_STEP = 0.02, 100.0, 1e-3
 """Amplitude over the mean, Hz, and s between two steps."""
 CUT = 2.5
+LEAST_FACTOR = 0.3
 
 _MOTOR = {"R_s": 0.08, "R_R": 0.12, "L_sigma": 0.10, "L_M": 0.06}
 _INVERTER = {"u_th": 0.30, "dead_time": 0.08}
@@ -73,8 +74,9 @@ def capacitance_range(drive: TypicalDrive) -> tuple[float, float]:
     return low, high
 
 
-def drawn(drive: TypicalDrive, seed: int) -> Installation:
-    """One installation. Its numbers follow from the seed alone, whatever the processor."""
+def drawn(drive: TypicalDrive, seed: int, scale: float = 1.0) -> Installation:
+    """One installation. Its numbers follow from the seed alone, whatever the processor. `scale`: of the
+    standard deviations; a factor is at least 0.3 then."""
     random = Random(seed)
     uniform = random.random
 
@@ -83,10 +85,12 @@ def drawn(drive: TypicalDrive, seed: int) -> Installation:
         return min(max(NormalDist().inv_cdf(max(uniform(), 1e-12)), -CUT), CUT)
 
     motor, inverter = drive.motor, drive.inverter
-    factors = {name: 1.0 + sigma * g() for name, sigma in {**_MOTOR, **_INVERTER}.items()}
+    factors = {
+        name: max(1.0 + scale * sigma * g(), LEAST_FACTOR) for name, sigma in {**_MOTOR, **_INVERTER}.items()
+    }
     low, high = capacitance_range(drive)
     c_out = low * (high / low) ** uniform()
-    told = min(max(math.exp(TOLD_SIGMA * g()), TOLD_RANGE[0]), TOLD_RANGE[1])
+    told = min(max(math.exp(scale * TOLD_SIGMA * g()), TOLD_RANGE[0]), TOLD_RANGE[1])
     inertia, friction = 0.8 + 2.2 * uniform(), 0.02 * uniform()
     peak = math.sqrt(2) * motor.I_N
     real = motor.replace(
@@ -98,8 +102,8 @@ def drawn(drive: TypicalDrive, seed: int) -> Installation:
     plant: PlantOptions = {
         "seed": seed,
         "adc_noise": ADC_NOISE * motor.I_N,
-        "current_offset": [0.007 * peak * g() for _ in range(3)],
-        "current_gain": [1.0 + 0.005 * g() for _ in range(3)],
+        "current_offset": [scale * 0.007 * peak * g() for _ in range(3)],
+        "current_gain": [1.0 + scale * 0.005 * g() for _ in range(3)],
         "coulomb": friction * motor.T_N,
     }
     return Installation(

@@ -169,11 +169,16 @@ def _after(points: Points, begin: float) -> Points:
 
 
 def scenario(
-    machine: str, course: Course, seed: int, scheme: str = "enhanced", arithmetic: str = "f32"
+    machine: str,
+    course: Course,
+    seed: int,
+    scheme: str = "enhanced",
+    arithmetic: str = "f32",
+    scale: float = 1.0,
 ) -> tuple[Scenario, Mapping[str, float]]:
-    """A drive on an installation, and what was drawn of it."""
+    """A drive on an installation, and what was drawn of it; `scale` as of `draws.drawn`."""
     drive = DRIVES[machine]
-    motor, found = drive.motor, drawn(drive, seed)
+    motor, found = drive.motor, drawn(drive, seed, scale)
     begin = start_up(motor, found.told) + 0.05
     omega, load = course.build(motor)
     duration = begin + max(omega[-1][0], load[-1][0])

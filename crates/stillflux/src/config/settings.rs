@@ -17,6 +17,14 @@ pub const SLOW_PERIODS: u32 = 4;
 /// model.
 pub const BALANCE_PERIODS: u32 = 8;
 
+/// Control periods in one turn of the field that the loops need: current control is lost with 25, not with 30.
+const PERIODS_A_TURN: f64 = 30.0;
+
+/// Largest stator frequency that the loops carry, rad/s.
+fn fastest_field(inverter: &Inverter) -> f64 {
+    core::f64::consts::TAU * inverter.f_s / PERIODS_A_TURN
+}
+
 /// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -299,7 +307,7 @@ pub struct DriveParams {
     pub i_max: f64,
     /// Largest torque reference, N·m.
     pub torque_max: f64,
-    /// Largest mechanical speed reference, rad/s.
+    /// Largest mechanical speed reference, rad/s; at most 3 pu, and 30 control periods in one turn of the field.
     pub omega_max: f64,
     /// Over-current trip level, A peak of the space vector.
     pub i_trip: f64,
@@ -375,7 +383,7 @@ impl DriveParams {
             psi_ref: 1.0,
             i_max: 1.8 * i_n,
             torque_max: 1.5 * machine.T_N,
-            omega_max: 2.2 * machine.omega_sR() / f64::from(machine.n_p),
+            omega_max: (2.2 * machine.omega_sR()).min(fastest_field(inverter)) / f64::from(machine.n_p),
             i_trip: 2.3 * i_n,
             i_range: 2.5 * i_n,
             u_dc_min: 0.6 * inverter.u_dc,
@@ -420,9 +428,9 @@ impl DriveParams {
         check("i_max", self.i_max, 1.1 * i_0, 5.0 * i_n, "A")?;
         check("torque_max", self.torque_max, 0.05 * machine.T_N, 5.0 * machine.T_N, "N m")?;
         let omega_n = machine.omega_sR() / f64::from(machine.n_p);
-        // Nine control periods a turn of the field at the least.
-        let fastest = f_s * 0.7 / f64::from(machine.n_p);
-        check("omega_max", self.omega_max, 0.01 * omega_n, (3.0 * omega_n).min(fastest), "rad/s")?;
+        let fastest = fastest_field(inverter) / f64::from(machine.n_p);
+        check("omega_max", self.omega_max, 0.01 * omega_n, (3.0 * omega_n).min(fastest), "rad/s")
+            .map_err(|e| e.with_note("at most 3 pu, and 30 control periods in one turn of the field"))?;
         check("i_trip", self.i_trip, self.i_max, 8.0 * i_n, "A")?;
         check("i_range", self.i_range, self.i_trip, 20.0 * i_n, "A")?;
         check("u_dc_min", self.u_dc_min, 0.0, inverter.u_dc, "V")?;

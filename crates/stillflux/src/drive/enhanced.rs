@@ -40,7 +40,7 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Speed, per unit, above which a machine counts as rotating at the start.
 const ROTATING: f64 = 0.03;
-/// Rotor flux below which a machine is taken as one without.
+/// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
@@ -154,7 +154,9 @@ impl<R: Real> EnhancedEstimators<R> {
             if self.start == Start::Empty && stage <= 1 {
                 self.filter.start(&c.enhanced.filter, i_s);
             }
-            return Dq::new(c.i_quick, R::ZERO);
+            // The search is made for the boosted current.
+            let searching = self.start == Start::Empty && stage <= c.enhanced.probe_periods;
+            return if searching { c.magnetising_current(stage) } else { Dq::new(c.i_quick, R::ZERO) };
         }
         let mut i_ref = c.magnetising_current(stage);
         // The voltage of the resistance is proportional to the current, that of the inverter is not.
@@ -190,7 +192,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 _ => None,
             };
             let known = kept.map(|psi_r| psi_r.norm_sq().sqrt());
-            let caught = self.catch.found(&c.enhanced.catch, known).filter(|(psi_r, _)| psi_r.norm_sq() > least);
+            let caught = self.catch.found(&c.enhanced.catch, known);
             let kept = kept.map(|psi_r| (psi_r, R::ZERO));
             self.start = match (caught.or(kept), self.start) {
                 (Some((psi_r, omega)), _) => {
@@ -317,10 +319,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         if let Some(at) = start_up {
             let catch_periods = c.enhanced.catch.block * BLOCKS;
             if at.stage <= catch_periods {
-                return PeriodOutput { field: self.catch_flux(c, &x.u_s, at.stage), complete: false };
+                let u_s = x.u_s;
+                return PeriodOutput { field: self.catch_flux(c, &u_s, at.stage), complete: false };
             }
             let i;
-            (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods, ..at });
+            (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods });
             i_dq = Dq::new(i.re(), i.im());
         }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());

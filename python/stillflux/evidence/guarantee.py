@@ -1,0 +1,165 @@
+"""The guarantee: no drive reports "running" while it is lost, over installations drawn at random.
+
+Ten drives on the courses of `courses`, with default settings, the tolerances of `draws` and 2.5 times those:
+
+    |ω̂ - ω| > 0.2 pu for no longer than 0.2 s,      field angle error > 30° for no longer than 1 s
+
+while the status is "running". Its counterpart: a run that ends with a fault is made again without supervision
+(`supervision=False`, the negative control); one that comes through then, below 30° all the time, was ended
+needlessly.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stillflux.evidence.claims import Claim, at_most, reported
+from stillflux.evidence.courses import COURSES
+from stillflux.evidence.journal import Runner
+from stillflux.evidence.judge import angle
+from stillflux.evidence.seeds import seed_of
+from stillflux.evidence.tolerance import LOST_ANGLE, scenario
+from stillflux.metrics import faulted
+from stillflux.parallel import run_jobs
+from stillflux.result import Result
+from stillflux.status import StatusCode
+
+__all__ = ["DRAWS", "SCALES", "Job", "Outcome", "claims", "held", "judged", "run", "run_all", "table"]
+
+DRAWS = 3
+"""Draws of each drive, course and scale, some minutes on two cores."""
+SCALES = (1.0, 2.5)
+"""Tolerances, in units of those of `draws`."""
+SPEED, SPEED_TIME = 0.2, 0.2
+"""Error of the speed estimate, per unit, and for how long, s."""
+ANGLE_TIME = 1.0
+"""For how long the field angle error may be above `LOST_ANGLE`, s."""
+_SIGNALS = ("omega_m", "angle_error", "reference", "estimate.omega_m", "estimate.confidence", "status")
+
+Job: TypeAlias = tuple[str, str, int, float]
+"""Drive, course, number of the draw, scale."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one run showed."""
+
+    machine: str
+    course: str
+    draw: int
+    scale: float
+    speed: float
+    """Longest time with a speed error beyond `SPEED` while running, s."""
+    angle: float
+    """Longest time with an angle error beyond `LOST_ANGLE` while running, s."""
+    fault: str
+    """That ended the run; empty: none."""
+    needless: bool
+    """Without supervision the run comes through."""
+    speed_off: float
+    """`speed` of the run without supervision, where there is one, else `speed`."""
+    angle_off: float
+    """`angle` of it."""
+
+    @property
+    def violated(self) -> bool:
+        """Whether the drive kept running lost."""
+        return self.speed > SPEED_TIME or self.angle > ANGLE_TIME
+
+    @property
+    def violated_off(self) -> bool:
+        """The same without supervision."""
+        return self.speed_off > SPEED_TIME or self.angle_off > ANGLE_TIME
+
+
+def held(t: NDArray[Any], condition: NDArray[np.bool_]) -> float:
+    """Longest uninterrupted time for which a condition holds, s; it holds from one row to the next."""
+    edges = np.diff(np.concatenate(([False], condition, [False])).astype(np.int8))
+    begin, end = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if not len(begin):
+        return 0.0
+    return float((t[np.minimum(end, len(t) - 1)] - t[begin]).max())
+
+
+def judged(result: Result) -> tuple[float, float]:
+    """Longest times while running with a speed error and an angle error beyond the limits, s."""
+    running = result["status"] == StatusCode.RUNNING
+    error = np.abs(result["estimate.omega_m"] - result["omega_m"]) / result.scenario.motor.base["omega_m"]
+    return (
+        held(result.t, running & (error > SPEED)),
+        held(result.t, running & (np.abs(angle(result)) > LOST_ANGLE)),
+    )
+
+
+def run(machine: str, course: str, draw: int, scale: float) -> Outcome:
+    """Runs one draw, and once more without supervision if it ended with a fault."""
+    from stillflux.simulation import simulate
+
+    made, _ = scenario(machine, COURSES[course], seed_of(machine, course, draw), scale=scale)
+    made = made.replace(signals=_SIGNALS)
+    result = simulate(made)
+    speed, lost = judged(result)
+    needless, off = False, (speed, lost)
+    if faulted(result).any():
+        alone = simulate(made.with_settings(supervision=False))
+        off = judged(alone)
+        needless = not faulted(alone).any() and float(np.abs(angle(alone)).max()) < LOST_ANGLE
+    return Outcome(machine, course, draw, scale, speed, lost, result.status.fault or "", needless, *off)
+
+
+def run_all(
+    machines: Sequence[str],
+    courses: Sequence[str],
+    draws: Sequence[int],
+    show: Callable[[int, int, Outcome], None] | None = None,
+    runner: Runner = run_jobs,
+) -> list[Outcome]:
+    """Runs draws of drives on courses at both scales. On Ctrl-C raises `parallel.Stopped`."""
+    jobs: list[tuple[str, str, int, float]] = [
+        (machine, course, draw, scale)
+        for draw in draws
+        for scale in SCALES
+        for machine in machines
+        for course in courses
+    ]
+    return runner(run, jobs, first=lambda job: False, show=show)
+
+
+def progress(done: int, total: int, outcome: Outcome) -> None:
+    """A line on stderr for every violation, and for every hundredth run."""
+    if outcome.violated:
+        print(f"[{done}/{total}] VIOLATED: {outcome}", file=sys.stderr, flush=True)
+    elif done % 100 == 0 or done == total:
+        print(f"[{done}/{total}]", file=sys.stderr, flush=True)
+
+
+def claims(outcomes: Sequence[Outcome]) -> list[Claim]:
+    """Of the runs at one scale."""
+    return [
+        reported("runs", len(outcomes)),
+        at_most("runs that go on lost", sum(x.violated for x in outcomes), 0),
+        reported("without supervision", sum(x.violated_off for x in outcomes)),
+        reported("longest time with 0.2 pu of speed error", max(x.speed for x in outcomes), "s"),
+        reported("longest time with 30° of angle error", max(x.angle for x in outcomes), "s"),
+        reported("runs ended by a fault", sum(bool(x.fault) for x in outcomes)),
+        reported("of them needlessly", sum(x.needless for x in outcomes)),
+    ]
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """What was found, as text."""
+    lines = []
+    for scale in SCALES:
+        of_scale = [x for x in outcomes if x.scale == scale]
+        if not of_scale:
+            continue
+        lines.append(f"tolerances x {scale:g}")
+        lines += [f"  {x.quantity}: {x.value:.3g} {x.unit}".rstrip() for x in claims(of_scale)]
+        lines += [f"  ended needlessly: {x}" for x in of_scale if x.needless]
+    return "\n".join(lines)

@@ -1,0 +1,71 @@
+"""Faults with what was measured, cycle stamps, and the judge of the guarantee."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import stillflux as sf
+from stillflux.evidence import guarantee
+
+
+@pytest.fixture
+def drive() -> sf.Drive:
+    return sf.Drive(sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW"))
+
+
+def test_a_fault_says_what_was_measured_and_against_which_limit(drive: sf.Drive) -> None:
+    for _ in range(2):
+        drive.step([0.0, 0.0, 0.0], 1000.0, omega_ref=0.0)
+    status = drive.status
+    assert (status.fault, status.fault_code, status.unit) == ("over-voltage", 3, "V")
+    assert status.value == pytest.approx(1000.0, rel=1e-6)
+    assert status.limit == pytest.approx(drive.settings["u_dc_max"], rel=1e-6)
+    assert pickle.loads(pickle.dumps(status)) == status
+
+
+def test_without_a_fault_there_is_nothing_to_say(drive: sf.Drive) -> None:
+    status = drive.status
+    assert (status.value, status.limit, status.unit, status.fault_code) == (None, None, None, None)
+
+
+def test_a_doubled_call_changes_nothing(drive: sf.Drive) -> None:
+    motor = sf.Motor.preset("2.2kW")
+    plant = sf.Plant(motor, sf.Inverter.preset("2.2kW"))
+    i_abc, u_dc = plant.sample()
+    for k in range(1500):
+        duty = drive.step(i_abc, u_dc, omega_ref=0.0, cycle=(65_000 + k) % 65_536)
+        i_abc, u_dc = plant.step(duty, gates_on=drive.gates_on)
+    assert drive.status == "starting"
+    before = drive.estimate.psi_s
+    again = drive.step(i_abc, u_dc, omega_ref=0.0, cycle=(65_000 + 1499) % 65_536)
+    assert np.array_equal(again, duty)
+    assert drive.estimate.psi_s == before
+
+
+def test_missed_calls_stop_a_drive_that_switches(drive: sf.Drive) -> None:
+    plant = sf.Plant(sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW"))
+    i_abc, u_dc = plant.sample()
+    for k in range(2000):
+        if k % 10:
+            duty = drive.step(i_abc, u_dc, omega_ref=0.0, cycle=k)
+        i_abc, u_dc = plant.step(duty if k else [0.5] * 3, gates_on=drive.gates_on)
+    assert drive.status.fault == "timing"
+
+
+def test_held_is_the_longest_uninterrupted_time() -> None:
+    t = np.arange(10) * 0.1
+    condition = np.array([0, 1, 1, 0, 1, 1, 1, 1, 0, 0], dtype=bool)
+    assert guarantee.held(t, condition) == pytest.approx(0.4)
+    assert guarantee.held(t, ~np.ones(10, dtype=bool)) == 0.0
+    assert guarantee.held(t, np.ones(10, dtype=bool)) == pytest.approx(0.9)
+
+
+def test_a_draw_of_the_guarantee_is_run_again_alone_if_it_faults() -> None:
+    outcome = guarantee.run("2.2kW", "start", 0, 1.0)
+    assert not outcome.violated
+    assert not outcome.fault
+    assert not outcome.needless
+    assert "runs that go on lost: 0" in guarantee.table([outcome])
