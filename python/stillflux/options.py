@@ -52,8 +52,8 @@ class DriveSettings(TypedDict, total=False):
     """What to do while the confidence in the field angle is below 0.5: nothing, limit the torque in
     proportion, or stop with a fault."""
     fresh_time: float
-    """Time after a stop within which a start takes over offsets and what was identified, and is as
-    short as the current allows, s, 0 to 3600; 0: never."""
+    """Time after a stop within which a start takes over offsets and what was identified, and is as short as
+    the current allows, s, 0 to 3600; 0: never."""
     supervision: bool
     """Monitors of phases, current channels and stall; off for tests of a bridge without a machine."""
     stall_time: float

@@ -62,11 +62,13 @@ int example(void)
     for (size_t k = 0; k < n; k++) {
       struct answer got;
       uint32_t running = stillflux_status(&drive) == STILLFLUX_RUNNING;
+      /* What reading the clock costs is taken off again. */
+      uint32_t before = board_clock();
       uint32_t start = board_clock();
       stillflux_period(&drive, &in[k].counts, &in[k].set_point, &got.command);
       uint32_t end = board_clock();
       if (running) {
-        ticks += (end - start) & 0xFFFFFFu;
+        ticks += ((end - start) & 0xFFFFFFu) - ((start - before) & 0xFFFFFFu);
         timed++;
       }
       stillflux_telemetry_read(&drive, &got.telemetry);

@@ -50,6 +50,8 @@ static void refusals(const uint32_t *page)
   const uint16_t saturated[3] = {4095, 2048, 2048};
   stillflux_counts raw;
   stillflux_counts_from_raw(saturated, 2700, &adc, &raw);
+  /* One reading is bridged, a second one is a fault. */
+  stillflux_period(&drive, &raw, &speed, &command);
   stillflux_period(&drive, &raw, &speed, &command);
   char text[32];
   stillflux_fault_text(stillflux_fault(&drive), text, sizeof text);

@@ -11,8 +11,9 @@ use core::panic::PanicInfo;
 use core::{ptr, slice};
 
 use drive::config::{DriveParams, Scheme};
-use drive::counts::{Converters, Counts, CountsDrive, Layout, Resolution};
+use drive::counts::{Converters, Counts, Layout, Resolution};
 use drive::drive::{Fault, Status};
+use drive::interrupt::CountsDrive;
 use drive::page::{Page, Ready, WORDS};
 use drive::params::{Inverter, Machine, ParamError, Saturation};
 use drive::si::MemorySi;
@@ -72,7 +73,7 @@ pub const STILLFLUX_ENHANCED: u32 = 1;
 
 /// A drive: state of known size, without pointers; it may be copied and moved. All zero is no drive, which blocks the
 /// bridge.
-#[repr(C)]
+#[repr(C, align(8))]
 pub struct stillflux_drive {
     open: u32,
     drive: MaybeUninit<CountsDrive<Arithmetic>>,
@@ -460,6 +461,7 @@ pub extern "C" fn stillflux_telemetry_read(drive: &stillflux_drive, telemetry: &
         R_s,
         angle_deviation,
         confidence,
+        ..
     } = drive.get().map_or(Telemetry::default(), CountsDrive::telemetry);
     *telemetry = stillflux_telemetry {
         status,

@@ -15,7 +15,8 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{SCB, SYST};
 use cortex_m_semihosting::{debug, hio, nr, syscall};
-use stillflux::counts::{Command, Counts};
+use stillflux::counts::Counts;
+use stillflux::interrupt::Command;
 use stillflux::telemetry::SetPoint;
 
 /// A static that the control interrupt and the main loop hand to each other: the main loop touches it only

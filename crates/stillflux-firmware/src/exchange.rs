@@ -3,8 +3,9 @@
 //! To the target, 16 bytes a period: four converter readings, kind of the set point, its value (`f32`, SI). Back,
 //! 17 words a period: duties, compare values, state, and the main estimates as the arithmetic holds them.
 
-use stillflux::counts::{Command, Counts, CountsDrive};
+use stillflux::counts::Counts;
 use stillflux::drive::Status;
+use stillflux::interrupt::{Command, CountsDrive};
 use stillflux::scalar::{Q, Real};
 use stillflux::telemetry::SetPoint;
 

@@ -2,7 +2,7 @@
 //!
 //! [`board`] is the one file to replace for a port, [`blob`] a parameter page in SI beside that of
 //! [`stillflux::page`], [`exchange`] the processor-in-the-loop protocol. What the control interrupt calls is
-//! [`stillflux::counts::CountsDrive`].
+//! [`stillflux::interrupt::CountsDrive`].
 #![no_std]
 
 pub mod blob;

@@ -1,7 +1,7 @@
 //! One violation each of what `tests/test_firmware.py` proves of the control interrupt, planted by a feature:
 //! a proof that does not notice them proves nothing. Without a feature this is empty.
 
-use stillflux::counts::Command;
+use stillflux::interrupt::Command;
 
 /// What the optimiser must not see through.
 #[allow(unused)]

@@ -16,8 +16,9 @@ use blob::Parameters;
 use exchange::{Frame, Word, answer};
 use stillflux::base::Base;
 use stillflux::config::Scheme;
-use stillflux::counts::{Command, Counts, CountsDrive};
+use stillflux::counts::Counts;
 use stillflux::drive::Status;
+use stillflux::interrupt::{Command, CountsDrive};
 use stillflux::scalar::Q;
 use stillflux::telemetry::{SetPoint, Telemetry};
 use stillflux_sim::{Plant, PlantParams};
@@ -121,6 +122,7 @@ fn read(command: &Command, t: &Telemetry) -> [u32; 16] {
         R_s,
         angle_deviation,
         confidence,
+        ..
     } = *t;
     let [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence] =
         [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence].map(f32::to_bits);

@@ -373,22 +373,6 @@ impl Plant {
         self.adc.offset = offset;
     }
 
-    /// Disconnects phase `phase` (0 to 2) from its leg, or connects it again: its current flows on to its next zero. Of
-    /// the switching model; capacitances of the nodes are neglected from then on.
-    pub fn set_open_phase(&mut self, phase: usize, open: bool) {
-        if let Some(state) = self.bridge.open.get_mut(phase) {
-            *state = open;
-            self.nodes = None;
-            self.h_taylor = 0.0;
-            self.stale = true;
-        }
-    }
-
-    /// Lets a current channel (0 to 2) fail, or heals it.
-    pub fn set_channel(&mut self, channel: usize, fault: Option<ChannelFault>) {
-        self.adc.set_fault(channel, fault);
-    }
-
     /// Energy that the bridge has taken from the link, as far as it is accounted.
     fn taken(&self) -> f64 {
         self.energy.as_ref().map_or(0.0, |e| of_mode(self.params.mode, e))
@@ -405,6 +389,22 @@ impl Plant {
     #[must_use]
     pub fn link_energy(&self) -> Option<&LinkEnergy> {
         self.link.as_ref().map(|link| &link.energy)
+    }
+
+    /// Disconnects phase `phase` (0 to 2) from its leg, or connects it again: its current flows on to its next zero. Of
+    /// the switching model; capacitances of the nodes are neglected from then on.
+    pub fn set_open_phase(&mut self, phase: usize, open: bool) {
+        if let Some(state) = self.bridge.open.get_mut(phase) {
+            *state = open;
+            self.nodes = None;
+            self.h_taylor = 0.0;
+            self.stale = true;
+        }
+    }
+
+    /// Lets a current channel (0 to 2) fail, or heals it.
+    pub fn set_channel(&mut self, channel: usize, fault: Option<ChannelFault>) {
+        self.adc.set_fault(channel, fault);
     }
 
     /// Sets the dc-link voltage, V; of a link with a capacitor the no-load voltage of its supply.

@@ -2,8 +2,7 @@
 //!
 //! [`Counts`] are 16-bit fractions of full scale, `n / 2^15`, whatever the resolution of the converter;
 //! [`Counts::from_raw`] makes them of the content of the data registers, for every alignment and offset mode of the
-//! converters of an STM32 ([`Layout`]). [`CountsDrive`] is the content of a control interrupt: counts in, drive, compare
-//! values out.
+//! converters of an STM32 ([`Layout`]).
 //!
 //! **Saturation.** A converter at an end of its range reads full scale, `i16::MIN` or `i16::MAX`, and [`Scale::new`]
 //! refuses a scale at which that would not be a fault: of a current at least `i_range`, of the dc link more than
@@ -12,16 +11,15 @@
 use crate::base::Base;
 use crate::config::DriveParams;
 use crate::control::modulator::Duty;
-use crate::drive::{Drive, Measurement, Reference, Status};
-use crate::page::Ready;
+use crate::drive::Measurement;
 use crate::params::{Machine, ParamError, check};
 use crate::scalar::{Real, Timer};
-use crate::telemetry::{SetPoint, Telemetry, Units};
 use crate::words::words;
 
 /// Bits of a converter's result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 #[repr(u8)]
 pub enum Resolution {
     /// 6 bits.
@@ -42,6 +40,7 @@ pub enum Resolution {
 /// management of the converters); F3, H7, L4 and U5 lie the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Layout {
     /// `ALIGN` = 0, no offset: `D11…D0` in bits 11 to 0. So are oversampled results, whatever `ALIGN` says, and those of
     /// an offset with `SATEN`.
@@ -211,109 +210,21 @@ pub fn compare<R: Real>(duty: &Duty<R>, timer: &Timer) -> [u32; 3] {
     duty.map(|d| d.quantise(timer).0)
 }
 
-/// What the timer's preload registers take.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Command {
-    /// Compare values of the three legs, 0 to [`Timer::full`].
-    pub compare: [u32; 3],
-    /// `false`: block the bridge at once.
-    pub gates_on: bool,
-}
-
-/// A drive between its converters and its timer: what a control interrupt calls. Host and target run this same source.
-///
-/// A `static` holds [`CountsDrive::empty`] until the parameter page is read; it keeps the bridge blocked.
-#[derive(Clone, Copy, Debug)]
-pub struct CountsDrive<R: Real>(Option<Parts<R>>);
-
-#[derive(Clone, Copy, Debug)]
-struct Parts<R: Real> {
-    drive: Drive<R>,
-    scale: Scale<R>,
-    timer: Timer,
-    units: Units,
-}
-
-impl<R: Real> CountsDrive<R> {
-    /// No drive yet: blocks the bridge.
-    #[must_use]
-    pub const fn empty() -> Self {
-        Self(None)
-    }
-
-    /// A stopped drive that remembers what its page holds. Without a timer clock in the page, compare values are those
-    /// of [`Timer::finest`].
-    #[must_use]
-    pub fn new(page: &Ready<R>) -> Self {
-        let timer = page.config.timer().copied().unwrap_or(const { Timer::finest() });
-        let mut drive = Drive::new(page.config);
-        drive.restore(&page.memory);
-        Self(Some(Parts { drive, scale: page.scale, timer, units: page.units }))
-    }
-
-    /// One control period.
-    #[inline]
-    pub fn period(&mut self, counts: &Counts, set_point: &SetPoint) -> Command {
-        let Some(Parts { drive, scale, timer, units }) = &mut self.0 else {
-            return Command { compare: [0; 3], gates_on: false };
-        };
-        let output = drive.step(&scale.measurement(counts), &units.reference(set_point));
-        Command { compare: compare(&output.duty, timer), gates_on: output.gates_on }
-    }
-
-    /// The drive, if there is one.
-    #[inline]
-    pub fn drive(&self) -> Option<&Drive<R>> {
-        self.0.as_ref().map(|p| &p.drive)
-    }
-
-    /// State of the sequence; stopped without a drive.
-    pub fn status(&self) -> Status {
-        self.drive().map_or(Status::Stopped, Drive::status)
-    }
-
-    /// Leaves a fault; the drive is stopped then.
-    pub fn reset(&mut self) {
-        if let Some(p) = &mut self.0 {
-            p.drive.reset();
-        }
-    }
-
-    /// Estimates and state in SI; all zero without a drive.
-    pub fn telemetry(&self) -> Telemetry {
-        self.0.as_ref().map_or(Telemetry::default(), |p| p.units.telemetry(&p.drive))
-    }
-
-    /// Readings and set point in per unit, as [`CountsDrive::period`] hands them to its drive.
-    pub fn inputs(&self, counts: &Counts, set_point: &SetPoint) -> Option<(Measurement<R>, Reference<R>)> {
-        self.0.as_ref().map(|p| (p.scale.measurement(counts), p.units.reference(set_point)))
-    }
-
-    /// Resolution of the PWM timer.
-    pub fn timer(&self) -> Option<&Timer> {
-        self.0.as_ref().map(|p| &p.timer)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::DriveConfig;
-    use crate::drive::Fault;
     use crate::params::Inverter;
     use crate::scalar::Q;
-    use crate::si::MemorySi;
     use std::vec::Vec;
 
-    fn setup() -> (Machine, Inverter, DriveParams) {
-        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
-        (machine, inverter, DriveParams::new(&machine, &inverter))
+    fn setup() -> (Machine, DriveParams) {
+        let machine = Machine::preset_2k2();
+        (machine, DriveParams::new(&machine, &Inverter::preset_2k2()))
     }
 
     #[test]
     fn full_scale_reads_as_full_scale_in_all_arithmetics() {
-        let (machine, _, params) = setup();
+        let (machine, params) = setup();
         let base = Base::new(&machine);
         let counts = Counts { i_abc: [i16::MIN, 0, 1 << 14], u_dc: 1 << 14 };
         fn read<R: Real>(machine: &Machine, params: &DriveParams, counts: &Counts) -> [f64; 4] {
@@ -416,70 +327,5 @@ mod tests {
         assert!(((4000_u16 << 4) as i16) < 0);
         const FOLDED: Counts = Counts::from_raw([2048; 3], 0, &Converters::new(Layout::Right(Resolution::Twelve)));
         assert_eq!(FOLDED, Counts::default());
-    }
-
-    fn ready<R: Real>(i_full: f64, u_full: f64) -> Result<Ready<R>, ParamError> {
-        let (machine, inverter, params) = setup();
-        Ready::new(&machine, &inverter, &params, (i_full, u_full), &MemorySi::of(&machine, &inverter))
-    }
-
-    fn saturates<R: Real>() {
-        // Hardly more than what the settings ask for.
-        let (machine, inverter, params) = setup();
-        let page = ready::<R>(params.i_range / 0.9989, params.u_dc_max / 0.9989).unwrap();
-        let converters = Converters::new(Layout::Right(Resolution::Twelve));
-        let ok = ([2048; 3], 2700);
-        for (i, u, want) in [
-            ([4095, 2048, 2048], ok.1, Some(Fault::Measurement)),
-            ([2048, 0, 2048], ok.1, Some(Fault::Measurement)),
-            (ok.0, 4095, Some(Fault::OverVoltage)),
-            (ok.0, ok.1, None),
-        ] {
-            let mut drive = CountsDrive::new(&page);
-            // One reading is bridged, a second one is a fault.
-            for _ in 0..2 {
-                let command = drive.period(&Counts::from_raw(i, u, &converters), &SetPoint::Speed(0.0));
-                assert!(!command.gates_on);
-            }
-            let cause = match drive.status() {
-                Status::Faulted { cause, .. } => Some(cause),
-                _ => None,
-            };
-            assert_eq!(cause, want, "{} {i:?} {u}", R::NAME);
-        }
-        // The negative control: counts beside the ends are a reading like any other.
-        let mut drive = CountsDrive::new(&page);
-        drive.period(&Counts::from_raw([2048 + 60, 2048, 2048], 2700, &converters), &SetPoint::Speed(0.0));
-        assert_eq!(drive.status(), Status::ReadingOffset);
-        let config = DriveConfig::<R>::new(&machine, &inverter, &params).unwrap();
-        assert_eq!(drive.drive().unwrap().config(), &config);
-    }
-
-    #[test]
-    fn a_saturated_channel_is_a_fault_in_every_arithmetic() {
-        saturates::<f32>();
-        saturates::<f64>();
-        saturates::<Q>();
-    }
-
-    #[test]
-    fn a_full_scale_that_hides_a_saturated_channel_is_refused_by_name() {
-        let (_, _, params) = setup();
-        assert_eq!(ready::<f32>(params.i_range, 810.0).unwrap_err().field, "i_full");
-        assert_eq!(ready::<f32>(20.0, params.u_dc_max).unwrap_err().field, "u_full");
-        assert_eq!(ready::<Q>(f64::NAN, 810.0).unwrap_err().field, "i_full");
-        assert_eq!(ready::<Q>(20.0, 1e6).unwrap_err().field, "u_full");
-    }
-
-    #[test]
-    fn a_static_without_a_drive_keeps_the_bridge_blocked() {
-        static DRIVE: std::sync::Mutex<CountsDrive<f32>> = std::sync::Mutex::new(CountsDrive::empty());
-        let mut drive = DRIVE.lock().unwrap();
-        let command = drive.period(&Counts { i_abc: [0; 3], u_dc: 20_000 }, &SetPoint::Speed(1.0));
-        assert_eq!(command, Command { compare: [0; 3], gates_on: false });
-        assert_eq!((drive.status(), drive.telemetry()), (Status::Stopped, Telemetry::default()));
-        *drive = CountsDrive::new(&ready(20.0, 810.0).unwrap());
-        drive.period(&Counts { i_abc: [0; 3], u_dc: 20_000 }, &SetPoint::Speed(1.0));
-        assert_eq!(drive.status(), Status::ReadingOffset);
     }
 }

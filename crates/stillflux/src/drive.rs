@@ -304,14 +304,15 @@ impl<R: Real> Common<R> {
     ) {
         match self.sequence.period() & 3 {
             0 => self.control.set_references(c, estimators, reference, u_dc),
-            2 => self.adapt(c, estimators),
+            2 => self.adapt(c, estimators, u_dc),
             _ => estimators.update_speed(c),
         }
     }
 
-    /// Slow adaptation of the estimators.
+    /// Limits of the references, and slow adaptation of the estimators.
     #[inline(never)]
-    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E) {
+    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E, u_dc: R) {
+        self.control.set_limits(c, estimators.speed(), estimators.psi_s(), u_dc);
         estimators.adapt(c, &self.control.i_dq);
     }
 

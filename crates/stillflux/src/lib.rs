@@ -40,6 +40,11 @@
 #[cfg(test)]
 extern crate std;
 
+/// The example of the README is compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 #[cfg(not(any(feature = "paper", feature = "enhanced")))]
 compile_error!("a drive needs a scheme: enable the feature `paper`, `enhanced` or both");
 
@@ -50,7 +55,9 @@ pub mod config;
 pub mod control;
 pub mod counts;
 pub mod drive;
+mod error;
 pub mod estimate;
+pub mod interrupt;
 pub mod inverter;
 pub mod page;
 pub mod params;

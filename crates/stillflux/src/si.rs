@@ -57,6 +57,7 @@ pub enum ReferenceSi {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[allow(non_snake_case)]
+#[non_exhaustive]
 pub struct EstimateSi {
     /// Stator flux linkage, V·s.
     pub psi_s: Vector,

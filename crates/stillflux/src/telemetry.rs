@@ -29,6 +29,7 @@ pub enum SetPoint {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[allow(non_snake_case)]
+#[non_exhaustive]
 #[repr(C)]
 pub struct Telemetry {
     /// [`Status::code`].

@@ -5,16 +5,16 @@ use std::error::Error;
 use std::path::Path;
 
 use cbindgen::{Builder, Config, DocumentationStyle, ExportConfig, FunctionConfig, Language, Style};
-use stillflux::counts::CountsDrive;
 use stillflux::drive::Fault;
+use stillflux::interrupt::CountsDrive;
 
 #[cfg(not(feature = "q"))]
 type Arithmetic = f32;
 #[cfg(feature = "q")]
 type Arithmetic = stillflux::scalar::Q;
 
-/// As the library lays the state out: a word, then the drive.
-#[repr(C)]
+/// As the library lays the state out: a word, then the drive. Aligned as the union of the header in every arithmetic.
+#[repr(C, align(8))]
 struct State {
     open: u32,
     drive: CountsDrive<Arithmetic>,

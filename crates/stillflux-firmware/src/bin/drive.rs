@@ -10,7 +10,8 @@
 use cortex_m_rt::{entry, exception};
 #[cfg(feature = "si-page")]
 use stillflux::config::Scheme;
-use stillflux::counts::{Counts, CountsDrive};
+use stillflux::counts::Counts;
+use stillflux::interrupt::CountsDrive;
 #[cfg(not(feature = "si-page"))]
 use stillflux::page::{Page, WORDS};
 use stillflux::scalar::Real;

@@ -180,10 +180,13 @@ pub(super) fn fit(
         at += (0.5 * (low - high) / (step * curvature)).clamp(-step, step);
     }
     let [_, r, t, v, variance, residual] = solve(at)?;
-    let knee = if curvature > 0.0 { libm::sqrt(2.0 / curvature) } else { PRIOR_KNEE };
+    // What is left says how good the model is: it scales the deviations.
+    let scale = (0.5 * residual / SIGMA_U).max(1.0);
+    let knee = if curvature > 0.0 { (scale * libm::sqrt(2.0 / curvature)).min(PRIOR_KNEE) } else { PRIOR_KNEE };
+    let deviation = (scale * libm::sqrt(variance)).min(PRIOR_V);
     // The knee is I_k = C u_dc/T_d of the data sheet's dead time; the curve keeps it with the dead time found.
     let c = with(base * libm::exp(at)).c_out * v;
     let inverter = Inverter { u_th: sheet.u_th * t, dead_time: sheet.dead_time * v, ..with(c) };
     inverter.validate()?;
-    Ok(BridgeCurve { inverter, r, deviation: [libm::sqrt(variance), knee], residual })
+    Ok(BridgeCurve { inverter, r, deviation: [deviation, knee], residual })
 }

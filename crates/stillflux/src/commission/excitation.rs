@@ -1,7 +1,8 @@
 //! Excitation of a machine at standstill: a voltage in any direction, or a controlled current along the a-axis.
 //!
 //! ```text
-//! u_α* = k_p (i* - i) + k_i ∫(i* - i) dt + R' i* + u_l(i*) + u_x       u_β* = 0       i = (i_a - 2 i_b - 2 i_c)/3
+//! u_α* = k_p (i* - i) + k_i ∫(i* - i) dt + R' i* + L_σ di*/dt + u_l(i*) + u_x       u_β* = 0
+//! i = (i_a - 2 i_b - 2 i_c)/3
 //! ```
 //!
 //! With `u_β* = 0` phases b and c carry half the current of phase a each, whatever the gains of the sensors are: `i` is
@@ -53,6 +54,8 @@ pub(super) struct ExcitationConfig<R: Real> {
     pub k_i: R,
     /// Stator and rotor resistance in series.
     pub r: R,
+    /// Leakage inductance over the control period.
+    pub l: R,
     /// Largest voltage.
     pub u_max: R,
     /// One over the periods in which the current reference changes from one value to the next.
@@ -116,12 +119,13 @@ impl<R: Real> Excitation<R> {
                     self.target = target;
                     self.slope = (target - self.reference).abs() * c.inv_rise;
                 }
-                self.reference += (target - self.reference).limit(self.slope);
+                let change = (target - self.reference).limit(self.slope);
+                self.reference += change;
                 let e = self.reference - i;
                 let loss =
                     c.inverter.distortion(c.inverter.nominal(), &AlphaBeta::new(self.reference, R::ZERO), u_dc, R::ONE);
                 let integral = self.integral.add_limited(c.k_i * gain, e, c.u_max);
-                let wanted = c.k_p * gain * e + integral + c.r * self.reference;
+                let wanted = gain * (c.k_p * e + c.l * change) + integral + c.r * self.reference;
                 let u = wanted.limit(c.u_max);
                 self.limited = if u == wanted { 0 } else { self.limited.saturating_add(1) };
                 let u = u + add;

@@ -6,7 +6,7 @@
 //!
 //! summed over the periods of each ramp but the first two: by then the eddy currents of the iron, which follow the
 //! voltage, have settled and no longer contribute to `Δi`. The sign is known without error, so that noise of the current
-//! does not bias the result (instrumental variable). Ramps last [`RAMP`] periods; the direct current of 0.6 pu keeps
+//! does not bias the result (instrumental variable). Ramps last [`RAMP`] periods; the direct current of 0.8 pu keeps
 //! every phase away from its current zero and alternates before the rotor flux builds up.
 //!
 //! **Valid** at the frequency of the square voltage, `f_s/(2 RAMP)`, at small flux: the total leakage as the high
@@ -19,7 +19,7 @@ use crate::scalar::{Integrator, Real};
 pub const RAMP: u32 = 6;
 const SKIP: u32 = 2;
 /// Direct current, and peak-to-peak value of the ramps, per unit.
-const BIAS: f64 = 0.6;
+const BIAS: f64 = 0.8;
 pub(super) const SWING: f64 = 0.2;
 /// Plateaus, alternating in sign.
 const PLATEAUS: u32 = 8;

@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! (1 + L_l g'(ψ)) dψ/dt = R_r (i - g(ψ))        ψ - L_l (i - g(ψ)) continuous where i steps
-//! u = R i + (1 + d) u_l(i) + dψ/dt              R = R_s + r_d
+//! u = R i + (1 + d) u_l(i) + δ_k + dψ/dt        R = R_s + r_d
 //! ```
 //!
 //! Settled, `u` is the resistance and the bridge; the integral of the rest is the static flux linkage of the level; where
@@ -19,7 +19,8 @@
 //! of high frequency. Its ratio to the measured one is a parameter of the fit, and the first window of a level, in which
 //! the branches settle, does not count. The rotor resistance found is that of slip frequency, not of the skin effect.
 //!
-//! The fit solves the equation for `R`, `R_r`, `L_u`, `c`, `S`, `d` and that ratio by damped least squares.
+//! The fit solves the equation for `R`, `R_r`, `L_u`, `c`, `S`, `d`, that ratio and a small remainder `δ_k` of the bridge at
+//! each level by damped least squares.
 //!
 //! **Assumes** a curve of this form, a constant temperature, no remanence. With little saturation at the largest
 //! level `S` stays near its prior and says nothing.
@@ -36,16 +37,19 @@ const PRIOR_C: (f64, f64) = (0.4, 0.6);
 const PRIOR_S: (f64, f64) = (7.0, 3.0);
 /// Relative standard deviation of the nameplate's resistances and inductance in this fit: hardly any weight.
 const PRIOR_PLATE: f64 = 1.0;
-/// Standard deviation of `d`: what the fit of the bridge leaves.
-const PRIOR_D: f64 = 0.01;
+/// Least standard deviation of `d`, beside what the fit of the bridge leaves.
+const PRIOR_D: f64 = 0.005;
 /// Prior of the logarithm of the leakage inductance at low frequency over that at high frequency.
-const PRIOR_BAR: (f64, f64) = (0.1, 0.25);
+const PRIOR_BAR: (f64, f64) = (0.2, 0.4);
 /// Standard deviation assumed of a window's voltage, per unit.
-const SIGMA_U: f64 = 1e-4;
+const SIGMA_U: f64 = 3e-5;
 /// Steps of the differential equation in a window.
 const STEPS: u32 = 6;
-/// Parameters of the fit.
-const N: usize = 7;
+/// Standard deviation of what the curve of the bridge leaves at each level, per unit.
+const PRIOR_LEVEL: f64 = 3e-4;
+/// Parameters of the equation; with what is left at each level, those of the fit.
+const P: usize = 7;
+const N: usize = P + LEVELS;
 
 /// Levels as current per unit: the largest first, falling, alternating; `i_0` is the rated magnetising current.
 #[must_use]
@@ -175,7 +179,9 @@ pub struct MagnetisingCurve {
     /// Leakage inductance at slip frequency relative to that at high frequency: 1 without deep bars.
     pub bar: f64,
     /// Standard deviations: relative of `r`, `r_r`, `l_u`, absolute of `c`, `s`, `d`, relative of `bar`.
-    pub deviation: [f64; N],
+    pub deviation: [f64; P],
+    /// Relative one of the inductance at rated flux.
+    pub deviation_rated: f64,
     /// Root mean square of the residuals, per unit.
     pub residual: f64,
     /// Largest flux reached, per unit.
@@ -208,7 +214,7 @@ struct Trajectory {
 
 impl Trajectory {
     fn new(p: &[f64; N], l_sigma: f64) -> Self {
-        let [r, r_r, l_u, c, s, d, bar] = *p;
+        let [r, r_r, l_u, c, s, d, bar, ..] = *p;
         let (r, r_r, l_u, bar) = (libm::exp(r), libm::exp(r_r), libm::exp(l_u), libm::exp(bar));
         let curve = MagnetisingCurve {
             r,
@@ -218,7 +224,8 @@ impl Trajectory {
             s: s.clamp(1.0, 20.0),
             d,
             bar,
-            deviation: [0.0; N],
+            deviation: [0.0; P],
+            deviation_rated: 0.0,
             residual: 0.0,
             psi_max: 0.0,
         };
@@ -281,6 +288,8 @@ pub(super) struct Guess {
     pub r_r: f64,
     pub l_s: f64,
     pub l_sigma: f64,
+    /// Standard deviation of the bridge's loss, relative.
+    pub loss: f64,
     /// Durations until the first window and of a window, times `ω_sR`.
     pub settle: f64,
     pub window: f64,
@@ -288,15 +297,16 @@ pub(super) struct Guess {
 
 /// Fit of the levels that were read.
 pub(super) fn fit(guess: &Guess, levels: &[Reading]) -> MagnetisingCurve {
-    let prior = [
+    let equation = [
         (libm::log(guess.r), PRIOR_PLATE),
         (libm::log(guess.r_r), PRIOR_PLATE),
         (libm::log(guess.l_s * 1.2), PRIOR_PLATE),
         PRIOR_C,
         PRIOR_S,
-        (0.0, PRIOR_D),
+        (0.0, libm::hypot(PRIOR_D, guess.loss)),
         PRIOR_BAR,
     ];
+    let prior: [(f64, f64); N] = core::array::from_fn(|k| equation.get(k).copied().unwrap_or((0.0, PRIOR_LEVEL)));
     let mut p = prior.map(|x| x.0);
     let mut damping = 1e-2;
     let (mut normal, mut cost) = normal_equations(guess, levels, &prior, &p);
@@ -334,11 +344,18 @@ pub(super) fn fit(guess: &Guess, levels: &[Reading]) -> MagnetisingCurve {
     (curve.residual, curve.psi_max) = (residual, psi_max);
     // The residuals say how good the model is: they scale the deviations.
     let scale = (residual / SIGMA_U).max(1.0);
-    for k in 0..N {
+    for k in 0..P {
         let mut unit = [0.0; N];
         unit[k] = 1.0;
         curve.deviation[k] = solve(&normal.0, &unit).map_or(prior[k].1, |x| scale * libm::sqrt(x[k].max(0.0)));
     }
+    // ln L_s = ln L_u - ln(1 + c)
+    let mut gradient = [0.0; N];
+    (gradient[2], gradient[3]) = (1.0, -1.0 / (1.0 + curve.c));
+    curve.deviation_rated = solve(&normal.0, &gradient).map_or(0.5, |x| {
+        let variance: f64 = (0..N).map(|k| gradient[k] * x[k]).sum();
+        scale * libm::sqrt(variance.max(0.0))
+    });
     curve
 }
 
@@ -353,8 +370,8 @@ type Normal = ([[f64; N]; N], [f64; N]);
 /// Gauss-Newton matrix and gradient at `p`, and the cost: one trajectory for each parameter beside that of `p`.
 fn normal_equations(guess: &Guess, levels: &[Reading], prior: &[(f64, f64); N], p: &[f64; N]) -> (Normal, f64) {
     const DELTA: f64 = 1e-4;
-    let mut all = [Trajectory::new(p, guess.l_sigma); N + 1];
-    for k in 0..N {
+    let mut all = [Trajectory::new(p, guess.l_sigma); P + 1];
+    for k in 0..P {
         let mut q = *p;
         q[k] += DELTA;
         all[k + 1] = Trajectory::new(&q, guess.l_sigma);
@@ -377,11 +394,12 @@ fn normal_equations(guess: &Guess, levels: &[Reading], prior: &[(f64, f64); N], 
         for (window, u) in level.u.into_iter().enumerate() {
             let model = all.each_mut().map(|t| t.window(level, guess.window));
             let mut d = [0.0; N];
-            for k in 0..N {
+            for k in 0..P {
                 d[k] = (model[k + 1] - model[0]) / DELTA;
             }
+            d[P + at] = 1.0;
             if counts(at, window) {
-                add(model[0] - u, &d, w);
+                add(model[0] + p[P + at] - u, &d, w);
             }
         }
     }
@@ -400,7 +418,7 @@ fn residuals(guess: &Guess, levels: &[Reading], p: &[f64; N]) -> (f64, f64) {
     for (at, level) in levels.iter().enumerate() {
         t.begin(level, guess.settle);
         for (window, u) in level.u.into_iter().enumerate() {
-            let e = t.window(level, guess.window) - u;
+            let e = t.window(level, guess.window) + p[P + at] - u;
             if counts(at, window) {
                 sum += e * e;
                 n += 1.0;

@@ -55,7 +55,9 @@ const U_DC: (f64, f64) = (0.6, 1.45);
 /// Bandwidth of current control relative to the switching frequency, for the nameplate's leakage inductance.
 const BANDWIDTH: f64 = 0.012;
 /// Periods in which the current goes from one value to the next.
-const RISE: f64 = 60.0;
+const RISE: f64 = 50.0;
+/// Time for which a current settles, in rotor time constants of the nameplate.
+const SETTLE: f64 = 0.2;
 /// Periods for which the voltage may be at its limit.
 const LIMITED: u32 = 400;
 /// Duration of a level of the magnetising curve in rotor time constants of the nameplate, and its limit, s.
@@ -223,8 +225,9 @@ impl<R: Real> CommissioningConfig<R> {
         // Pulses of a quarter of rated voltage give the response that the wiring's check wants.
         let volt_seconds = wiring::RESPONSE * pu.sigma_l_s;
         let pulse = ((volt_seconds / (0.25 * pu.t_s) + 0.5) as u32).clamp(1, 50);
-        let settle = (0.02 * f_s).max(200.0) as u32;
         let tau_r = machine.L_M / machine.R_R;
+        // Short against the rotor time constant, so that the flux stays small; long enough for the control.
+        let settle = (SETTLE * tau_r * f_s).clamp(120.0, (0.02 * f_s).max(200.0)) as u32;
         let window = ((LEVEL * tau_r).min(LEVEL_MAX) * f_s / WINDOWS as f64).max(1.0) as u32;
         let offset_periods = (0.1 * f_s) as u32;
         Ok(Self {
@@ -234,6 +237,7 @@ impl<R: Real> CommissioningConfig<R> {
                 k_p: r(k_p),
                 k_i: r(k_p * pu.t_s * omega_c / 3.0),
                 r: r(pu.r_s + pu.r_r),
+                l: r(pu.sigma_l_s / pu.t_s),
                 u_max: r(u_max),
                 inv_rise: r(1.0 / RISE),
             },
@@ -392,7 +396,7 @@ impl<R: Real> State<R> {
         let mut i_abc = m.i_abc;
         if self.stage > Stage::Wiring {
             for (i, o) in i_abc.iter_mut().zip(self.wiring.offset()) {
-                *i = *i - o;
+                *i -= o;
             }
             if !i_abc.iter().all(|i| i.within(c.trip)) {
                 return Err(Cause::OverCurrent);
@@ -424,5 +428,64 @@ impl<R: Real> State<R> {
             }
         }
         Ok((command.unwrap_or(zero), x.i))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scalar::Q;
+    use proptest::prelude::*;
+
+    const PLATE: Nameplate =
+        Nameplate { P_N: 4000.0, U_N: 400.0, I_N: 8.2, f_N: 50.0, n_N: 1435.0, cos_phi: 0.82, T_max: None, J: None };
+
+    /// At every stage, whatever is measured: duties within their range, gates off after a fault, and a result.
+    fn survives<R: Real>(skip: usize, readings: &[(f64, f64, f64, f64)]) {
+        let sheet = Inverter { f_clk: 0.0, ..Inverter::preset_2k2() };
+        let mut x = Commissioning::new(CommissioningConfig::<R>::new(&PLATE, &sheet).unwrap());
+        x.state.stage = [Stage::Wiring, Stage::Bridge, Stage::Leakage, Stage::Magnetising][skip];
+        for &(a, b, c, u) in readings {
+            let out = x.step(&Measurement { i_abc: [a, b, c].map(R::from_f64), u_dc: R::from_f64(u) });
+            assert!(out.duty.iter().all(|d| *d >= R::ZERO && *d <= R::ONE));
+            assert!(!out.gates_on || x.status() == Status::Running);
+        }
+        if let Ok(found) = x.result() {
+            found.machine.validate().unwrap();
+            found.inverter.validate().unwrap();
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn no_measurement_makes_a_step_panic_or_a_duty_leave_its_range(
+            skip in 0..4usize,
+            readings in proptest::collection::vec(
+                prop_oneof![
+                    4 => (-1.4..1.4, -1.4..1.4, -1.4..1.4, 1.0..2.3),
+                    1 => (any::<f64>(), any::<f64>(), any::<f64>(), any::<f64>()),
+                ],
+                1..300,
+            ),
+        ) {
+            survives::<f32>(skip, &readings);
+            survives::<f64>(skip, &readings);
+            survives::<Q>(skip, &readings);
+        }
+    }
+
+    #[test]
+    fn an_abort_blocks_the_gates_in_the_same_period_and_stays() {
+        let mut x = Commissioning::<f32>::new(CommissioningConfig::new(&PLATE, &Inverter::preset_2k2()).unwrap());
+        let measured = Measurement { i_abc: [0.0; 3], u_dc: 1.65 };
+        for _ in 0..1500 {
+            x.step(&measured);
+        }
+        x.abort();
+        for _ in 0..3 {
+            assert!(!x.step(&measured).gates_on);
+        }
+        assert!(matches!(x.status(), Status::Faulted { cause: Cause::Aborted | Cause::NoMotor, .. }));
     }
 }

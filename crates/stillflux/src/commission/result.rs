@@ -137,6 +137,7 @@ impl<R: Real> Commissioning<R> {
             r_r: r_fast * (1.0 - share),
             l_s: pu.l_s,
             l_sigma,
+            loss: found.deviation_inverter[0],
             settle: f64::from(c.magnetising.settle) * pu.t_s,
             window: f64::from(c.magnetising.window) * pu.t_s,
         };
@@ -159,8 +160,6 @@ impl<R: Real> Commissioning<R> {
         machine.validate()?;
         let gain = |x: f64| libm::hypot(x, DEVIATION_GAIN);
         let model = |x: f64| libm::hypot(gain(x), DEVIATION_MODEL);
-        // L_s = L_u/(1 + c): the deviation of c counts as far as rated flux was not reached.
-        let unseen = if fit.psi_max < 1.0 { fit.deviation[3].min(0.5) } else { 0.0 };
         let d = &c.deviation;
         let far = |x: f64, y: f64, d: f64| libm::fabs(libm::log(x / y)) > 4.0 * d;
         found.warnings.far_from_nameplate =
@@ -169,7 +168,7 @@ impl<R: Real> Commissioning<R> {
         found.warnings.flux_not_reached = fit.psi_max < 1.0;
         found.deviation.R_s = gain(fit.deviation[0]);
         found.deviation.R_R = model(fit.deviation[1]);
-        found.deviation.L_M = libm::hypot(model(fit.deviation[2]), unseen);
+        found.deviation.L_M = model(fit.deviation_rated);
         found.machine = machine;
         found.inverter.u_th *= 1.0 + fit.d;
         found.inverter.dead_time *= 1.0 + fit.d;

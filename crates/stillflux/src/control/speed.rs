@@ -16,6 +16,8 @@ pub struct SpeedControlConfig<R: Real> {
     pub k_p: R,
     /// Integral gain times the time between two calls.
     pub k_i: R,
+    /// Gain from speed to torque current up to which current control follows without noise, over `k_p`.
+    pub inv_gain: R,
     /// Largest torque of either sign, and of the positive and the negative one.
     pub torque_max: R,
     /// Largest positive torque.
@@ -23,7 +25,7 @@ pub struct SpeedControlConfig<R: Real> {
     /// Largest negative torque, its magnitude.
     pub torque_neg: R,
 }
-words!(SpeedControlConfig: k_p, k_i, torque_max, torque_pos, torque_neg);
+words!(SpeedControlConfig: k_p, k_i, inv_gain, torque_max, torque_pos, torque_neg);
 
 impl<R: Real> SpeedControlConfig<R> {
     /// Limits of the torque, of which `torque_max` is available now.
@@ -61,10 +63,10 @@ impl<R: Real> SpeedController<R> {
         self.demand
     }
 
-    /// One period with the limits `lo` and `hi` of the torque. Returns the torque reference.
+    /// One period with the deviation `error` from the speed reference and the limits `lo` and `hi` of the torque. Returns
+    /// the torque reference.
     #[inline(always)]
-    pub fn step(&mut self, c: &SpeedControlConfig<R>, omega_ref: R, omega_m: R, (lo, hi): (R, R)) -> R {
-        let error = omega_ref - omega_m;
+    pub fn step(&mut self, c: &SpeedControlConfig<R>, error: R, (lo, hi): (R, R)) -> R {
         let p = error * c.k_p;
         self.demand = p + self.x.value();
         let p = p.clamp(lo, hi);
@@ -87,6 +89,7 @@ mod tests {
         let c = SpeedControlConfig {
             k_p: j * omega_c,
             k_i: t_s * j * omega_c * omega_c / 4.0,
+            inv_gain: 1.0,
             torque_max: 1.0,
             torque_pos: 1.0,
             torque_neg: 1.0,
@@ -96,7 +99,7 @@ mod tests {
         for k in 0..200_000 {
             let load = if k > 1000 { 0.7 } else { 0.0 };
             let reference = if k > 60_000 { 0.5 } else { 0.0 };
-            let t = ctrl.step(&c, reference, omega, (-1.0, 1.0));
+            let t = ctrl.step(&c, reference - omega, (-1.0, 1.0));
             assert!(t.abs() <= 1.0);
             omega += t_s * (t - load) / j;
             assert!(omega < 0.55, "no overshoot from a wound-up integrator");
@@ -105,7 +108,7 @@ mod tests {
     }
 
     const CONFIG: SpeedControlConfig<f64> =
-        SpeedControlConfig { k_p: 3.0, k_i: 0.01, torque_max: 1.0, torque_pos: 1.0, torque_neg: 1.0 };
+        SpeedControlConfig { k_p: 3.0, k_i: 0.01, inv_gain: 1.0, torque_max: 1.0, torque_pos: 1.0, torque_neg: 1.0 };
 
     #[test]
     fn the_torque_never_exceeds_what_is_available_now_nor_what_is_set() {
@@ -113,9 +116,9 @@ mod tests {
             for (available, limit) in [(0.4, 0.4), (5.0, 1.0)] {
                 let mut ctrl = SpeedController::default();
                 for _ in 0..1000 {
-                    assert!(ctrl.step(&CONFIG, sign, 0.0, CONFIG.limits(available)) * sign <= limit);
+                    assert!(ctrl.step(&CONFIG, sign, CONFIG.limits(available)) * sign <= limit);
                 }
-                assert_eq!(ctrl.step(&CONFIG, sign, 0.0, CONFIG.limits(available)) * sign, limit);
+                assert_eq!(ctrl.step(&CONFIG, sign, CONFIG.limits(available)) * sign, limit);
             }
         }
     }
@@ -126,7 +129,7 @@ mod tests {
         assert_eq!((c.limits(2.0), c.limits(0.5)), ((-0.3, 0.8), (-0.3, 0.5)));
         for (sign, most) in [(1.0, 0.8), (-1.0, 0.3)] {
             let mut ctrl = SpeedController::default();
-            let torque = (0..1000).map(|_| ctrl.step(&c, sign, 0.0, c.limits(2.0))).last();
+            let torque = (0..1000).map(|_| ctrl.step(&c, sign, c.limits(2.0))).last();
             assert_eq!(torque, Some(sign * most));
         }
     }
@@ -135,7 +138,7 @@ mod tests {
     fn a_limit_beyond_zero_is_kept() {
         let mut ctrl = SpeedController::default();
         for _ in 0..100 {
-            assert_eq!(ctrl.step(&CONFIG, 1.0, 0.0, (-1.0, -0.4)), -0.4);
+            assert_eq!(ctrl.step(&CONFIG, 1.0, (-1.0, -0.4)), -0.4);
         }
     }
 
@@ -144,14 +147,14 @@ mod tests {
         for sign in [1.0, -1.0] {
             let mut ctrl = SpeedController::default();
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, sign, 0.0, (-1.0, 1.0));
+                ctrl.step(&CONFIG, sign, (-1.0, 1.0));
             }
             // Proportional part and limit are equal at an error of 1/3: nothing is left for the integrator.
-            assert!(ctrl.step(&CONFIG, 0.0, 0.0, (-1.0, 1.0)).abs() < 1e-12);
+            assert!(ctrl.step(&CONFIG, 0.0, (-1.0, 1.0)).abs() < 1e-12);
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, 0.1 * sign, 0.0, (-1.0, 1.0));
+                ctrl.step(&CONFIG, 0.1 * sign, (-1.0, 1.0));
             }
-            assert!((ctrl.step(&CONFIG, 0.0, 0.0, (-1.0, 1.0)) * sign - 0.7).abs() < 1e-12);
+            assert!((ctrl.step(&CONFIG, 0.0, (-1.0, 1.0)) * sign - 0.7).abs() < 1e-12);
         }
     }
 
@@ -159,6 +162,6 @@ mod tests {
     fn begins_with_the_torque_in_force() {
         let mut ctrl = SpeedController::default();
         ctrl.start(0.6);
-        assert_eq!(ctrl.step(&CONFIG, 0.2, 0.2, (-1.0, 1.0)), 0.6);
+        assert_eq!(ctrl.step(&CONFIG, 0.0, (-1.0, 1.0)), 0.6);
     }
 }

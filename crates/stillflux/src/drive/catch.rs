@@ -79,7 +79,7 @@ impl<R: Real> Catch<R> {
         let e = if period > 2 { *u_s - (i_s - self.i_s) * c.leakage } else { AlphaBeta::default() };
         self.i_s = i_s;
         if period.is_multiple_of(c.block) {
-            let block = period / c.block;
+            let block = period / c.block.max(1);
             let mean = (psi_r - self.psi_r) * c.inv_t_block;
             if block == SURGE + 1 {
                 self.first = mean;

@@ -27,6 +27,8 @@ use crate::inverter::Knee;
 use crate::scalar::{Real, likely};
 use crate::space::Dq;
 
+/// Part of the largest voltage below which rated flux leaves voltage for any torque current: not yet field weakening.
+const NEAR_LIMIT: f64 = 0.6;
 /// Torque current, per unit, by which the reference may exceed the one that flows at the voltage limit.
 const AHEAD_OF_CURRENT: f64 = 0.1;
 
@@ -48,6 +50,8 @@ pub(super) struct Control<R: Real> {
     pub i_dq: Dq<R>,
     pub i_dq_ref: Dq<R>,
     pub psi_ref: R,
+    /// Flux reference as the voltage allows it.
+    psi_weak: R,
     /// Torque current for which the current limit leaves room beside `i_d*`.
     i_q_room: R,
     /// Square of the largest current, as the heat of machine and bridge allows it.
@@ -72,6 +76,7 @@ impl<R: Real> Control<R> {
             i_dq: Dq::default(),
             i_dq_ref: Dq::default(),
             psi_ref: R::ZERO,
+            psi_weak: R::ZERO,
             i_q_room: R::ONE,
             i_max_sq: R::ZERO,
             limited: R::ZERO,
@@ -90,6 +95,7 @@ impl<R: Real> Control<R> {
     /// The start-up is complete: flux and speed controllers start.
     pub fn start(&mut self, c: &DriveConfig<R>, omega_m: R) {
         self.psi_ref = c.flux_control.psi_rated;
+        self.psi_weak = c.flux_control.psi_rated;
         self.flux.start();
         self.weakening = Weakening::default();
         self.i_q_room = c.i_q_max;
@@ -138,8 +144,7 @@ impl<R: Real> Control<R> {
     ) {
         let speed = *estimators.speed();
         let factor = estimators.flux_factor(c, self.i_dq_ref.im() * self.psi_ref);
-        let (u_max, u_sq) = (largest_voltage(u_dc), self.current.u_sq());
-        let psi_weak = self.weakened_flux(c, &speed, estimators.psi_s(), u_max, u_sq);
+        let (u_max, u_sq, psi_weak) = (largest_voltage(u_dc), self.current.u_sq(), self.psi_weak);
         let psi_ref = psi_weak.min(c.flux_control.psi_rated * factor);
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
@@ -172,8 +177,13 @@ impl<R: Real> Control<R> {
             Reference::Speed(omega) => {
                 let omega = omega.clamp(c.omega_least, c.omega_most);
                 let omega = self.ramp.step(&c.ramp, omega, speed.omega_m, self.limited);
-                let torque = self.speed.step(&c.speed_control, omega, speed.omega_m, (lo, hi));
-                self.torque_limited = torque.abs() >= torque_max.min(c.speed_control.torque_max) * R::from_f64(0.98);
+                // In field weakening a torque takes more current: where the gain from speed to torque current would come
+                // too near to the bandwidth of current control, the deviation counts less, by as much as the flux at most.
+                let part = self.psi_weak * c.flux_control.inv_psi_rated;
+                let weakened = (part * c.speed_control.inv_gain).max(part).min(R::ONE);
+                let torque = self.speed.step(&c.speed_control, (omega - speed.omega_m) * weakened, (lo, hi));
+                let near = R::from_f64(0.98);
+                self.torque_limited = torque >= hi * near || torque <= lo * near;
                 torque
             }
             Reference::Torque(torque) => {
@@ -195,24 +205,31 @@ impl<R: Real> Control<R> {
         let i_d = self.flux.step(&c.flux_control, psi_ff, psi_ref - estimators.psi_s(), i_q, weight, range);
         self.i_q_room += (c.i_q_max - self.i_q_room) * R::from_f64(1.0 / 16.0);
         self.i_dq_ref = Dq::new(i_d, i_q);
-        let i_sq = self.i_dq_ref.norm_sq();
-        if !likely(i_sq <= self.i_max_sq) {
+        if !likely(self.i_dq_ref.norm_sq() <= self.i_max_sq) {
             self.limit_current(c);
-        }
-        if let Some(most) = self.overload.step(&c.overload, i_sq.min(self.i_max_sq), c.i_max_sq) {
-            self.i_max_sq = most;
         }
     }
 
-    /// Flux reference by the voltage, for the torque current that is wanted.
+    /// Limits by voltage and heat for the next references: the flux at which there is voltage for the torque current that
+    /// is wanted, and the largest current.
     #[inline(always)]
-    fn weakened_flux(&mut self, c: &DriveConfig<R>, speed: &SpeedEstimate<R>, psi_s: R, u_max: R, u_sq: R) -> R {
+    pub fn set_limits(&mut self, c: &DriveConfig<R>, speed: &SpeedEstimate<R>, psi_s: R, u_dc: R) {
+        let i_sq = self.i_dq_ref.norm_sq();
+        if let Some(most) = self.overload.step(&c.overload, i_sq, c.i_max_sq) {
+            self.i_max_sq = most;
+        }
+        let (u_max, u_sq) = (largest_voltage(u_dc), self.current.u_sq());
+        // Nothing to compute where the voltage is far from its limit.
+        let near = u_max * R::from_f64(NEAR_LIMIT);
+        if likely(u_sq < near * near) && self.psi_weak == c.flux_control.psi_rated {
+            return;
+        }
         // The loop of the speed estimator turns at the frequency of the flux also in a ramp of the speed, behind which
         // the estimated speed lags.
         let omega = speed.omega_turn - speed.omega_r;
         let most = (c.pull_out_use * self.psi_ref).min(self.i_q_room);
         let i_q = self.speed.demand().limit(c.speed_control.torque_max) * c.flux_control.reciprocal(self.psi_ref);
-        self.weakening.step(&c.weakening, omega, i_q.limit(most), psi_s, u_max, u_sq)
+        self.psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), psi_s, u_max, u_sq);
     }
 
     /// Current references within the current limit, with priority for `i_d*`; the next torque reference is limited to

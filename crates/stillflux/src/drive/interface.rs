@@ -118,6 +118,7 @@ words!(Memory: u_off, r_s, i_off, loss_error, knee, leakage, inv_l_m);
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+#[non_exhaustive]
 pub struct Estimate<R: Real> {
     /// Flux estimator outputs.
     pub flux: FluxEstimate<R>,

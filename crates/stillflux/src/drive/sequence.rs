@@ -123,8 +123,10 @@ impl<R: Real> Sequence<R> {
         // Written so that NaN is not readable.
         let readable =
             |k: usize| if k < 3 { m.i_abc[k].abs() < c.i_range } else { m.u_dc.abs() < R::from_f64(U_DC_RANGE) };
-        if let Some((_, number)) = (0..4).zip([1.0, 2.0, 3.0, 4.0]).find(|&(k, _)| !readable(k)) {
-            Some(Trip::new(Fault::Measurement, R::from_f64(number), R::ZERO))
+        // Constants of the arithmetic: a conversion here would be one in software.
+        let numbers = [R::ONE, R::TWO, R::from_f64(3.0), R::from_f64(4.0)];
+        if let Some((_, number)) = (0..4).zip(numbers).find(|&(k, _)| !readable(k)) {
+            Some(Trip::new(Fault::Measurement, number, R::ZERO))
         } else if m.u_dc < c.u_dc_min {
             Some(Trip::new(Fault::UnderVoltage, m.u_dc, c.u_dc_min))
         } else if m.u_dc > c.u_dc_max {

@@ -9,7 +9,7 @@ mod q;
 
 pub use q::Q;
 
-use crate::params::ParamError;
+use crate::error::ParamError;
 use crate::words::Words;
 use core::fmt::Debug;
 use core::marker::PhantomData;

@@ -4,7 +4,7 @@ use super::{Cost, Input};
 use core::hint::black_box;
 use stillflux::config::{DriveConfig, SLOW_PERIODS, SPEED_PERIODS};
 use stillflux::control::current::CurrentController;
-use stillflux::control::flux::{FluxController, Range, weight_by_frequency};
+use stillflux::control::flux::{FREQUENCY_HIGH, FluxController, Range, weight_by_frequency};
 use stillflux::control::modulator::{Duty, applied, modulate};
 use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Estimate, Reference};
@@ -205,11 +205,20 @@ fn confidence<R: Word>(s: &mut Confidence<R>, c: &DriveConfig<R>, omega_s: R, u_
 }
 #[inline(never)]
 fn speed_control<R: Word>(s: &mut SpeedController<R>, c: &DriveConfig<R>, omega_ref: R, omega_m: R) -> R {
-    s.step(c.speed_control_config(), omega_ref, omega_m, c.speed_control_config().limits(R::ONE))
+    s.step(c.speed_control_config(), omega_ref - omega_m, c.speed_control_config().limits(R::ONE))
 }
 #[inline(never)]
 fn flux_control<R: Word>(s: &mut FluxController<R>, c: &DriveConfig<R>, x: &[R; 4]) -> R {
-    s.step(c.flux_control_config(), x[0], x[0] - x[1], x[2], weight_by_frequency(x[3]), Range::Low)
+    let [psi_ref, psi_s, i_q, omega_s] = *x;
+    let config = c.flux_control_config();
+    let (weight, range) = if psi_ref != config.psi_rated {
+        (R::ONE, Range::Weakened)
+    } else if omega_s.within(R::from_f64(FREQUENCY_HIGH)) {
+        (weight_by_frequency(omega_s), Range::Low)
+    } else {
+        (weight_by_frequency(omega_s), Range::High)
+    };
+    s.step(config, psi_ref, psi_ref - psi_s, i_q, weight, range)
 }
 #[inline(never)]
 fn current_control<R: Word>(

@@ -1,0 +1,45 @@
+//! Bad input: which parameter, what was given, what is admitted.
+
+use core::fmt;
+
+/// A parameter outside its admissible range: which, what was given, what is admitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParamError {
+    /// Name of the field as the user writes it.
+    pub field: &'static str,
+    /// The value given.
+    pub value: f64,
+    /// Smallest admissible value.
+    pub min: f64,
+    /// Largest admissible value.
+    pub max: f64,
+    /// Unit of all three.
+    pub unit: &'static str,
+    /// What else explains the range; may be empty.
+    pub note: &'static str,
+}
+
+impl ParamError {
+    /// The error with an explanation.
+    #[must_use]
+    pub fn with_note(self, note: &'static str) -> Self {
+        Self { note, ..self }
+    }
+}
+
+impl fmt::Display for ParamError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { field, value, min, max, unit, note } = self;
+        let sep = if unit.is_empty() { "" } else { " " };
+        write!(f, "{field} = {value}{sep}{unit} is outside the admissible range {min} to {max}{sep}{unit}")?;
+        if note.is_empty() { Ok(()) } else { write!(f, ": {note}") }
+    }
+}
+
+impl core::error::Error for ParamError {}
+
+/// Checks `min <= value <= max` (and with it that the value is finite).
+#[inline(never)]
+pub const fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'static str) -> Result<(), ParamError> {
+    if value >= min && value <= max { Ok(()) } else { Err(ParamError { field, value, min, max, unit, note: "" }) }
+}

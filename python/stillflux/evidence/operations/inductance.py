@@ -1,0 +1,98 @@
+"""A machine whose inductance is not that of its data, through zero stator frequency under load."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from stillflux.evidence.claims import Claim, at_most, holds
+from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.machines import ADC_NOISE
+from stillflux.evidence.operation import Control, Operation
+from stillflux.metrics import faulted
+from stillflux.parameters import Motor
+from stillflux.result import Result
+from stillflux.scenario import Scenario
+from stillflux.status import StatusCode
+
+_LESS = 0.9
+"""Real magnetising inductance over that of the data."""
+_LOST = 30.0
+"""Field angle error at which the field counts as lost, °."""
+
+
+def _real(motor: Motor) -> Motor:
+    curve = motor.saturation
+    return motor.replace(
+        L_M=_LESS * motor.L_M, saturation=None if curve is None else (_LESS * curve[0], curve[1], curve[2])
+    )
+
+
+def _start(motor: Motor) -> float:
+    return 0.3 + max(1.4, 4.0 * motor.tau_r)
+
+
+def _crossing(machine: str, scheme: str, arithmetic: str) -> Scenario:
+    """From 0.05 to −0.05 pu in 12 s under rated torque."""
+    drive = DRIVES[machine]
+    motor = drive.motor
+    t, omega = _start(motor), 0.05 * motor.base["omega_m"]
+    return Scenario(
+        name=f"crossing, L_M {100 * (_LESS - 1.0):+.0f} %; {machine}, {scheme}, {arithmetic}",
+        motor=motor,
+        inverter=drive.inverter,
+        plant_motor=_real(motor),
+        scheme=scheme,
+        arithmetic=arithmetic,
+        plant={"adc_noise": ADC_NOISE * motor.I_N},
+        omega_ref=[(0.0, 0.0), (t, 0.0), (t + 0.5, omega), (t + 2.0, omega), (t + 14.0, -omega)],
+        load_torque=[(0.0, 0.0), (t + 1.0, 0.0), (t + 1.0, motor.T_N)],
+        duration=t + 18.0,
+        record_every=50,
+        signals=("omega_m", "reference", "torque", "psi_s", "angle_error", "status"),
+    )
+
+
+def _angle(result: Result) -> float:
+    return float(np.degrees(np.abs(result["angle_error"][result["status"] == StatusCode.RUNNING]).max()))
+
+
+def _check(result: Result) -> list[Claim]:
+    error = (
+        abs(float(result["omega_m"][-1] - result["reference"][-1])) / result.scenario.motor.base["omega_m"]
+    )
+    return [
+        holds("no fault", not faulted(result).any()),
+        at_most("field angle error", _angle(result), 5.0, "°"),
+        at_most("speed error at the end, pu", error, 0.005),
+    ]
+
+
+def _lost(result: Result) -> list[Claim]:
+    wide = np.flatnonzero(
+        (np.abs(np.degrees(result["angle_error"])) > _LOST) & (result["status"] == StatusCode.RUNNING)
+    )
+    when = float(result.t[wide[0]]) if len(wide) else math.inf
+    return [
+        holds("field lost while running", bool(len(wide)) or bool(faulted(result).any())),
+        holds("not before the load", when > _start(result.scenario.motor) + 1.0),
+    ]
+
+
+OPERATIONS = (
+    Operation(
+        "inductance",
+        20,
+        "Through zero stator frequency under rated torque, real L_M 10 % below that of the data",
+        _crossing,
+        _check,
+        Control(
+            "the corrections by the filter's innovation",
+            lambda s: s.with_settings(apply_innovation=False),
+            _lost,
+        ),
+        machines=("2.2kW", "15kW", "45kW", "160kW"),
+        shown=("omega_m", "torque", "psi_s", "angle_error"),
+    ),
+)

@@ -1,0 +1,107 @@
+"""Operations: what must happen happens, and the negative controls fail for their reason."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stillflux as sf
+from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.limits import largest_torque, shortest_time
+from stillflux.evidence.operate import perform
+from stillflux.evidence.registry import choose_operations, operations
+from stillflux.options import DriveSettings
+
+
+@pytest.mark.parametrize(
+    ("name", "machine"),
+    [
+        ("speed-step", "2.2kW"),
+        ("speed-step", "0.37kW"),
+        ("speed-step-negative", "45kW"),
+        ("inductance", "45kW"),
+        ("ramp", "2.2kW"),
+        ("limits-by-direction", "4kW"),
+        ("overload", "2.2kW"),
+        ("braking", "2.2kW"),
+        ("chopper", "4kW"),
+        ("supply-dip", "11kW"),
+    ],
+)
+def test_operation_succeeds_and_its_control_fails_for_its_reason(name: str, machine: str) -> None:
+    found = perform(name, machine, "enhanced", "f32")
+    assert found.claims
+    assert found.without
+    assert found.ok, [f"{c.text}: {c.measured}" for c in (*found.claims, *found.without) if not c.ok]
+
+
+@pytest.mark.parametrize("arithmetic", ["q", "f64"])
+def test_a_step_into_field_weakening_succeeds_in_every_arithmetic(arithmetic: str) -> None:
+    found = perform("speed-step", "2.2kW", "enhanced", arithmetic)
+    assert found.ok, [f"{c.text}: {c.measured}" for c in found.claims]
+
+
+def test_operations_are_chosen_by_name_or_its_beginning() -> None:
+    assert choose_operations(()) == tuple(operations())
+    assert choose_operations(["speed-step-negative"]) == ("speed-step-negative",)
+    with pytest.raises(ValueError, match="there is no operation no-such"):
+        choose_operations(["no-such"])
+
+
+@pytest.mark.parametrize("machine", DRIVES)
+def test_the_shortest_time_is_that_of_the_torque_limits(machine: str) -> None:
+    motor, inverter = DRIVES[machine].motor, DRIVES[machine].inverter
+    torque = largest_torque(motor, inverter, np.array([0.2, 1.5, 2.0]))
+    assert torque[0] == pytest.approx(1.5 * motor.T_N)
+    assert torque[0] > torque[1] > torque[2] > 0.0
+    # At low speed the torque limit alone counts.
+    assert shortest_time(motor, inverter, 0.2) == pytest.approx(
+        0.2 * motor.J * motor.base["omega_m"] / (1.5 * motor.T_N)
+    )
+
+
+MOTOR, INVERTER = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"acceleration": -1.0}, "acceleration"),
+        ({"jerk": 100.0}, "jerk"),
+        ({"torque_limits": (1.0, 2.0)}, "torque_limits"),
+        ({"speed_limits": (-1e4, 1.0)}, "speed_limits"),
+        ({"machine_overload": (0.1, 600.0)}, "machine_overload"),
+        ({"bridge_overload": (5.0, 1e6)}, "bridge_overload"),
+        ({"u_dc_brake": 500.0}, "u_dc_brake"),
+        ({"u_dc_buffer": 530.0}, "u_dc_buffer"),
+        ({"u_dc_chopper": (650.0, 640.0)}, "u_dc_chopper"),
+    ],
+)
+def test_a_setting_outside_its_range_is_refused_by_name(settings: DriveSettings, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        sf.Drive(MOTOR, INVERTER, **settings)
+
+
+def test_a_link_on_a_capacitor_keeps_its_energy() -> None:
+    """Loaded from its capacitor alone, the link gives what the plant takes."""
+    scenario = sf.Scenario(
+        motor=MOTOR,
+        inverter=INVERTER,
+        plant={"dc_link": (2e-3, 1.0, None)},
+        omega_ref=[(0.0, 0.0), (1.7, 0.0), (1.9, 50.0)],
+        load_torque=[(0.0, 0.0), (2.0, 0.0), (2.0, 10.0)],
+        changes=[(2.5, {"u_dc": 0.0})],
+        duration=2.6,
+        record_every=1,
+        signals=("u_dc", "omega_m", "torque", "i_s", "R_s"),
+    )
+    result = sf.simulate(scenario)
+    part = result.window(2.52, 2.6)
+    given = 1e-3 * (part["u_dc"][0] ** 2 - part["u_dc"][-1] ** 2)
+    # Into the shaft and the resistances of winding and bridge; rotor loss by the slip, some 3 % of 50 Hz.
+    t = part.t
+    shaft = np.trapezoid(part["torque"] * part["omega_m"], t)
+    copper = np.trapezoid(1.5 * (part["R_s"] + INVERTER.r_d) * np.abs(part["i_s"]) ** 2, t)
+    rotor = np.trapezoid(part["torque"] * 0.03 * 157.0, t)
+    threshold = 3 * INVERTER.u_th * 2 / np.pi * np.trapezoid(np.abs(part["i_s"]), t)
+    assert given == pytest.approx(shaft + copper + rotor + threshold, rel=0.05)
