@@ -340,7 +340,7 @@ def _commissioning(options: argparse.Namespace) -> int:
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
     if found:
-        print(page.table(commissioning.claims(found)))
+        print(commissioning.table(found))
     if options.json:
         rows = [asdict(x) for x in found]
         options.json.write_text(
