@@ -19,8 +19,6 @@
 //!
 //! No call panics, allocates, or lets a number that is not finite through, whatever the ADC delivers.
 
-#[cfg(feature = "enhanced")]
-pub(crate) mod catch;
 mod control;
 #[cfg(feature = "enhanced")]
 mod enhanced;

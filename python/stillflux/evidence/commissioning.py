@@ -51,7 +51,20 @@ from stillflux.simulation import simulate
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["DRAWS", "LIMITS", "TOLD", "Draw", "Outcome", "claims", "draw", "figure", "page", "run", "run_all"]
+__all__ = [
+    "DRAWS",
+    "LIMITS",
+    "TOLD",
+    "Draw",
+    "Outcome",
+    "claims",
+    "draw",
+    "figure",
+    "page",
+    "run",
+    "run_all",
+    "table",
+]
 
 DRAWS = 200
 """Draws of a campaign: about two minutes on two cores, without the drive's courses."""
@@ -339,6 +352,22 @@ def claims(outcomes: Sequence[Outcome]) -> list[Claim]:
     return found
 
 
+def _verdict(claim: Claim) -> str:
+    """What is only reported has none."""
+    if claim.direction == "reported":
+        return ""
+    return "ok" if claim.ok else "FAILED"
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """The claims as plain text, one a line."""
+    found = claims(outcomes)
+    width, measured = (
+        max(len(text) for text in texts) for texts in zip(*((c.text, c.measured) for c in found), strict=True)
+    )
+    return "\n".join(f"  {c.text:<{width}}  {c.measured:>{measured}}  {_verdict(c)}" for c in found)
+
+
 def figure(outcomes: Sequence[Outcome]) -> Figure:
     """Distribution of every error, with its limits."""
     from matplotlib.figure import Figure
@@ -360,8 +389,7 @@ def page(path: Path, command: str, outcomes: Sequence[Outcome], stopped: str = "
     from stillflux.evidence.report.page import STYLE, svg
 
     rows = "".join(
-        f"<tr><td>{html.escape(c.text)}</td><td>{html.escape(c.measured)}</td>"
-        f"<td>{'ok' if c.ok else 'failed'}</td></tr>"
+        f"<tr><td>{html.escape(c.text)}</td><td>{html.escape(c.measured)}</td><td>{_verdict(c)}</td></tr>"
         for c in claims(outcomes)
     )
     title = "Commissioning of motors and bridges drawn at random"

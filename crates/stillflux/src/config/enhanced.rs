@@ -3,8 +3,8 @@
 use super::settings::{BALANCE_PERIODS, BOOST, DriveParams, EnhancedParams, SLOW_PERIODS};
 use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
-use crate::drive::catch::CatchConfig;
 use crate::estimate::balance::BalanceConfig;
+use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
 use crate::estimate::priors::Priors;
 use crate::params::{Inverter, Machine};

@@ -25,13 +25,13 @@
 //!
 //! A machine that begins to turn during a pause with its flux left, below 0.06 pu, is not covered.
 
-use super::catch::{BLOCKS, Catch};
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
 use crate::config::{BALANCE_PERIODS, DriveConfig, SPEED_PERIODS};
 use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
+use crate::estimate::catch::{BLOCKS, Catch};
 use crate::estimate::kalman::{Filter, Input, Learned};
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
@@ -184,7 +184,7 @@ impl<R: Real> EnhancedEstimators<R> {
     fn catch_flux(&mut self, c: &DriveConfig<R>, u_s: &AlphaBeta<R>, stage: u32) -> FieldQuantities<R> {
         let (filter, config) = (&mut self.filter, &c.enhanced.filter);
         let (i_s, psi_r) = (filter.i_s(), filter.rotor_flux(config));
-        let field = self.catch.step(&c.enhanced.catch, stage, (u_s, i_s, psi_r));
+        let (field, psi_s) = self.catch.step(&c.enhanced.catch, stage, (u_s, i_s, psi_r));
         if stage == c.enhanced.catch.block * BLOCKS {
             let least = R::from_f64(RESIDUAL * RESIDUAL);
             let kept = match self.start {
@@ -205,7 +205,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 _ => Start::Unknown,
             };
         }
-        field
+        FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) }
     }
 
     /// After it: the speed, the direction that the current takes with the current in its coordinates, and whether the

@@ -1,9 +1,11 @@
 //! Estimators. The published scheme: flux (Fig. 7), offset (Fig. 4), resistance (Fig. 12), and the confidence
 //! in them; with the feature `variants` also its other method for the resistance and the two flux estimators that it
-//! argues against. The enhanced scheme: one filter for all of it, and the balance of the current sensors. Speed is
+//! argues against. The enhanced scheme: one filter for all of it, the balance of the current sensors, and the flux of a machine that turns at the start. Speed is
 //! common to both.
 
 pub mod balance;
+#[cfg(feature = "enhanced")]
+pub(crate) mod catch;
 pub mod confidence;
 pub mod flux;
 pub mod integral;

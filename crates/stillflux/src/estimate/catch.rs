@@ -15,7 +15,6 @@
 //! **Validity.** `|e|` above the error of the inverter model, 0.06: a rated flux that turns faster than 0.06 pu. The decay of the flux within
 //! the blocks is neglected.
 
-use super::estimators::FieldQuantities;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 use crate::words::words;
@@ -50,7 +49,7 @@ words!(CatchConfig: block, t_block, inv_t_block, leakage);
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub(super) struct Catch<R: Real> {
+pub(crate) struct Catch<R: Real> {
     /// Integrated rotor flux at the beginning of the block, and the voltage induced in the last one.
     psi_r: AlphaBeta<R>,
     e: AlphaBeta<R>,
@@ -69,13 +68,13 @@ impl<R: Real> Catch<R> {
     }
 
     /// One period, counted from one, with the voltage applied before the sample, the current, and the integrated rotor
-    /// flux. Returns what current control at zero needs.
+    /// flux. Returns field axis and flux for which current control at zero and `ω_s` = 1 feeds `ê` forward.
     pub fn step(
         &mut self,
         c: &CatchConfig<R>,
         period: u32,
         (u_s, i_s, psi_r): (&AlphaBeta<R>, AlphaBeta<R>, AlphaBeta<R>),
-    ) -> FieldQuantities<R> {
+    ) -> (Rotator<R>, R) {
         let e = if period > 2 { *u_s - (i_s - self.i_s) * c.leakage } else { AlphaBeta::default() };
         self.i_s = i_s;
         if period.is_multiple_of(c.block) {
@@ -89,15 +88,14 @@ impl<R: Real> Catch<R> {
             }
             (self.psi_r, self.e) = (psi_r, mean);
         }
-        // jω_s ψ_s is fed forward: field axis and flux for which that is ê.
-        let (field, psi_s) = if e.norm_sq() > R::from_f64(1e-4) {
+        // jω_s ψ_s is fed forward.
+        if e.norm_sq() > R::from_f64(1e-4) {
             let (direction, magnitude) = Rotator::of(&e);
             let axis = AlphaBeta::new(direction.axis().im(), -direction.axis().re());
             (Rotator::of(&axis).0, magnitude.min(R::TWO))
         } else {
             (Rotator::default(), R::ZERO)
-        };
-        FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) }
+        }
     }
 
     /// Rotor flux and speed at the end, if there was an induced voltage; `known`: magnitude of the flux.
