@@ -213,7 +213,16 @@ def test_command_names_what_it_does_not_take(capsys: pytest.CaptureFixture[str])
         (["tolerance", "plane"], "tolerance stands alone"),
         (["plane", "--machine", "4kW"], "admissible here are 2.2kW, 11kW, 11kW-leaky"),
         (["tolerance", "--machine", "11kW-leaky"], "admissible here are 2.2kW, 11kW, 0.37kW"),
-        (["plane", "--draws", "3"], "admissible for tolerance and consistency only"),
+        (
+            ["plane", "--draws", "3"],
+            "--draws = 3: admissible with tolerance, consistency, guarantee, commissioning",
+        ),
+        (
+            ["plane", "--course", "hold"],
+            "--course = hold: admissible with tolerance, guarantee, commissioning",
+        ),
+        (["consistency", "--course", "hold"], "--course = hold: admissible with tolerance, guarantee"),
+        (["tolerance", "--operation", "hoist"], "--operation = hoist: admissible with operations"),
         (["tolerance", "--draws", "3", "--draw", "1"], "give only one"),
     ):
         assert main(["beyond", *arguments]) == 2

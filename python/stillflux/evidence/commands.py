@@ -194,16 +194,17 @@ def _beyond(options: argparse.Namespace) -> int:
     from stillflux.parallel import Stopped, run_jobs
 
     drawn = [name for name in options.targets if name in _CAMPAIGNS]
+    for option, campaigns in _ONLY_WITH.items():
+        value = getattr(options, option)
+        if value and not set(campaigns) & set(drawn):
+            given = value if isinstance(value, int) else ", ".join(map(str, value))
+            raise ValueError(f"--{option} = {given}: admissible with {', '.join(campaigns)}")
     if drawn:
         if len(options.targets) > 1:
             raise ValueError(f"TARGET = {' '.join(options.targets)}: {drawn[0]} stands alone")
         return _CAMPAIGNS[drawn[0]](options)
     if options.machine not in ("all", *ALL_MACHINES):
         raise ValueError(f"--machine {options.machine}: admissible here are {', '.join(ALL_MACHINES)}, all")
-    if options.draws or options.draw or options.course or options.operation:
-        raise ValueError(
-            f"--draws, --draw, --course and --operation: only with one of {', '.join(_CAMPAIGNS)}"
-        )
     machines = _machines(options, ALL_MACHINES)
     schemes = _chosen(options.scheme, SCHEMES)
     chosen = choose_targets(options.targets)
@@ -299,8 +300,8 @@ def _consistency(options: argparse.Namespace) -> int:
     from stillflux.evidence.table import of_consistency, update
     from stillflux.parallel import Stopped, run_jobs
 
-    if options.course or options.json:
-        raise ValueError("--course and --json: not of consistency, which has one course and no runs to list")
+    if options.json:
+        raise ValueError("--json: not of consistency, which has no runs to list")
     machines, draws = _drives(options), _draws(options, consistency.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
     options.out.mkdir(parents=True, exist_ok=True)
@@ -361,8 +362,8 @@ def _operations(options: argparse.Namespace) -> int:
     from stillflux.evidence.table import of_operation, update
     from stillflux.parallel import Stopped, run_jobs
 
-    if options.draws or options.draw or options.course or options.json:
-        raise ValueError("--draws, --draw, --course and --json: not of operations")
+    if options.json:
+        raise ValueError("--json: not of operations")
     names, schemes = choose_operations(options.operation or ()), _chosen(options.scheme, SCHEMES)
     options.out.mkdir(parents=True, exist_ok=True)
     journal = Journal(options.journal) if options.journal else None
@@ -424,6 +425,14 @@ _CAMPAIGNS: Mapping[str, Callable[[argparse.Namespace], int]] = {
 }
 """Over installations drawn at random, and what drives are asked to do; with machines and options of
 their own."""
+
+_ONLY_WITH: Mapping[str, tuple[str, ...]] = {
+    "draws": ("tolerance", "consistency", "guarantee", "commissioning"),
+    "draw": ("tolerance", "consistency", "guarantee", "commissioning"),
+    "course": ("tolerance", "guarantee", "commissioning"),
+    "operation": ("operations",),
+}
+"""Options that only some campaigns have."""
 
 
 def _docs(options: argparse.Namespace) -> int:
