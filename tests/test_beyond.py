@@ -27,9 +27,10 @@ from stillflux.evidence.machines import ALL_MACHINES, LEAKY, inverter_of, motor_
 from stillflux.evidence.plane import persistence_shifted
 from stillflux.evidence.registry import choose_targets, targets
 from stillflux.evidence.report import maps, page, plane
-from stillflux.evidence.seeds import SEEDS
+from stillflux.evidence.seeds import SEEDS, seeded
 from stillflux.evidence.table import Table, of_summary, order
 from stillflux.evidence.target import Case
+from stillflux.metrics import speed_error
 
 METRICS = Path(__file__).parent / "metrics.csv"
 BOTH = pytest.mark.parametrize("scheme", SCHEMES)
@@ -185,13 +186,21 @@ def test_published_scheme_keeps_a_slow_reversal_by_its_noise_compensator_in_rege
 
 @MACHINE
 @pytest.mark.parametrize("torque", [1.0, -1.0])
-def test_loaded_drive_leaves_zero_stator_frequency_by_itself(machine: str, torque: float) -> None:
+@pytest.mark.parametrize("seed", SEEDS[:3])
+def test_loaded_drive_leaves_zero_stator_frequency_by_itself(machine: str, torque: float, seed: int) -> None:
     scenario = persistence_shifted.scenario(machine, "enhanced", torque=torque, time=40.0)
+    (scenario,) = seeded([scenario], seed)
     result = sf.simulate(scenario)
-    hold = judge.measure(result, (REACHED, scenario.duration), (REACHED + 5.0, 44.0))
+    settled = (REACHED + 5.0, 44.0)
+    hold = judge.measure(result, (REACHED, scenario.duration), settled)
     assert not hold.why
     assert hold.angle_held < 5.0
-    assert hold.speed_settled < 0.003
+    # The true speed is off by the error of the slip (3 % of it at 2.2 kW: 0.0012), by a ripple at three times
+    # ω_s (0.0008), together 0.0021 at most without noise of the converters, and by that noise (σ 0.00024).
+    # The largest value of the noise grows with the length of the record and differs between realisations by
+    # 10 %, the rms value of the error by 3 %. So the rms value is judged; 0.003 is twice its bound. What
+    # becomes of the error within ten minutes, `persistence-shifted` judges by its largest value.
+    assert np.sqrt(np.mean(speed_error(result.window(*settled)) ** 2)) < 0.0015
     assert 0.002 < hold.omega_s * torque < 0.007
     assert hold.torque_ripple < 0.01
     # Beyond the line the flux is rated again.

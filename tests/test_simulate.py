@@ -6,8 +6,10 @@ import _thread
 import json
 import os
 import pickle
+import signal
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +162,15 @@ def test_reports_progress(scenario: sf.Scenario, capsys: pytest.CaptureFixture[s
 
 # Both on the clock of this process's computing time: a piece of the run that is too long shows on it, other
 # processes on the same cores do not.
+@pytest.fixture
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C as in the foreground: a shell starts its background jobs with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_interruptible")
 def test_interrupt_within_200_ms_keeps_what_was_recorded(scenario: sf.Scenario) -> None:
     long = scenario.replace(duration=5000.0, record_every=100, signals=["omega_m"])
     pressed = 0.0
