@@ -186,6 +186,7 @@ impl<R: Real> FilterConfig<R> {
     ///
     /// # Errors
     /// A rotor resistance too large for that.
+    #[cfg(feature = "enhanced")]
     pub(crate) fn check(machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
         let most = 0.1 * machine.L_M / Self::block(inverter).1;
         check("R_R", machine.R_R, 0.0, most, "ohm")
