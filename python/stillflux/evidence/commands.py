@@ -340,12 +340,7 @@ def _commissioning(options: argparse.Namespace) -> int:
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
     if found:
-<<<<<<< .merge_file_tfIXQ3
-        for claim in commissioning.claims(found):
-            print(f"  {claim.text:<70}  {claim.measured:>10}  {'ok' if claim.ok else 'FAILED'}")
-=======
         print(commissioning.table(found))
->>>>>>> .merge_file_QBGTPO
     if options.json:
         rows = [asdict(x) for x in found]
         options.json.write_text(
