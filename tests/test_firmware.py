@@ -166,8 +166,8 @@ SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "enhanced": {"flash_library": (28_672, 35_328), "ram_drive": (1536, 1600), "stack_step": (512, 512)},
 }
 
-#: Mean instructions a call. The flux estimator in f32 misses the 150 that the design asks for, and the step of
-#: the published scheme its 600 (f32) and 1000 (q).
+#: Mean instructions a call. The flux estimator in f32 misses the 150 that the design asks for, and the step
+#: of the published scheme its 600 (f32) and 1000 (q).
 BUDGET = {
     "flux_estimator": {"f32": 158, "q": 185},
     "drive_step": {"f32": 700, "q": 1100},

@@ -99,7 +99,9 @@ use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
 use crate::estimate::priors::Priors;
 use crate::inverter::Distortion;
-use crate::params::{Inverter, Machine, ParamError, check};
+use crate::params::{Inverter, Machine};
+#[cfg(feature = "enhanced")]
+use crate::params::{ParamError, check};
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 use crate::words::words;
