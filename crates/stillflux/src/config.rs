@@ -181,6 +181,13 @@ impl<R: Real> DriveConfig<R> {
         &self.paper.flux
     }
 
+    /// Settings of the published scheme's detection of regeneration: corner of the low-pass in the slip times the time
+    /// between two calls, and the least slip.
+    #[cfg(feature = "paper")]
+    pub fn regeneration_config(&self) -> (R, R) {
+        (self.paper.slip_corner, self.paper.omega_r_regeneration)
+    }
+
     /// Settings of the resistance adaptation, if it is on.
     #[cfg(feature = "paper")]
     pub fn resistance_config(&self) -> Option<&ResistanceConfig<R>> {

@@ -11,6 +11,7 @@ use crate::estimate::confidence::Confidence;
 use crate::estimate::flux::FluxEstimator;
 #[cfg(feature = "variants")]
 use crate::estimate::light_load::LightLoad;
+use crate::estimate::regeneration::Regeneration;
 #[cfg(feature = "variants")]
 use crate::estimate::resistance::ResistanceConfig;
 use crate::estimate::resistance::{self, ResistanceEstimator};
@@ -36,8 +37,7 @@ pub(super) struct PaperEstimators<R: Real> {
     offset_known: bool,
     speed_estimator: SpeedEstimator<R>,
     speed: SpeedEstimate<R>,
-    /// Low-pass of the slip against the direction of rotation.
-    regenerating_slip: Integrator<R>,
+    regeneration: Regeneration<R>,
     /// Mean of `u_d/i_d*` at the end of the magnetisation.
     r_s_mean: Integrator<R>,
     /// Latest current without its offset.
@@ -58,7 +58,7 @@ impl<R: Real> PaperEstimators<R> {
             offset_known: c.calibrate_offset,
             speed_estimator: SpeedEstimator::default(),
             speed: SpeedEstimate::default(),
-            regenerating_slip: Integrator::default(),
+            regeneration: Regeneration::default(),
             r_s_mean: Integrator::default(),
             i_s: AlphaBeta::default(),
         }
@@ -154,7 +154,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     fn begin(&mut self, _: &DriveConfig<R>, _: Option<u32>) {
         self.r_s_mean = Integrator::default();
         self.speed = SpeedEstimate::default();
-        self.regenerating_slip = Integrator::default();
+        self.regeneration = Regeneration::default();
     }
 
     #[inline(always)]
@@ -188,12 +188,8 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, i_dq: &Dq<R>) {
         let c = &c.paper;
-        let SpeedEstimate { omega_s, omega_m, omega_r, .. } = self.speed;
-        // Slip against the direction of rotation, slower than the swinging that an offset causes. A light load does not
-        // count, nor does a slip beyond ω, where ω_s turns against it.
-        let slip = if omega_m < R::ZERO { omega_r } else { -omega_r };
-        let slow = self.regenerating_slip.add(c.slip_corner, slip - self.regenerating_slip.value());
-        self.flux.set_regenerating(slow > c.omega_r_regeneration && slow < omega_m.abs());
+        let SpeedEstimate { omega_s, omega_m, .. } = self.speed;
+        self.flux.set_regenerating(self.regeneration.step(c.slip_corner, c.omega_r_regeneration, &self.speed));
         // (17) takes it that voltages and currents are free of offset: until that is so, ε is not of the resistance.
         let known = self.offset_known || self.flux.offset.updates() >= OFFSET_UPDATES;
         if let (Some(resistance), true) = (&c.resistance, known) {

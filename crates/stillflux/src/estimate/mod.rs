@@ -18,5 +18,6 @@ pub mod limiter;
 pub mod lowpass;
 pub mod offset;
 pub mod priors;
+pub mod regeneration;
 pub mod resistance;
 pub mod speed;

@@ -10,6 +10,7 @@ use stillflux::control::speed::SpeedController;
 use stillflux::drive::{Drive, Estimate, Reference};
 use stillflux::estimate::confidence::Confidence;
 use stillflux::estimate::flux::FluxEstimator;
+use stillflux::estimate::regeneration::Regeneration;
 use stillflux::estimate::resistance::{ResistanceConfig, ResistanceEstimator};
 use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use stillflux::space::{AlphaBeta, Dq};
@@ -53,6 +54,7 @@ impl Costs {
 pub struct Blocks<R: Word> {
     flux: FluxEstimator<R>,
     speed: SpeedEstimator<R>,
+    regeneration: Regeneration<R>,
     resistance: ResistanceEstimator<R>,
     confidence: Confidence<R>,
     speed_control: SpeedController<R>,
@@ -72,6 +74,7 @@ impl<R: Word> Blocks<R> {
         let mut blocks = Self {
             flux: FluxEstimator::default(),
             speed: SpeedEstimator::default(),
+            regeneration: Regeneration::default(),
             resistance: ResistanceEstimator::default(),
             confidence: Confidence::default(),
             speed_control: SpeedController::default(),
@@ -121,6 +124,8 @@ impl<R: Word> Blocks<R> {
             self.follow = Some(speed.omega_s);
         }
         if turn == 2 {
+            let (corner, least) = c.regeneration_config();
+            self.flux.set_regenerating(self.regeneration.step(corner, least, &speed));
             if let Some(config) = c.resistance_config() {
                 costs
                     .resistance_adaptation

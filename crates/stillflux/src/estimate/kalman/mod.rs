@@ -99,7 +99,9 @@ use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
 use crate::estimate::priors::Priors;
 use crate::inverter::Distortion;
-use crate::params::{Inverter, Machine, ParamError, check};
+use crate::params::{Inverter, Machine};
+#[cfg(feature = "enhanced")]
+use crate::params::{ParamError, check};
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 use crate::words::words;
@@ -186,6 +188,7 @@ impl<R: Real> FilterConfig<R> {
     ///
     /// # Errors
     /// A rotor resistance too large for that.
+    #[cfg(feature = "enhanced")]
     pub(crate) fn check(machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
         let most = 0.1 * machine.L_M / Self::block(inverter).1;
         check("R_R", machine.R_R, 0.0, most, "ohm")
