@@ -63,6 +63,7 @@
 //! * Above `|ω_s| = 0.2` the voltages of `r_s`, `v` and `k` are smaller than the error of the voltage itself: the three
 //!   are held at their values and variances (consider states, without correlation), and the flux has noise that grows
 //!   with frequency.
+//! * Below `|ω_s| = 0.008` the leakage is held likewise: a steady load does not show it there.
 //! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
 //!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.
 //! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 blocks, means that something has

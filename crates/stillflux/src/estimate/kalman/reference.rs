@@ -6,7 +6,7 @@ use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA,
     SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
 };
-use super::schedule::{Holds, OMEGA_HELD};
+use super::schedule::{Holds, OMEGA_HELD, OMEGA_STILL};
 use super::{
     B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, N, NIS_CORNER,
     NIS_THRESHOLD, R_S_RANGE, SIGMA_LOST, V_MAX, noise,
@@ -357,8 +357,9 @@ impl Reference {
         let held = omega > OMEGA_HELD;
         let excess = if held { 0.0 } else { (self.nis - NIS_THRESHOLD).max(0.0) };
         let mut q = Matrix::from_diagonal(&State::from(self.c.noise.walk(excess)));
-        if held {
-            for k in [RS, V, KNEE] {
+        let still = omega <= OMEGA_STILL;
+        for (k, held) in [(RS, held), (V, held), (KNEE, held), (LEAKAGE, still)] {
+            if held {
                 q[(k, k)] = 0.0;
                 let own = p[(k, k)];
                 p.row_mut(k).fill(0.0);
@@ -530,6 +531,10 @@ fn the_scheduled_filter_is_the_dense_one_over_a_closed_loop() {
                 let x = Reference::of(&rig.c, f).x;
                 let apart = (x - reference.x).component_div(&scale).amax();
                 assert!(apart < 1e-8, "{t} s: the states are apart by {apart}");
+                // Once a second it begins anew: near zero stator frequency nothing reduces what rounding leaves.
+                if k % 10_000 < 10 {
+                    reference = Reference::of(&rig.c, f);
+                }
             }
         }
         assert!(held && stepped && near_zero, "the loop passes through every branch: {held} {stepped} {near_zero}");
