@@ -65,10 +65,16 @@ def test_the_log_of_a_simulation_comes_back(run: sf.Result, scheme: Scheme) -> N
     known = found.angle_deviation < 1.0
     assert run.t[np.argmax(known)] < 1.9, "an estimate when the machine is magnetised, before it turns"
     under_load = run.t > 2.5
-    # As far from the truth as the drive expects of itself, also at zero stator frequency at the end.
-    expected = np.degrees(run["estimate.angle_deviation"])
-    allowed = 2.0 * expected + 0.3 if scheme == "enhanced" else 3.0
-    assert (np.abs(angle_error(found, run)) < allowed)[under_load].all()
+    error = np.abs(angle_error(found, run))
+    if scheme == "enhanced":
+        # As far from the truth as the drive expects of itself, also at zero stator frequency at the end.
+        expected = np.degrees(run["estimate.angle_deviation"])
+        assert (error < 2.0 * expected + 0.3)[under_load].all()
+    else:
+        # At zero stator frequency the published estimator integrates what is left of the voltage's error.
+        turning = np.abs(run["estimate.omega_s"]) > 0.01 * MOTOR.base["omega"]
+        assert (error < 1.0)[under_load & turning].all()
+        assert (error < 10.0)[under_load].all()
     assert np.abs(found.omega_m - run["omega_m"])[under_load].max() < 0.01 * MOTOR.base["omega_m"]
     assert np.abs(found.torque - run["torque"])[run.t > 3.0].mean() < 0.03 * MOTOR.T_N
     assert found.R_s[-1] == pytest.approx(1.1 * MOTOR.R_s + INVERTER.r_d, rel=0.02)
