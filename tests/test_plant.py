@@ -287,6 +287,10 @@ def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -
         {"turn_off_delay": [(0.0, 3e-7), (0.0, 0.0), (1e-7, 0.0)]},
         {"iron_loss": (900.0, 150e-6)},
         {"deep_bar": (0.3, 0.6)},
+        {"leakage_saturation": (0.25, 5.0)},
+        {"slot_ripple": (28, 0.01, 0.05)},
+        {"dc_link": (1e-3, 0.4, None)},
+        {"dc_link": (1e-3, 0.4, None), "grid": (50.0, 0.5e-3)},
     ):
         assert 1e-3 < abs(current(**option) - plain) < 1.0, option
     # These change what is read or called, not the plant.
@@ -297,6 +301,9 @@ def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -
         ("adc_skew", (0.0, 0.0, 1e-3), "adc_skew = "),
         ("iron_loss", (900.0, 1e-6), "time constant"),
         ("deep_bar", (0.0, 0.5), "conductance"),
+        ("leakage_saturation", (0.7, 5.0), "leakage_saturation share = 0.7"),
+        ("slot_ripple", (28, 0.3, 0.0), "slot_ripple permeance = 0.3"),
+        ("grid", (50.0, 1e-3), "that is not given"),
         ("missed_calls", 1.5, "missed_calls = "),
     ):
         with pytest.raises(ValueError, match=text):

@@ -6,27 +6,33 @@
 //! 1/L_s(|psi|) = (1 + (a |psi|)^S)/L_u
 //! ```
 //!
-//! Further short-circuited windings, for eddy currents and deep bars, are those of [`crate::branches`].
+//! Further short-circuited windings, for eddy currents and deep bars, are those of [`crate::branches`], saturation of the
+//! leakage and the slots those of [`crate::slots`].
 //!
 //! `R` is the winding plus `r_d` of the bridge: the current always passes one device per leg, so the
 //! fold is exact. All inverse inductances are formed once; a step divides by nothing.
 #![allow(non_snake_case)]
 
 mod energy;
+mod gap;
 mod steps;
 
 pub use self::energy::Energy;
+use self::gap::Gap;
 pub(crate) use self::steps::{Series, Step};
 use crate::branches::{Branch, DeepBar, IronLoss};
+use crate::slots::{LeakageSaturation, SlotRipple};
 use stillflux::params::Machine;
 use stillflux::space::AlphaBeta;
 
 pub(crate) type V2 = [f64; 2];
 
-/// What the compiler may leave out: a circuit without saturation, with it, with further branches.
+/// What the compiler may leave out: a circuit without saturation, with it, with further branches, with all of them and
+/// saturating leakage and slots.
 pub(crate) const LINEAR: u8 = 0;
 pub(crate) const SATURATING: u8 = 1;
 pub(crate) const BRANCHED: u8 = 2;
+pub(crate) const FULL: u8 = 3;
 
 #[inline(always)]
 pub(crate) fn dot(a: V2, b: V2) -> f64 {
@@ -55,7 +61,7 @@ pub(crate) fn space_vector(v: [f64; 3]) -> V2 {
     AlphaBeta::from_phases(v).into()
 }
 
-/// What is integrated: Γ-form fluxes in V·s, mechanical speed in rad/s.
+/// What is integrated: Γ-form fluxes in V·s, mechanical speed in rad/s and angle in rad.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct State {
     pub psi_s: V2,
@@ -63,12 +69,32 @@ pub(crate) struct State {
     /// Flux of the further branches: iron, bar.
     pub psi_x: [V2; 2],
     pub omega: f64,
+    pub theta: f64,
+    /// `e^{j Z theta}` of the slots, where there are any.
+    pub slot: V2,
+}
+
+/// What a machine consists of beyond its data; `None`: left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Extras {
+    pub iron: Option<IronLoss>,
+    pub bar: Option<DeepBar>,
+    pub leakage: Option<LeakageSaturation>,
+    pub slots: Option<SlotRipple>,
+}
+
+/// `∂i_s/∂psi_s = b + q psi psi^T + gap`, the last (αα, αβ, ββ) in [`FULL`] alone.
+pub(crate) struct Tangent {
+    b: f64,
+    q: f64,
+    psi: V2,
+    gap: [f64; 3],
 }
 
 /// What follows from a state alone, whatever the terminal voltage.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Field {
-    /// `1/L_s(|psi_s|) + 1/L_l`
+    /// `1/L_s(|psi_s|) + 1/L_l` of small leakage currents
     pub b: f64,
     pub i: V2,
     pub dpsi_r: V2,
@@ -92,6 +118,7 @@ pub(crate) struct Circuit {
     x: [Branch; 2],
     branched: bool,
     bar: Option<DeepBar>,
+    gap: Gap,
     /// `1/L_u + 1/L_l`
     b_0: f64,
     inv_L_u: f64,
@@ -105,7 +132,8 @@ pub(crate) struct Circuit {
 }
 
 impl Circuit {
-    pub fn new(m: &Machine, r_d: f64, saturation: bool, iron: Option<IronLoss>, bar: Option<DeepBar>) -> Self {
+    pub fn new(m: &Machine, r_d: f64, saturation: bool, extras: &Extras) -> Self {
+        let Extras { iron, bar, leakage, slots } = *extras;
         let g = m.to_gamma();
         let sat = m.saturation.filter(|s| saturation && s.a > 0.0);
         let (inv_L_u, p_0, S) = sat.map_or((1.0 / g.L_s, 0.0, 2.0), |s| (1.0 / s.L_u, s.a.powf(s.S) / s.L_u, s.S));
@@ -127,6 +155,7 @@ impl Circuit {
             x: [Branch::iron(iron), Branch::default()],
             branched: iron.is_some() || bar.is_some(),
             bar,
+            gap: Gap::default(),
             b_0: inv_L_u + 1.0 / g.L_l,
             inv_L_u,
             p_0,
@@ -141,12 +170,16 @@ impl Circuit {
             circuit.x[1] = Branch { inv_L: bar.leakage / g.L_l, k: 0.0, turns: n_p };
             circuit.set_R_R(m);
         }
+        circuit.gap = Gap::new(m, circuit.inv_L_l, inv_L_u, leakage, slots);
+        circuit.gap.R_r = circuit.k_r / circuit.inv_L_l;
         circuit
     }
 
     /// The least that the compiler may assume.
     pub fn kind(&self) -> u8 {
-        if self.branched {
+        if self.gap.is_some() {
+            FULL
+        } else if self.branched {
             BRANCHED
         } else if self.p_0 > 0.0 {
             SATURATING
@@ -172,6 +205,7 @@ impl Circuit {
             self.k_r /= 1.0 - bar.conductance;
             self.x[1].k = R_r / bar.conductance * self.x[1].inv_L;
         }
+        self.gap.R_r = self.k_r / self.inv_L_l;
     }
 
     /// `a^S |psi|^S / L_u` from `x = |psi|²`. For odd `S` one square root, no `powf`.
@@ -203,7 +237,7 @@ impl Circuit {
             dpsi_x: [[0.0; 2]; 2],
             torque: self.k_T * (r[0] * s[1] - r[1] * s[0]),
         };
-        if KIND == BRANCHED {
+        if KIND >= BRANCHED {
             field.torque += self.bar_torque(x.psi_x[1], s);
             for n in 0..2 {
                 let (c, p) = (&self.x[n], x.psi_x[n]);
@@ -211,6 +245,12 @@ impl Circuit {
                 field.i = axpy(field.i, -c.inv_L, p);
                 field.dpsi_x[n] = [c.k * (s[0] - p[0]) - w * p[1], c.k * (s[1] - p[1]) + w * p[0]];
             }
+        }
+        if KIND == FULL {
+            let (gap, leak) = (&self.gap, self.gap.leak(x));
+            field.i = axpy(axpy(field.i, 1.0, leak.i), 1.0, gap.main(x));
+            field.dpsi_r = axpy(field.dpsi_r, gap.R_r, leak.i);
+            field.torque += 1.5 * gap.torque(x, &leak, self.n_p);
         }
         field
     }
@@ -224,22 +264,36 @@ impl Circuit {
     #[inline(always)]
     fn inward<const KIND: u8>(&self, r: V2, x: &[V2; 2]) -> V2 {
         let sum = [self.inv_L_l * r[0], self.inv_L_l * r[1]];
-        if KIND == BRANCHED { axpy(axpy(sum, self.x[0].inv_L, x[0]), self.x[1].inv_L, x[1]) } else { sum }
+        if KIND >= BRANCHED { axpy(axpy(sum, self.x[0].inv_L, x[0]), self.x[1].inv_L, x[1]) } else { sum }
     }
 
     /// Stator equation `u - R i_s`, in the order with the fewest dependent operations.
     #[inline(always)]
     pub fn stator<const KIND: u8>(&self, x: &State, f: &Field, u: V2) -> V2 {
-        if KIND == BRANCHED {
+        if KIND >= BRANCHED {
             return axpy(u, -self.R, f.i);
         }
         let (k_s, k_r) = (self.R * f.b, self.R * self.inv_L_l);
         [u[0] + k_r * x.psi_r[0] - k_s * x.psi_s[0], u[1] + k_r * x.psi_r[1] - k_s * x.psi_s[1]]
     }
 
-    /// Rotor flux of the inverse-Γ circuit at this operating point, `psi_s - L_sigma i_s`.
+    /// `e^{j Z theta}` of the slots, where there are any.
+    pub fn slot(&self, theta: f64) -> V2 {
+        if self.gap.is_some() { self.gap.slot(theta) } else { [0.0; 2] }
+    }
+
+    /// [`Self::field`] of whatever kind this circuit is.
+    pub fn any_field(&self, x: &State) -> Field {
+        if self.kind() == FULL { self.field::<FULL>(x) } else { self.field::<BRANCHED>(x) }
+    }
+
+    /// Rotor flux of the inverse-Γ circuit at this operating point, `psi_s - L_sigma i_s`. Saturation of the leakage
+    /// is in `L_sigma`, the slots are not.
     pub fn psi_R(&self, x: &State) -> V2 {
         let b = self.b_0 + self.saturating(dot(x.psi_s, x.psi_s));
+        if self.gap.is_some() {
+            return axpy(x.psi_s, -1.0 / (b + self.gap.chord(x)), self.field::<FULL>(x).i);
+        }
         if self.branched {
             let y = self.inward::<BRANCHED>(x.psi_r, &x.psi_x);
             return [y[0] / b, y[1] / b];
@@ -250,7 +304,7 @@ impl Circuit {
 
     /// State with this rotor flux of the inverse-Γ circuit: the inverse of [`Self::psi_R`]. No eddy current flows in
     /// the iron, the branches of the rotor have one flux.
-    pub fn state_of(&self, psi_s: V2, psi_R: V2, omega: f64) -> State {
+    pub fn state_of(&self, psi_s: V2, psi_R: V2, omega: f64, theta: f64) -> State {
         let b = self.b_0 + self.saturating(dot(psi_s, psi_s));
         let g = b * self.L_l;
         let iron = self.x[0].inv_L * self.L_l;
@@ -259,34 +313,60 @@ impl Circuit {
         } else {
             [g * psi_R[0], g * psi_R[1]]
         };
-        State { psi_s, psi_r, psi_x: [psi_s, psi_r], omega }
+        let mut x = State { psi_s, psi_r, psi_x: [psi_s, psi_r], omega, theta, slot: self.slot(theta) };
+        if self.gap.is_some() {
+            // A contraction by the saturated and rippling part of the inverse leakage.
+            for _ in 0..100 {
+                let error = axpy(self.psi_R(&x), -1.0, psi_R);
+                x.psi_r = axpy(x.psi_r, -b / (self.b_0 - self.inv_L_u - self.x[0].inv_L), error);
+                x.psi_x[1] = x.psi_r;
+            }
+        }
+        x
     }
 
-    /// Tangent `∂i_s/∂psi_s = b + q psi psi^T` as (b, q).
+    /// `∂i_s/∂psi_s`.
     #[inline]
-    fn tangent<const KIND: u8>(&self, psi: V2) -> (f64, f64) {
-        if KIND != LINEAR {
+    fn tangent<const KIND: u8>(&self, x: &State) -> Tangent {
+        let psi = x.psi_s;
+        let (b, q) = if KIND != LINEAR {
             let x = dot(psi, psi);
             let p = self.saturating(x);
             (self.b_0 + p, self.S * p / x.max(1e-30))
         } else {
             (self.b_0, 0.0)
-        }
+        };
+        Tangent { b, q, psi, gap: self.gap_of::<KIND>(x) }
     }
 
     /// [`Self::tangent`] where `b` of the state's field is known.
     #[inline(always)]
-    pub fn tangent_from<const KIND: u8>(&self, psi: V2, b: f64) -> (f64, f64) {
-        if KIND != LINEAR { (b, self.S * (b - self.b_0) / dot(psi, psi).max(1e-30)) } else { (b, 0.0) }
+    pub fn tangent_from<const KIND: u8>(&self, x: &State, b: f64) -> Tangent {
+        let psi = x.psi_s;
+        let q = if KIND != LINEAR { self.S * (b - self.b_0) / dot(psi, psi).max(1e-30) } else { 0.0 };
+        Tangent { b, q, psi, gap: self.gap_of::<KIND>(x) }
+    }
+
+    #[inline(always)]
+    fn gap_of<const KIND: u8>(&self, x: &State) -> [f64; 3] {
+        if KIND == FULL { self.gap_tangent(x, &self.gap.leak(x)) } else { [0.0; 3] }
+    }
+
+    /// What the short-circuited windings and the slots take from `i_s'`, whatever `psi_s'`.
+    #[inline(always)]
+    fn taken<const KIND: u8>(&self, x: &State, f: &Field) -> V2 {
+        let y = self.inward::<KIND>(f.dpsi_r, &f.dpsi_x);
+        if KIND == FULL {
+            let leak = self.gap.leak(x);
+            return axpy(axpy(y, 1.0, leak.apply(f.dpsi_r)), -x.omega, self.gap.turn_rate(x, &leak));
+        }
+        y
     }
 
     /// `i_s'` for a given `psi_s'`.
     #[inline]
     pub fn di<const KIND: u8>(&self, x: &State, f: &Field, dpsi_s: V2) -> V2 {
-        let (b, q) = self.tangent::<KIND>(x.psi_s);
-        let k = q * dot(x.psi_s, dpsi_s);
-        let y = self.inward::<KIND>(f.dpsi_r, &f.dpsi_x);
-        [b * dpsi_s[0] + k * x.psi_s[0] - y[0], b * dpsi_s[1] + k * x.psi_s[1] - y[1]]
+        axpy(self.tangent::<KIND>(x).apply::<KIND>(dpsi_s), -1.0, self.taken::<KIND>(x, f))
     }
 
     /// One leg without current: `psi_s'`, and the leg's potential for which its current stays zero.
@@ -297,38 +377,28 @@ impl Circuit {
     pub fn float<const KIND: u8>(&self, x: &State, f: &Field, k: usize, u: V2) -> (V2, f64) {
         let e = AXIS[k];
         let ds = axpy(u, -self.R, f.i);
-        let (b, q) = self.tangent::<KIND>(x.psi_s);
-        let pe = dot(x.psi_s, e);
-        let lambda = -dot(e, self.di::<KIND>(x, f, ds)) / (b + q * pe * pe);
+        let lambda = -dot(e, self.di::<KIND>(x, f, ds)) / self.tangent::<KIND>(x).along::<KIND>(e);
         (axpy(ds, lambda, e), 1.5 * lambda)
     }
 
     /// No current at all: `psi_s'`, which then also is the terminal voltage (the induced one).
-    /// `(b + q psi psi^T) psi_s' = psi_r'/L_l` by Sherman-Morrison.
     #[inline]
     pub fn open<const KIND: u8>(&self, x: &State, f: &Field) -> V2 {
-        self.solve_tangent::<KIND>(x.psi_s, self.inward::<KIND>(f.dpsi_r, &f.dpsi_x))
-    }
-
-    fn solve_tangent<const KIND: u8>(&self, psi: V2, w: V2) -> V2 {
-        let (b, q) = self.tangent::<KIND>(psi);
-        let k = -q * dot(psi, w) / (b + q * dot(psi, psi));
-        let v = axpy(w, k, psi);
-        [v[0] / b, v[1] / b]
+        self.tangent::<KIND>(x).solve::<KIND>(self.taken::<KIND>(x, f))
     }
 
     /// Moves `psi_s` by the rounding (and, saturated, `O(h^5)`) residue that separates a leg's current from zero.
     pub fn clear_leg<const KIND: u8>(&self, x: &mut State, f: &mut Field, k: usize) {
-        let (e, (b, q)) = (AXIS[k], self.tangent::<KIND>(x.psi_s));
-        let (pe, ie) = (dot(x.psi_s, e), dot(f.i, e));
-        x.psi_s = axpy(x.psi_s, -ie / (b + q * pe * pe), e);
+        let e = AXIS[k];
+        let along = self.tangent::<KIND>(x).along::<KIND>(e);
+        x.psi_s = axpy(x.psi_s, -dot(f.i, e) / along, e);
         *f = self.field::<KIND>(x);
         f.i = axpy(f.i, -dot(f.i, e), e);
     }
 
     /// The same for all three legs.
     pub fn clear_all<const KIND: u8>(&self, x: &mut State, f: &mut Field) {
-        x.psi_s = axpy(x.psi_s, -1.0, self.solve_tangent::<KIND>(x.psi_s, f.i));
+        x.psi_s = axpy(x.psi_s, -1.0, self.tangent::<KIND>(x).solve::<KIND>(f.i));
         *f = self.field::<KIND>(x);
         f.i = [0.0; 2];
     }

@@ -10,9 +10,11 @@ use crate::adc::{Adc, ChannelFault, Converter};
 use crate::branches::{DeepBar, IronLoss};
 use crate::bridge::{Bridge, Feed, GateDelays};
 use crate::dclink::{DcLink, Link, LinkEnergy};
-use crate::machine::{BRANCHED, Circuit, Energy, Field, LINEAR, SATURATING, State, V2, dot, phases};
+use crate::machine::{BRANCHED, Circuit, Energy, Extras, FULL, Field, LINEAR, SATURATING, State, V2, dot, phases};
 use crate::mechanics::{Mechanics, Shaft};
 use crate::nodes::Nodes;
+use crate::rectifier::Grid;
+use crate::slots::{LeakageSaturation, SlotRipple};
 use crate::thermal::Thermal;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 use stillflux::si::MeasurementSi;
@@ -53,12 +55,18 @@ pub struct PlantParams {
     pub iron_loss: Option<IronLoss>,
     /// Skin effect in the rotor's bars.
     pub deep_bar: Option<DeepBar>,
+    /// Saturation of the leakage.
+    pub leakage_saturation: Option<LeakageSaturation>,
+    /// Ripple by the rotor's slots.
+    pub slot_ripple: Option<SlotRipple>,
     /// Whether the control is called once a period, as it should be.
     pub calls: Calls,
     /// Winding temperature; `None`: cold throughout.
     pub thermal: Option<Thermal>,
     /// Capacitor, supply and chopper of the dc link; `None`: the link has the voltage that is set.
     pub dc_link: Option<DcLink>,
+    /// Grid that feeds the link's rectifier; `None`: the rectified voltage is smooth.
+    pub grid: Option<Grid>,
     /// Model of the bridge.
     pub mode: Mode,
     /// Whether to use the machine's saturation curve, if it has one.
@@ -79,9 +87,12 @@ impl PlantParams {
             adc: Adc::new(&machine, &inverter),
             iron_loss: None,
             deep_bar: None,
+            leakage_saturation: None,
+            slot_ripple: None,
             calls: Calls::default(),
             thermal: None,
             dc_link: None,
+            grid: None,
             mode: Mode::Switching,
             saturation: true,
             seed: 0,
@@ -105,9 +116,18 @@ impl PlantParams {
         }
         self.iron_loss.map_or(Ok(()), |l| l.validate(&self.machine))?;
         self.deep_bar.map_or(Ok(()), |b| b.validate())?;
+        self.leakage_saturation.map_or(Ok(()), |l| l.validate())?;
+        self.slot_ripple.map_or(Ok(()), |s| s.validate())?;
         check("missed_calls", self.calls.missed, 0.0, 0.9, "")?;
         check("doubled_calls", self.calls.doubled, 0.0, 1.0 - self.calls.missed, "")?;
         self.dc_link.map_or(Ok(()), |l| l.validate())?;
+        if let Some(grid) = self.grid {
+            grid.validate()?;
+            if self.dc_link.is_none() {
+                return check("grid frequency", grid.frequency, 0.0, 0.0, "Hz")
+                    .map_err(|e| e.with_note("a grid feeds the capacitor of dc_link, and that is not given"));
+            }
+        }
         self.thermal.map_or(Ok(()), |t| t.validate())
     }
 }
@@ -157,7 +177,6 @@ pub struct Plant {
     adc: Converter,
     x: State,
     f: Field,
-    theta: f64,
     t: f64,
     period: f64,
     h_max: f64,
@@ -177,6 +196,8 @@ pub struct Plant {
     stale: bool,
     kelvin: f64,
     energy: Option<Energy>,
+    /// Whether the account holds more than what a link with a capacitor lives by.
+    booked: bool,
     link: Option<Link>,
     truth: Truth,
 }
@@ -200,10 +221,23 @@ impl Plant {
     pub fn new(params: PlantParams) -> Result<Self, ParamError> {
         params.validate()?;
         let PlantParams { machine: m, inverter: inv, .. } = params;
-        let circuit = Circuit::new(&m, inv.r_d, params.saturation, params.iron_loss, params.deep_bar);
+        let circuit = Circuit::new(
+            &m,
+            inv.r_d,
+            params.saturation,
+            &Extras {
+                iron: params.iron_loss,
+                bar: params.deep_bar,
+                leakage: params.leakage_saturation,
+                slots: params.slot_ripple,
+            },
+        );
         let i_n = std::f64::consts::SQRT_2 * m.I_N;
         // A branch carries a small part of the current: its time constant may be met by fewer steps.
-        let rate = stray_rate(&m, &inv) + 0.15 * circuit.branch_rate() + 1.5 * m.omega_sR();
+        // Saturated leakage raises the stray rate, ripple of the slots has to be followed.
+        let stray = stray_rate(&m, &inv) * (1.0 + 3.0 * params.leakage_saturation.map_or(0.0, |l| l.excess()));
+        let slots = params.slot_ripple.map_or(0.0, |s| f64::from(s.slots)) * m.omega_sR() / f64::from(m.n_p);
+        let rate = stray + 0.15 * circuit.branch_rate() + 1.5 * m.omega_sR();
         let mut plant = Self {
             params,
             circuit,
@@ -213,10 +247,9 @@ impl Plant {
             adc: Converter::new(params.adc, params.seed),
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
             f: Field::default(),
-            theta: 0.0,
             t: 0.0,
             period: 1.0 / inv.f_s,
-            h_max: (0.05 / rate).min(60e-6),
+            h_max: (0.05 / rate).min(60e-6).min(0.2 / slots),
             h_taylor: if inv.c_out > 0.0 { 5e-3 / rate } else { 0.0 },
             tol: Tolerance {
                 current: 1e-11 * i_n,
@@ -234,9 +267,13 @@ impl Plant {
             stale: false,
             kelvin: 0.0,
             energy: params.dc_link.map(|_| Energy::default()),
-            link: params.dc_link.map(|l| Link::new(l, inv.u_dc)),
+            booked: params.mode == Mode::Averaged,
+            link: params.dc_link.map(|l| Link::new(l, params.grid, inv.u_dc)),
             truth: Truth::default(),
         };
+        if let Some(link) = &plant.link {
+            plant.bridge.u_dc = link.no_load();
+        }
         plant.refresh();
         Ok(plant)
     }
@@ -254,10 +291,12 @@ impl Plant {
         match (averaged, self.circuit.kind()) {
             (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
             (false, SATURATING) => self.switched::<SATURATING>(active, gates_on),
-            (false, _) => self.switched::<BRANCHED>(active, gates_on),
+            (false, BRANCHED) => self.switched::<BRANCHED>(active, gates_on),
+            (false, _) => self.switched::<FULL>(active, gates_on),
             (true, LINEAR) => self.averaged::<LINEAR>(active),
             (true, SATURATING) => self.averaged::<SATURATING>(active),
-            (true, _) => self.averaged::<BRANCHED>(active),
+            (true, BRANCHED) => self.averaged::<BRANCHED>(active),
+            (true, _) => self.averaged::<FULL>(active),
         }
         let drawn = self.taken() - taken;
         if let Some(link) = &mut self.link {
@@ -281,7 +320,8 @@ impl Plant {
         match self.circuit.kind() {
             LINEAR => self.smooth::<LINEAR>(Feed::Voltage(u_s), dt),
             SATURATING => self.smooth::<SATURATING>(Feed::Voltage(u_s), dt),
-            _ => self.smooth::<BRANCHED>(Feed::Voltage(u_s), dt),
+            BRANCHED => self.smooth::<BRANCHED>(Feed::Voltage(u_s), dt),
+            _ => self.smooth::<FULL>(Feed::Voltage(u_s), dt),
         }
         self.circuit.r_d = r_d;
         self.circuit.set_R_s(self.circuit.R_s);
@@ -391,7 +431,7 @@ impl Plant {
 
     /// Puts the machine into a state: stator flux and inverse-Γ rotor flux in V·s, mechanical rad/s.
     pub fn set_state(&mut self, psi_s: [f64; 2], psi_r: [f64; 2], omega_m: f64) {
-        self.x = self.circuit.state_of(psi_s, psi_r, omega_m);
+        self.x = self.circuit.state_of(psi_s, psi_r, omega_m, self.x.theta);
         self.shaft.restart(omega_m);
         self.stale = true;
         self.refresh();
@@ -399,14 +439,15 @@ impl Plant {
 
     /// Starts (from zero) or stops the account of energies.
     pub fn track_energy(&mut self, on: bool) {
-        // A link with a capacitor lives by the account.
+        // A link with a capacitor lives by what the bridge takes from it.
         self.energy = (on || self.link.is_some()).then(Energy::default);
+        self.booked = on || self.params.mode == Mode::Averaged;
     }
 
     /// Energies since tracking began, if it did.
     #[must_use]
     pub fn energy(&self) -> Option<&Energy> {
-        self.energy.as_ref()
+        self.energy.as_ref().filter(|_| self.booked)
     }
 
     /// Energy now stored in the machine's magnetic field, J.
@@ -431,6 +472,8 @@ impl Plant {
     fn begin(&mut self, load_torque: f64) -> V2 {
         self.shaft.load = load_torque;
         self.int_i = [0.0; 2];
+        // Steps turn it on: no rounding may pile up.
+        self.x.slot = self.circuit.slot(self.x.theta);
         if self.shaft.stuck {
             self.shaft.at_rest(self.f.torque);
         }
@@ -465,14 +508,15 @@ impl Plant {
 
     /// Recomputes what follows from the state after it was changed from outside.
     fn refresh(&mut self) {
-        self.f = self.circuit.field::<BRANCHED>(&self.x);
+        self.x.slot = self.circuit.slot(self.x.theta);
+        self.f = self.circuit.any_field(&self.x);
         self.publish();
     }
 
     fn publish(&mut self) {
         let t = &mut self.truth;
         (t.t, t.psi_s, t.psi_r, t.i_s) = (self.t, self.x.psi_s, self.circuit.psi_R(&self.x), self.f.i);
-        (t.omega_m, t.theta_m, t.torque) = (self.x.omega, self.theta, self.f.torque);
+        (t.omega_m, t.theta_m, t.torque) = (self.x.omega, self.x.theta, self.f.torque);
         (t.R_s, t.u_dc) = (self.circuit.R_s, self.bridge.u_dc);
     }
 }

@@ -48,7 +48,8 @@ impl Circuit {
         1.5 * (0.5 * self.inv_L_u * s2
             + self.saturating(s2) * s2 / (self.S + 2.0)
             + 0.5 * self.inv_L_l * dot(l, l)
-            + branches)
+            + branches
+            + if self.gap.is_some() { self.gap.energy(x) } else { 0.0 })
     }
 
     /// The powers of [`Energy`] in W that follow from state and voltage; `conduction` without the thresholds.
@@ -58,10 +59,15 @@ impl Circuit {
             let l = axpy(x.psi_s, -1.0, x.psi_x[n]);
             1.5 * self.x[n].k * self.x[n].inv_L * dot(l, l)
         };
+        let mut copper_r = 1.5 * self.k_r * self.inv_L_l * dot(l, l);
+        if self.gap.is_some() {
+            let i = axpy(self.gap.leak(x).i, self.inv_L_l, l);
+            copper_r = 1.5 * self.gap.R_r * dot(i, i);
+        }
         Energy {
             input: 1.5 * dot(axpy(dpsi_s, self.R_s, f.i), f.i),
             copper_s: 1.5 * self.R_s * dot(f.i, f.i),
-            copper_r: 1.5 * self.k_r * self.inv_L_l * dot(l, l) + loss(1),
+            copper_r: copper_r + loss(1),
             iron: loss(0),
             shaft: f.torque * x.omega,
             conduction: 1.5 * self.r_d * dot(f.i, f.i),

@@ -1,7 +1,7 @@
 //! Integration of the circuit over one segment: Runge-Kutta steps, Taylor steps where segments are short.
 #![allow(non_snake_case)]
 
-use super::{AXIS, BRANCHED, Circuit, Field, LINEAR, State, V2, axpy, dot};
+use super::{AXIS, BRANCHED, Circuit, FULL, Field, LINEAR, State, V2, axpy, dot};
 use crate::mechanics::Shaft;
 
 /// The saturation term about the start of a step, a series in `|psi_s|²`: within a step the flux moves by
@@ -11,12 +11,11 @@ struct Near {
     c: [f64; 5],
 }
 
-/// One integration step: the state reached, `∫ i dt` and `∫ omega dt` on the way.
+/// One integration step: the state reached and `∫ i dt` on the way.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Step {
     pub x: State,
     pub int_i: V2,
-    pub dtheta: f64,
 }
 
 /// Derivatives of current, rotor flux and speed at the start of a short segment; see [`Circuit::taylor`].
@@ -101,13 +100,16 @@ impl Circuit {
         dpsi_s: impl Fn(&State, &Field) -> V2,
     ) -> Step {
         let branches = |p: [V2; 2], k: f64, d: &[V2; 2]| {
-            if KIND == BRANCHED { [axpy(p[0], k, d[0]), axpy(p[1], k, d[1])] } else { p }
+            if KIND >= BRANCHED { [axpy(p[0], k, d[0]), axpy(p[1], k, d[1])] } else { p }
         };
-        let at = |k: f64, s: V2, f: &Field, a: f64| State {
+        let turn = |dtheta: f64| if KIND == FULL { self.gap.turn(x.slot, dtheta) } else { x.slot };
+        let at = |k: f64, s: V2, f: &Field, a: f64, w: f64| State {
             psi_s: axpy(x.psi_s, k, s),
             psi_r: axpy(x.psi_r, k, f.dpsi_r),
             psi_x: branches(x.psi_x, k, &f.dpsi_x),
             omega: x.omega + k * a,
+            theta: x.theta,
+            slot: turn(k * w),
         };
         let near = if KIND != LINEAR { self.near(x.psi_s, f1.b) } else { Near { x: 0.0, c: [0.0; 5] } };
         let field = |x: &State| {
@@ -116,18 +118,19 @@ impl Circuit {
             self.field_at::<KIND>(x, b)
         };
         let (s1, a1) = (dpsi_s(x, f1), shaft.accel(f1.torque, x.omega));
-        let x2 = at(0.5 * h, s1, f1, a1);
+        let x2 = at(0.5 * h, s1, f1, a1, x.omega);
         let f2 = field(&x2);
         let (s2, a2) = (dpsi_s(&x2, &f2), shaft.accel(f2.torque, x2.omega));
-        let x3 = at(0.5 * h, s2, &f2, a2);
+        let x3 = at(0.5 * h, s2, &f2, a2, x2.omega);
         let f3 = field(&x3);
         let (s3, a3) = (dpsi_s(&x3, &f3), shaft.accel(f3.torque, x3.omega));
-        let x4 = at(h, s3, &f3, a3);
+        let x4 = at(h, s3, &f3, a3, x3.omega);
         let f4 = field(&x4);
         let (s4, a4) = (dpsi_s(&x4, &f4), shaft.accel(f4.torque, x4.omega));
         let k = h * (1.0 / 6.0);
         let mean = |a: V2, b: V2, c: V2, d: V2| [a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1]];
         let i = mean(f1.i, f2.i, f3.i, f4.i);
+        let dtheta = h * (x.omega + k * (a1 + a2 + a3));
         Step {
             x: State {
                 psi_s: axpy(x.psi_s, k, mean(s1, s2, s3, s4)),
@@ -138,9 +141,10 @@ impl Circuit {
                     &[0, 1].map(|n| mean(f1.dpsi_x[n], f2.dpsi_x[n], f3.dpsi_x[n], f4.dpsi_x[n])),
                 ),
                 omega: x.omega + k * (a1 + 2.0 * (a2 + a3) + a4),
+                theta: x.theta + dtheta,
+                slot: turn(dtheta),
             },
             int_i: [k * i[0], k * i[1]],
-            dtheta: h * (x.omega + k * (a1 + a2 + a3)),
         }
     }
 
@@ -155,25 +159,27 @@ impl Circuit {
         u: V2,
         K: &[f64; 3],
     ) -> Series {
-        let (b, q) = self.tangent_from::<KIND>(x.psi_s, f.b);
-        let tangent = |v: V2| {
-            if KIND != LINEAR { axpy([b * v[0], b * v[1]], q * dot(x.psi_s, v), x.psi_s) } else { [b * v[0], b * v[1]] }
-        };
+        let t = self.tangent_from::<KIND>(x, f.b);
+        let tangent = |v: V2| t.apply::<KIND>(v);
         let k = |v: V2| if NODES { [K[0] * v[0] + K[1] * v[1], K[1] * v[0] + K[2] * v[1]] } else { [0.0; 2] };
         let w = self.n_p * x.omega;
         let s1 = axpy(u, -self.R, f.i);
-        let i1 = axpy(tangent(s1), -1.0, self.inward::<KIND>(f.dpsi_r, &f.dpsi_x));
+        let i1 = axpy(tangent(s1), -1.0, self.taken::<KIND>(x, f));
         let a = shaft.accel(f.torque, x.omega);
         let s2 = axpy([-k(f.i)[0], -k(f.i)[1]], -self.R, i1);
         let r = f.dpsi_r;
         let turn = self.n_p * a;
-        let r2 = [
+        let mut r2 = [
             self.k_r * (s1[0] - r[0]) - w * r[1] - turn * x.psi_r[1],
             self.k_r * (s1[1] - r[1]) + w * r[0] + turn * x.psi_r[0],
         ];
-        let r3 = [self.k_r * (s2[0] - r2[0]) - w * r2[1], self.k_r * (s2[1] - r2[1]) + w * r2[0]];
+        let (leak, dl) = (self.gap.leak(x), axpy(s1, -1.0, r));
+        if KIND == FULL {
+            r2 = axpy(r2, self.gap.R_r, self.gap.leak_rate(x, &leak, dl));
+        }
+        let mut r3 = [self.k_r * (s2[0] - r2[0]) - w * r2[1], self.k_r * (s2[1] - r2[1]) + w * r2[0]];
         let mut branches = [[[0.0; 2]; 3]; 2];
-        if KIND == BRANCHED {
+        if KIND >= BRANCHED {
             for n in 0..2 {
                 let (c, p, d) = (&self.x[n], x.psi_x[n], f.dpsi_x[n]);
                 let (w, turn) = (c.turns * x.omega, c.turns * a);
@@ -186,8 +192,13 @@ impl Circuit {
         if KIND != LINEAR {
             // Change of the tangent: its derivative along psi_s'.
             let g = dot(x.psi_s, s1);
-            let radial = q * (dot(s1, s1) + (self.S - 2.0) * g * g / dot(x.psi_s, x.psi_s).max(1e-30));
-            i2 = axpy(axpy(i2, 2.0 * q * g, s1), radial, x.psi_s);
+            let radial = t.q * (dot(s1, s1) + (self.S - 2.0) * g * g / dot(x.psi_s, x.psi_s).max(1e-30));
+            i2 = axpy(axpy(i2, 2.0 * t.q * g, s1), radial, x.psi_s);
+        }
+        if KIND == FULL {
+            let (leakage, all) = self.gap.curvature(x, &leak, dl, s1, a);
+            i2 = axpy(axpy(i2, -1.0, leak.apply(r2)), 1.0, all);
+            r3 = axpy(r3, self.gap.R_r, axpy(leakage, 1.0, leak.apply(axpy(s2, -1.0, r2))));
         }
         let minus = |v: V2| [-v[0], -v[1]];
         let (i3, i4) = if NODES { (tangent(minus(k(i1))), tangent(minus(k(i2)))) } else { ([0.0; 2], [0.0; 2]) };
@@ -217,12 +228,18 @@ impl Circuit {
         let psi_r = flux(x.psi_r, &s.r);
         let mut psi_x = x.psi_x;
         let mut torque = self.k_T * (psi_r[0] * psi_s[1] - psi_r[1] * psi_s[0]);
-        if KIND == BRANCHED {
+        if KIND >= BRANCHED {
             psi_x = [flux(psi_x[0], &s.x[0]), flux(psi_x[1], &s.x[1])];
             torque += self.bar_torque(psi_x[1], psi_s);
         }
+        let mut y = State { psi_s, psi_r, psi_x, ..*x };
+        if KIND == FULL {
+            y.slot = self.gap.turn(x.slot, h * (x.omega + 0.5 * h * s.a));
+            torque += 1.5 * self.gap.torque(&y, &self.gap.leak(&y), self.n_p);
+        }
         let a = shaft.accel(torque, x.omega + h * s.a);
         let dw = 0.5 * h * (s.a + a);
-        Step { x: State { psi_s, psi_r, psi_x, omega: x.omega + dw }, int_i: q, dtheta: h * (x.omega + 0.5 * dw) }
+        (y.omega, y.theta) = (x.omega + dw, x.theta + h * (x.omega + 0.5 * dw));
+        Step { x: y, int_i: q }
     }
 }

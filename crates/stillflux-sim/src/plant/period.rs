@@ -224,7 +224,10 @@ impl Plant {
     #[inline(always)]
     pub(super) fn commit<const KIND: u8>(&mut self, feed: &Feed, h: f64, step: Step, f: Field) {
         if self.energy.is_some() {
-            self.account::<KIND>(feed, h, &step, &f);
+            if self.booked {
+                self.account::<KIND>(feed, h, &step, &f);
+            }
+            self.draw(&step);
         }
         if let (Feed::Nodes(..), Some(nodes)) = (feed, &mut self.nodes) {
             nodes.discharge(&self.bridge, step.int_i);
@@ -232,7 +235,6 @@ impl Plant {
         (self.x, self.f) = (step.x, f);
         self.int_i[0] += step.int_i[0];
         self.int_i[1] += step.int_i[1];
-        self.theta += step.dtheta;
     }
 
     #[inline(always)]
@@ -266,11 +268,18 @@ impl Plant {
         let mid = self.trial::<KIND>(feed, &self.x, &self.f, 0.5 * h);
         let power = |s: &Step, f: &Field| c.power(&s.x, f, feed.dpsi_s::<KIND>(c, &s.x, f, s.int_i));
         let p = [power(&self.here(), &self.f), power(&mid, &c.field::<KIND>(&mid.x)), power(step, f)];
-        let (b, q) = (&self.bridge, phases(step.int_i));
         if let Some(e) = &mut self.energy {
             for (p, k) in p.iter().zip([1.0, 4.0, 1.0]) {
                 e.add(k * h / 6.0, p);
             }
+        }
+    }
+
+    /// What the legs take from the link in a segment, and what their thresholds do.
+    #[inline(never)]
+    fn draw(&mut self, step: &Step) {
+        let (b, q) = (&self.bridge, phases(step.int_i));
+        if let Some(e) = &mut self.energy {
             for k in 0..3 {
                 if b.sign[k] != 0.0 && !self.stale {
                     let v = if b.sign[k] > 0.0 { b.lo(k) } else { b.hi(k) };
@@ -284,6 +293,6 @@ impl Plant {
     /// A step of no length.
     #[inline(always)]
     pub(super) fn here(&self) -> Step {
-        Step { x: self.x, int_i: [0.0; 2], dtheta: 0.0 }
+        Step { x: self.x, int_i: [0.0; 2] }
     }
 }
