@@ -6,7 +6,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
-use stillflux_sim::{DcLink, DeepBar, IronLoss, Mode, PlantParams, Thermal, Truth};
+use stillflux_sim::{
+    DcLink, DeepBar, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, SlotRipple, Thermal, Truth,
+};
 
 use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
 use crate::parameters::{Inverter, Motor};
@@ -46,12 +48,24 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
             p.deep_bar = extract::<Option<(f64, f64)>>(name, value)?
                 .map(|(conductance, leakage)| DeepBar { conductance, leakage });
         }
+        "leakage_saturation" => {
+            p.leakage_saturation = extract::<Option<(f64, f64)>>(name, value)?
+                .map(|(share, current)| LeakageSaturation { share, current });
+        }
+        "slot_ripple" => {
+            p.slot_ripple = extract::<Option<(u32, f64, f64)>>(name, value)?
+                .map(|(slots, permeance, leakage)| SlotRipple { slots, permeance, leakage });
+        }
         "adc_skew" => p.adc.skew = three(name, value)?,
         "missed_calls" => p.calls.missed = extract(name, value)?,
         "doubled_calls" => p.calls.doubled = extract(name, value)?,
         "dc_link" => {
             p.dc_link = extract::<Option<(f64, f64, Option<f64>)>>(name, value)?
                 .map(|(C, R_supply, R_chopper)| DcLink { C, R_supply, R_chopper: R_chopper.unwrap_or(f64::INFINITY) });
+        }
+        "grid" => {
+            p.grid = extract::<Option<(f64, f64)>>(name, value)?
+                .map(|(frequency, inductance)| Grid { frequency, inductance });
         }
         "thermal" => {
             p.thermal = extract::<Option<(f64, f64, f64)>>(name, value)?.map(|(time_constant, rise, alpha)| Thermal {
