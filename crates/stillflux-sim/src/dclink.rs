@@ -69,9 +69,9 @@ impl Link {
     pub fn advance(&mut self, u: f64, bridge: f64, dt: f64) -> f64 {
         let DcLink { C, R_supply, R_chopper } = self.params;
         let fed = (u * u - 2.0 * bridge / C).max(0.0).sqrt();
-        let chopped = fed * (-self.chopper * dt / (R_chopper * C)).exp();
+        let chopped = fed * libm::exp(-self.chopper * dt / (R_chopper * C));
         let charged = if self.supply > chopped {
-            self.supply + (chopped - self.supply) * (-dt / (R_supply * C)).exp()
+            self.supply + (chopped - self.supply) * libm::exp(-dt / (R_supply * C))
         } else {
             chopped
         };

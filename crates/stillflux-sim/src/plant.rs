@@ -122,6 +122,28 @@ fn stray_rate(m: &Machine, inv: &Inverter) -> f64 {
     (m.R_s + inv.r_d + m.R_R) / m.L_sigma
 }
 
+/// Fastest rate of the machine's equations at a constant voltage, 1/s.
+fn fastest_rate(m: &Machine, inv: &Inverter, circuit: &Circuit) -> f64 {
+    // A branch carries a small part of the current: its time constant may be met by fewer steps.
+    stray_rate(m, inv) + 0.15 * circuit.branch_rate() + 1.5 * m.omega_sR()
+}
+
+/// The legs' nodes, if they have capacitance, and up to which length a segment then takes a Taylor step, s.
+fn node_model(m: &Machine, inv: &Inverter, rate: f64) -> (Option<Nodes>, f64) {
+    if inv.c_out > 0.0 { (Some(Nodes::new(inv.c_out, inv.u_dc, zero_current(m))), 5e-3 / rate) } else { (None, 0.0) }
+}
+
+/// Current that counts as zero, A.
+fn zero_current(m: &Machine) -> f64 {
+    1e-11 * std::f64::consts::SQRT_2 * m.I_N
+}
+
+/// Band of the average model, A ([`BAND`]).
+fn average_band(m: &Machine, inv: &Inverter) -> f64 {
+    let full = (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma;
+    (BAND * full).max(100.0 * zero_current(m))
+}
+
 /// What only a simulation knows. Space vectors in stator coordinates, amplitude-invariant, SI.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
@@ -237,13 +259,13 @@ impl Plant {
         let PlantParams { machine: m, inverter: inv, .. } = params;
         let circuit = Circuit::new(&m, inv.r_d, params.saturation, params.iron_loss, params.deep_bar);
         let i_n = std::f64::consts::SQRT_2 * m.I_N;
-        // A branch carries a small part of the current: its time constant may be met by fewer steps.
-        let rate = stray_rate(&m, &inv) + 0.15 * circuit.branch_rate() + 1.5 * m.omega_sR();
+        let rate = fastest_rate(&m, &inv, &circuit);
+        let (nodes, h_taylor) = node_model(&m, &inv, rate);
         let mut plant = Self {
             params,
             circuit,
             bridge: Bridge::new(&inv, &params.gate_delays),
-            nodes: (inv.c_out > 0.0).then(|| Nodes::new(inv.c_out, inv.u_dc, 1e-11 * i_n)),
+            nodes,
             shaft: Shaft::new(params.mechanics, m.J),
             adc: Converter::new(params.adc, params.seed),
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
@@ -252,9 +274,9 @@ impl Plant {
             t: 0.0,
             period: 1.0 / inv.f_s,
             h_max: (0.05 / rate).min(60e-6),
-            h_taylor: if inv.c_out > 0.0 { 5e-3 / rate } else { 0.0 },
+            h_taylor,
             tol: Tolerance {
-                current: 1e-11 * i_n,
+                current: zero_current(&m),
                 voltage: 1e-10 * inv.u_dc,
                 speed: 1e-13 * m.omega_sR(),
                 torque: 1e-12 * m.T_N,
@@ -265,7 +287,7 @@ impl Plant {
             instants: params.adc.skew.map(|s| if s > 0.0 { 1.0 / inv.f_s - s } else { f64::INFINITY }),
             seen: [0.0; 3],
             int_i: [0.0; 2],
-            band: (BAND * (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma).max(1e-9 * i_n),
+            band: average_band(&m, &inv),
             stale: false,
             kelvin: 0.0,
             energy: params.dc_link.map(|_| Energy::default()),
@@ -415,6 +437,24 @@ impl Plant {
         }
         self.bridge.u_dc = u_dc;
         self.truth.u_dc = u_dc;
+    }
+
+    /// Sets the dead time of the bridge, s; a switch already waiting for its turn-on keeps the earlier one.
+    pub fn set_dead_time(&mut self, dead_time: f64) {
+        self.params.inverter.dead_time = dead_time;
+        self.bridge.dead_time = dead_time;
+        self.band = average_band(&self.params.machine, &self.params.inverter);
+    }
+
+    /// Sets the capacitance of the legs' nodes, F; their potentials become those of the present gates.
+    pub fn set_node_capacitance(&mut self, c_out: f64) {
+        self.params.inverter.c_out = c_out;
+        self.bridge.c_out = c_out;
+        if self.bridge.open == [false; 3] {
+            let PlantParams { machine, inverter, .. } = &self.params;
+            (self.nodes, self.h_taylor) = node_model(machine, inverter, fastest_rate(machine, inverter, &self.circuit));
+            self.stale = true;
+        }
     }
 
     /// Imposes a shaft speed (mechanical rad/s) from now on, or with `None` lets the shaft go.
@@ -1016,6 +1056,6 @@ fn angle(a: V2, b: V2) -> f64 {
         let r2 = r * r;
         r * (1.0 - r2 * (1.0 / 3.0 - r2 * (0.2 - r2 * (1.0 / 7.0 - r2 / 9.0))))
     } else {
-        sin.atan2(cos)
+        libm::atan2(sin, cos)
     }
 }
