@@ -2,8 +2,8 @@
 
     python playground.py [FOLDER]
 
-`docs/playground` holds the page; beside it comes the WebAssembly module in base 64, since a page that is opened as a
-file must not fetch one.
+`docs/playground` holds the page; beside it comes the WebAssembly module in base 64, since a page that is
+opened as a file must not fetch one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TARGET = "wasm32-unknown-unknown"
 
 HELP = f"""\
   rustup:         rustup target add {TARGET}
-  Debian/Ubuntu:  apt-get install rustc-web cargo-web rust-web-src lld   (compiler with library source, linker)"""
+  Debian/Ubuntu:  apt-get install rustc-web cargo-web rust-web-src lld   (compiler with library source)"""
 
 
 def find() -> Any:
