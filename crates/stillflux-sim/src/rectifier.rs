@@ -115,7 +115,7 @@ impl Rectifier {
     }
 
     fn grid(&self, amplitude: f64, after: f64) -> V2 {
-        let (sin, cos) = (self.angle + self.omega * after).sin_cos();
+        let (sin, cos) = libm::sincos(self.angle + self.omega * after);
         [amplitude * cos, amplitude * sin]
     }
 

@@ -81,7 +81,7 @@ impl Gap {
 
     /// `e^{j Z theta}`
     pub fn slot(&self, theta: f64) -> V2 {
-        let (sin, cos) = (self.slots * theta).sin_cos();
+        let (sin, cos) = libm::sincos(self.slots * theta);
         [cos, sin]
     }
 
@@ -96,7 +96,7 @@ impl Gap {
             let late = 1.0 - x * (1.0 / 30.0) * (1.0 - x * (1.0 / 56.0));
             (d * sin, 1.0 - x * 0.5 * (1.0 - x * (1.0 / 12.0) * late))
         } else {
-            d.sin_cos()
+            libm::sincos(d)
         };
         [slot[0] * cos - slot[1] * sin, slot[0] * sin + slot[1] * cos]
     }
