@@ -62,6 +62,9 @@ class DriveSettings(TypedDict, total=False):
 
     field_weakening: bool
     """Lower the flux where the voltage is used up; without it the speed ends there."""
+    overmodulation: bool
+    """Use the voltage between the circle within the hexagon and the hexagon: 7.6 % more fundamental, and a
+    current with the 5th and 7th harmonic where it is used. Off by default."""
     acceleration: float | None
     """Largest acceleration of the speed reference, mechanical rad/s²; None: it is followed as it is."""
     jerk: float | None
