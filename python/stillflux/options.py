@@ -134,6 +134,16 @@ class DriveSettings(TypedDict, total=False):
     """Of the leakage inductance, 0.002 to 1."""
     prior_L_M: float
     """Of the magnetising inductance, 0.002 to 0.5."""
+    winding_temperature: float | None
+    """Temperature of winding and rotor at which the motor's R_s and R_R hold, -40 to 120 °C: the drive
+    follows R_R by the temperature that R_s shows. None: R_R is the parameter. The next three with it only."""
+    cage_constant: float
+    """Constant of the cage's material, 200 to 260 K: 225 for aluminium (default), 235 for copper."""
+    rotor_rise: float
+    """Rise of the rotor's temperature over that of the winding's, 0.3 to 2; 1."""
+    winding_heat: tuple[float, float] | None
+    """Rise of the winding's temperature at rated current in K, 5 to 200, and its time constant in s, 1 to
+    7200: R_s is predicted where it cannot be measured. None: it is held there."""
 
 
 class PlantOptions(TypedDict, total=False):
@@ -188,5 +198,6 @@ class PlantOptions(TypedDict, total=False):
     dc_link: tuple[float, float, float | None] | None
     """Capacitance in F, resistance of the supply in Ω, resistor of the brake chopper in Ω or None: the link
     is fed by a diode rectifier of no-load voltage `u_dc`. None: the link has the voltage that is set."""
-    thermal: tuple[float, float, float] | None
-    """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K."""
+    thermal: tuple[float, float, float] | tuple[float, float, float, float] | None
+    """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K; and that
+    of the rotor's resistance per K of the winding, 0 if it is not given."""
