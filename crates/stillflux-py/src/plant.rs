@@ -58,7 +58,9 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
                 .map(|parts| match parts[..] {
                     [time_constant, rise, alpha] => Ok(Thermal { time_constant, rise, alpha, alpha_R: 0.0 }),
                     [time_constant, rise, alpha, alpha_R] => Ok(Thermal { time_constant, rise, alpha, alpha_R }),
-                    _ => Err(PyTypeError::new_err(format!("thermal: {} numbers instead of three or four", parts.len()))),
+                    _ => {
+                        Err(PyTypeError::new_err(format!("thermal: {} numbers instead of three or four", parts.len())))
+                    }
                 })
                 .transpose()?;
         }

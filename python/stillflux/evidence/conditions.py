@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from stillflux import _core
-from stillflux.evidence.machines import ADC_NOISE, inverter_of, motor_of, scaled
+from stillflux.evidence.machines import ADC_NOISE, inverter_of, motor_of, plant_of, scaled
 from stillflux.options import PlantOptions
 from stillflux.parameters import Motor
 from stillflux.scenario import Profile, Scenario
@@ -93,7 +93,8 @@ def drive(
     plant: PlantOptions | None = None,
     **fields: Any,
 ) -> Scenario:
-    """A drive with its default settings on the switching-level plant.
+    """A drive with its default settings on the switching-level plant; of a user's machine that was commissioned,
+    told what was found on the machine that was simulated.
 
     `omega` in per unit, `load` in units of rated torque, `offset` of the current space vector in per unit,
     there from power-up or from `offset_at` s on; `plant` holds further options of the plant, `fields` fields
@@ -119,7 +120,7 @@ def drive(
         load_torque=scaled(load, motor.T_N),
         duration=duration,
         changes=sorted(changed, key=lambda change: change[0]),
-        **{"signals": SIGNALS, "record_every": EVERY, **fields},
+        **{"signals": SIGNALS, "record_every": EVERY, **plant_of(machine, scheme), **fields},
     )
 
 

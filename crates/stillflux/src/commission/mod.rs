@@ -32,7 +32,7 @@ pub use bridge::{BridgeCurve, LEVELS as BRIDGE_LEVELS};
 pub use leakage::RAMP;
 pub use magnetising::{LEVELS as MAGNETISING_LEVELS, MagnetisingCurve, WINDOWS, levels as magnetising_levels};
 pub use nameplate::{Deviation, Nameplate};
-pub use result::{Found, Warnings};
+pub use result::{Found, Warnings, priors};
 
 use core::fmt;
 
@@ -41,8 +41,8 @@ use crate::control::modulator::zero_duty;
 use crate::drive::{Measurement, Output};
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};
-use crate::scalar::Real;
-use bridge::Bridge;
+use crate::scalar::{Real, Timer};
+use bridge::{Bridge, BridgeConfig};
 use excitation::{Command, Excitation, ExcitationConfig};
 use leakage::Leakage;
 use magnetising::{Magnetising, MagnetisingConfig};
@@ -199,7 +199,7 @@ pub struct CommissioningConfig<R: Real> {
     magnetising: MagnetisingConfig<R>,
     /// Periods for which a current settles.
     settle: u32,
-    bridge_weight: R,
+    bridge: BridgeConfig<R>,
     leakage_weight: R,
     /// Amplitude of the square voltage for the nameplate's leakage inductance, and its limit.
     u_square: R,
@@ -258,7 +258,7 @@ impl<R: Real> CommissioningConfig<R> {
                 inv_window: r(1.0 / f64::from(window)),
             },
             settle,
-            bridge_weight: Bridge::weight(settle),
+            bridge: BridgeConfig::new(&machine, sheet, &pu, settle)?,
             leakage_weight: Leakage::weight(settle),
             u_square: r(leakage::SWING * pu.sigma_l_s / (f64::from(RAMP) * pu.t_s)),
             u_square_max: r(0.3 * u_max),
@@ -275,6 +275,12 @@ impl<R: Real> CommissioningConfig<R> {
     #[must_use]
     pub fn machine(&self) -> &Machine {
         &self.machine
+    }
+
+    /// Resolution of the PWM timer, if duties are multiples of its counts.
+    #[must_use]
+    pub fn timer(&self) -> Option<&Timer> {
+        self.excitation.timer.as_ref()
     }
 
     /// Periods of all procedures, roughly.
@@ -407,7 +413,7 @@ impl<R: Real> State<R> {
         let zero = Command::Current(R::ZERO, R::ZERO);
         let command = match self.stage {
             Stage::Wiring => self.wiring.step(&c.wiring, &x)?,
-            Stage::Bridge => self.bridge.step(c.settle, c.bridge_weight, &x),
+            Stage::Bridge => self.bridge.step(&c.bridge, self.wiring.leakage, &x)?,
             Stage::Leakage => {
                 let u = (c.u_square * self.wiring.leakage).min(c.u_square_max);
                 self.leakage.step(c.settle, c.leakage_weight, u, &x)

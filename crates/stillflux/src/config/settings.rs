@@ -331,10 +331,7 @@ impl EnhancedParams {
     fn refuse_changes(&self, machine: &Machine) -> Result<(), ParamError> {
         const OTHER: &str = "a setting of the enhanced scheme, and the drive runs the published one";
         let d = Self::new(machine);
-        let same = |field, value, default| {
-            check(field, value, default, default, "")
-                .map_err(|e| e.with_note(OTHER))
-        };
+        let same = |field, value, default| check(field, value, default, default, "").map_err(|e| e.with_note(OTHER));
         let switch = |field, value, default| same(field, f64::from(u8::from(value)), f64::from(u8::from(default)));
         switch("identify_offset", self.identify_offset, d.identify_offset)?;
         switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;

@@ -110,7 +110,8 @@ mod tests {
     use crate::params::Inverter;
     use crate::scalar::{Integrator, Q};
 
-    const KNOWN: Temperature = Temperature { winding: 20.0, cage: ALUMINIUM, rotor_rise: 1.1, heat: Some((80.0, 600.0)) };
+    const KNOWN: Temperature =
+        Temperature { winding: 20.0, cage: ALUMINIUM, rotor_rise: 1.1, heat: Some((80.0, 600.0)) };
 
     fn config<R: Real>(known: Option<&Temperature>) -> (TemperatureConfig<R>, f64, f64) {
         let machine = Machine::preset_2k2();
