@@ -28,11 +28,14 @@ build: .venv/built
 test-rust: .venv/installed
 	cargo test --locked
 
+# One process a core; the tests of a file stay together, for the runs that they share.
+PYTEST := $(BIN)/python -m pytest -q -n auto --dist loadfile
+
 test: test-rust build
-	$(BIN)/python -m pytest -q -m "not slow"
+	$(PYTEST) -m "not slow"
 
 test-slow: test-rust build
-	$(BIN)/python -m pytest -q
+	$(PYTEST)
 
 lint: build
 	cargo fmt --all --check

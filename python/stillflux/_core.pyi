@@ -78,8 +78,8 @@ def nameplate_of(motor: Motor) -> dict[str, float]:
     """Fields of the nameplate of a motor: its rated point at rated torque, without iron and friction loss."""
 
 def priors(deviation: Mapping[str, float]) -> DriveSettings:
-    """Settings with which a drive begins for relative standard deviations of R_s, R_R, L_sigma, L_M, J, of the loss of the
-    bridge and of c_out."""
+    """Settings with which a drive begins for relative standard deviations of R_s, R_R, L_sigma, L_M, J, of
+    the loss of the bridge and of c_out."""
 
 @final
 class Status:

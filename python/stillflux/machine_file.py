@@ -88,8 +88,8 @@ class Machine:
 
 
 def priors(deviation: Mapping[str, float]) -> DriveSettings:
-    """Priors of a drive for the relative standard deviations of R_s, R_R, L_sigma, L_M, J, loss and c_out, none unless
-    all of them are known: a nameplate's are no measurement."""
+    """Priors of a drive for the relative standard deviations of R_s, R_R, L_sigma, L_M, J, loss and c_out;
+    none unless all of them are known: a nameplate's are no measurement."""
     if not {"R_s", "R_R", "L_sigma", "L_M", "J", "loss", "c_out"} <= set(deviation):
         return {}
     return _core.priors(deviation)

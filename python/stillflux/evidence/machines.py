@@ -78,8 +78,8 @@ def inverter_of(machine: str) -> Inverter:
 
 
 def plant_of(machine: str, scheme: str) -> dict[str, Any]:
-    """Fields of a scenario in which a user's machine differs from what its drive is told: motor and inverter that
-    are simulated, and settings by how well the drive's values are known; none for other machines."""
+    """Fields of a scenario in which a user's machine differs from what its drive is told: motor and inverter
+    that are simulated, and settings by how well the drive's values are known; none for other machines."""
     if not isinstance(machine, OwnMachine):
         return {}
     own = machine.machine

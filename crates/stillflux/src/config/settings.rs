@@ -274,11 +274,7 @@ impl EnhancedParams {
 
     fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
         check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")?;
-        self.priors().into_iter().try_for_each(|(name, value)| {
-            // Their variances, in units of the filter's scales, have to fit fixed point.
-            let most = if matches!(name, "prior_R_s" | "prior_L_M") { 0.5 } else { 1.0 };
-            check(name, value, 0.002, most, "")
-        })?;
+        self.priors().into_iter().try_for_each(|(name, value, most)| check(name, value, 0.002, most, ""))?;
         self.validate_temperature()
     }
 
@@ -317,13 +313,15 @@ impl EnhancedParams {
         self.winding_temperature.map(|winding| Temperature { winding, cage, rotor_rise, heat })
     }
 
-    fn priors(&self) -> [(&'static str, f64); 5] {
+    /// Name, value and largest admissible value of each prior: its variance, in units of the filter's scale of that
+    /// state, has to fit fixed point.
+    fn priors(&self) -> [(&'static str, f64, f64); 5] {
         [
-            ("prior_R_s", self.prior_R_s),
-            ("prior_loss", self.prior_loss),
-            ("prior_c_out", self.prior_c_out),
-            ("prior_L_sigma", self.prior_L_sigma),
-            ("prior_L_M", self.prior_L_M),
+            ("prior_R_s", self.prior_R_s, 0.5),
+            ("prior_loss", self.prior_loss, 1.0),
+            ("prior_c_out", self.prior_c_out, 1.0),
+            ("prior_L_sigma", self.prior_L_sigma, 1.0),
+            ("prior_L_M", self.prior_L_M, 0.5),
         ]
     }
 
@@ -338,7 +336,7 @@ impl EnhancedParams {
         switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
         same("omega_s_min", self.omega_s_min, d.omega_s_min)?;
         let mut priors = self.priors().into_iter().zip(d.priors());
-        priors.try_for_each(|((name, value), (_, default))| same(name, value, default))?;
+        priors.try_for_each(|((name, value, _), (_, default, _))| same(name, value, default))?;
         self.same_temperature(&d, OTHER)
     }
 }

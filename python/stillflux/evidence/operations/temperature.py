@@ -1,20 +1,21 @@
-"""A motor that heats up by 80 K under rated torque: speed and torque, cold and hot, motoring and regenerating.
+"""A motor that heats up by 80 K under rated torque: speed and torque, cold and hot, motoring and
+regenerating.
 
-Winding and cage heat with a time constant of 20 s instead of a quarter of an hour: what the filter sees of it is worse
-than in the field, where `R_s` changes by less in a second. The motor heats at half speed, where `R_s` cannot be
-identified; the drive is told the winding's temperature at which its parameters hold, and of its heating a rise that
-is wrong by a tenth.
+Winding and cage heat with a time constant of 20 s instead of a quarter of an hour: what the filter sees of
+it is worse than in the field, where `R_s` changes by less in a second. The motor heats at half speed, where
+`R_s` cannot be identified; the drive is told the winding's temperature at which its parameters hold, and of
+its heating a rise that is wrong by a tenth.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from stillflux.evidence.claims import Claim, at_least, at_most, holds
+from stillflux.evidence.conditions import current, slip
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import ADC_NOISE
 from stillflux.evidence.operation import Control, Operation
@@ -45,19 +46,10 @@ def _start(motor: Motor) -> float:
     return 0.3 + max(1.4, 4.0 * motor.tau_r)
 
 
-def _current(motor: Motor) -> float:
-    """Stator current under rated torque at rated flux, of the rated peak."""
-    flow = motor.T_N / (1.5 * motor.n_p)
-    psi = motor.base["psi"]
-    y = psi**2 * (motor.L_M / motor.L_s) ** 2
-    i_d, i_q = math.sqrt(y) / motor.L_M, flow / math.sqrt(y)
-    return math.hypot(i_d, i_q) / motor.base["i"]
-
-
 def _plant(motor: Motor) -> PlantOptions:
     """Copper loss that ends in `_RISE`, and its resistances."""
     copper = 1.0 / (235.0 + _COLD)
-    loss = (1.0 + copper * _RISE) * _current(motor) ** 2
+    loss = (1.0 + copper * _RISE) * current(motor, 1.0) ** 2
     return {
         "adc_noise": ADC_NOISE * motor.I_N,
         "thermal": (_TIME, _RISE / loss, copper, _ROTOR / (225.0 + _COLD)),
@@ -66,7 +58,7 @@ def _plant(motor: Motor) -> PlantOptions:
 
 def _told(motor: Motor) -> DriveSettings:
     """The rise at rated current, a tenth too small."""
-    rise = 0.9 * _RISE / _current(motor) ** 2
+    rise = 0.9 * _RISE / current(motor, 1.0) ** 2
     return {"winding_temperature": _COLD, "rotor_rise": _ROTOR, "winding_heat": (rise, _TIME)}
 
 
@@ -76,7 +68,7 @@ def _rise(motor: Motor, change: float) -> float:
 
 
 def _times(motor: Motor) -> tuple[list[tuple[float, float]], list[tuple[bool, float, float]], float]:
-    """Points of the speed in per unit, what is judged (hot, speed, until when), and when the load is there."""
+    """Points of the speed in per unit, what is judged (hot, speed, until when), and when the load comes."""
     t, last = _start(motor), 0.0
     points, judged, loaded = [(0.0, 0.0), (t, 0.0)], [], 0.0
     course = [(False, omega) for omega in _SPEEDS] + [(None, _AT)] + [(True, omega) for omega in _SPEEDS]
@@ -138,19 +130,13 @@ def _wrong_speed(result: Result) -> list[Claim]:
     """The slip of a cold cage: it falls short by the rise of its resistance. In regeneration the error of the
     stator resistance, which is not predicted either, takes up to a half off again."""
     motor = result.scenario.motor
-    expected = _slip(motor) * _ROTOR * _RISE / (225.0 + _COLD)
+    expected = slip(motor, 1.0) * _ROTOR * _RISE / (225.0 + _COLD)
     return [
         at_least("speed error hot, of that expected", max(_errors(result, True)) / expected, 0.4),
         at_least(
             "speed error hot over that cold", max(_errors(result, True)) / max(_errors(result, False)), 2.0
         ),
     ]
-
-
-def _slip(motor: Motor) -> float:
-    """Slip of the cold motor under rated torque at rated flux, of rated frequency."""
-    psi_R = motor.base["psi"] * motor.L_M / motor.L_s
-    return motor.R_R * motor.T_N / (1.5 * motor.n_p * psi_R**2) / motor.base["omega"]
 
 
 def _without(scenario: Scenario) -> Scenario:
@@ -171,8 +157,8 @@ def _sweeps(motor: Motor) -> tuple[float, float, float]:
 
 
 def _torque(sign: float, machine: str, scheme: str, arithmetic: str) -> Scenario:
-    """Rated torque at an imposed speed, from standstill to rated speed cold and, after heating up at half speed,
-    from rated speed to standstill."""
+    """Rated torque at an imposed speed, from standstill to rated speed cold and, after heating up at half
+    speed, from rated speed to standstill."""
     drive = DRIVES[machine]
     motor = drive.motor
     cold, hot, end = _sweeps(motor)

@@ -1,4 +1,4 @@
-//! Extended Kalman filter for stator flux, sensor offset, resistance, inverter model and magnetising curve.
+//! Extended Kalman filter for stator flux, sensor offset, resistance, leakage, inverter model and magnetising curve.
 //!
 //! # Equations
 //!
@@ -26,8 +26,8 @@
 //! the converters enters multiplied by `σl_s`.
 //!
 //! Eleven states: `ψ_s` (2), `m`, `b` (2), `r_s`, `v`, knee `k` of the inverter model, leakage `l = σl_s`, `γ`, `c`, each
-//! in units of a typical deviation, so that the covariance fits fixed point. `model` has the discrete model and its derivatives,
-//! `noise` every standard deviation, `schedule` the order of the work, `start` the initial values.
+//! in units of a typical deviation, so that the covariance fits fixed point. `model` has the discrete model and its
+//! derivatives, `noise` every standard deviation, `schedule` the order of the work, `start` the initial values.
 //!
 //! # Observability
 //!
@@ -37,12 +37,11 @@
 //! * an error of `r_s` or `v` moves the flux along the current, one of `b` along a direction fixed in the stator: they
 //!   are separated by the rotation of the field;
 //! * at exactly `ω_s = 0` one direction of the flux error is unobservable. Its variance grows, and the confidence falls
-//!   with it. Under load a drive need not stay there ([`crate::control::shift`]).
-//!
+//!   with it. Under load a drive need not stay there ([`crate::control::shift`]);
 //! * an error `δl` of the leakage turns `ψ_R` by `δl i_q/|ψ_R|` and, by way of `i·n`, shifts the innovation by about
-//!   `l_M δl i_q²/|ψ_R|`: at rated torque ten times as much as `δl i_d`. It is separated from `γ` and `r_s` by changes
-//!   of the load and by the rotation of the current. Taken as known, it was the largest error of the angle under load
-//!   at machines with a low pull-out torque.
+//!   `l_M δl i_q²/|ψ_R|`, which is `(i_q/i_d)²` times its direct effect `δl i_d`. It is separated from `γ` and `r_s` by
+//!   changes of the load and by the rotation of the current. Without this state, an error of the leakage is the largest
+//!   cause of an angle error under load at machines with a low pull-out torque.
 //!
 //! The gain follows from the covariance in all four quadrants; no sign is chosen by quadrant.
 //!
@@ -51,8 +50,9 @@
 //! The flux is integrated in every control period, the rest runs once per block of 1 ms, or of `SLOTS` periods if
 //! that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
 //! the next one, a part in each period. The gain is therefore one block old; the time constants that it depends on are
-//! many blocks. The parameters are corrected one period after flux, `m`, offset and leakage. Above `|ω_s| = 0.2` its part for the flux is turned by the angle that the rotor flux has passed since:
-//! 36° in 1 ms at 100 Hz, without which the correction of a fast field would be a disturbance.
+//! many blocks. Above `|ω_s| = 0.2` the gain of the flux is turned by the angle that the rotor flux has passed since:
+//! 36° in 1 ms at 100 Hz, without which the correction of a fast field would be a disturbance. The parameters are
+//! corrected one period after flux, `m`, offset and leakage.
 //!
 //! # Validity, and what is added to the noise outside it
 //!
