@@ -1,7 +1,7 @@
 //! A commissioning on the plant: what it refuses, and what is left of it when it is stopped.
 
 use stillflux::commission::si::Shaft;
-use stillflux::commission::{Cause, Deviation, Nameplate, Status};
+use stillflux::commission::{Cause, Deviation, Nameplate, Stage, Status};
 use stillflux::params::{Inverter, Machine, Saturation};
 use stillflux::si::Arithmetic;
 use stillflux_sim::PlantParams;
@@ -56,7 +56,7 @@ fn it_can_be_stopped_in_any_period_and_keeps_what_the_stages_before_have_found()
     let mut periods = 0_u32;
     while more {
         // Each piece ends in another place of its stage.
-        more = run.advance(211 + periods % 97);
+        more = run.advance(1511 + 97 * (periods % 13));
         periods += 1;
         let stage = run.commissioning().stage();
         let mut stopped = run.clone();
@@ -67,7 +67,6 @@ fn it_can_be_stopped_in_any_period_and_keeps_what_the_stages_before_have_found()
         let at = order.iter().position(|name| *name == stage).unwrap();
         assert_eq!(incomplete, more, "{stage}");
         assert_eq!(deviation.L_sigma < plate.L_sigma, at > 2, "{stage}");
-        assert!(at > 3 || at < 3 || deviation.L_sigma < plate.L_sigma);
         if at < 3 {
             assert_eq!((deviation.R_s, deviation.R_R, deviation.L_M), (plate.R_s, plate.R_R, plate.L_M), "{stage}");
         }
@@ -78,5 +77,38 @@ fn it_can_be_stopped_in_any_period_and_keeps_what_the_stages_before_have_found()
         assert_eq!(bridge, if at > 1 { 12 } else { 0 }, "{stage}");
     }
     assert_eq!(run.commissioning().status(), Status::Done);
-    assert!(periods > 50);
+    assert!(periods > 20);
+}
+
+#[test]
+fn a_procedure_alone_finds_its_values_and_leaves_the_others_as_they_were_known() {
+    let (plate, sheet, plant) = connected(1.0);
+    let real = Inverter { dead_time: 2.2e-6, c_out: 0.5e-9, ..sheet };
+    let plant = PlantParams { inverter: real, ..plant };
+    let machine = plant.machine;
+    let (told, of_plate) = plate.machine().unwrap();
+    for stage in [Stage::Bridge, Stage::Leakage, Stage::Magnetising] {
+        let run = CommissioningRun::new(&plate, &sheet, Shaft::Free, Arithmetic::F32, plant, Wiring::default());
+        let mut run = run.unwrap().only(stage);
+        while run.advance(10_000) {}
+        assert_eq!(run.commissioning().status(), Status::Done, "{stage}");
+        let found = run.commissioning().result().unwrap();
+        assert!(found.warnings.incomplete, "{stage}");
+        let off = |x: f64, y: f64| (x / y - 1.0).abs();
+        let (of_bridge, of_leakage) = (stage == Stage::Bridge, stage == Stage::Leakage);
+        assert_eq!(off(found.inverter.c_out, real.c_out) < 0.3, of_bridge, "{stage}");
+        assert_eq!(found.machine.L_sigma == told.L_sigma, of_bridge, "{stage}");
+        assert!(!of_leakage || off(found.machine.L_sigma, machine.L_sigma) < 0.05, "{}", found.machine.L_sigma);
+        if stage == Stage::Magnetising {
+            let [r_s, r_r, l_m] = [
+                off(found.machine.R_s, machine.R_s),
+                off(found.machine.R_R, machine.R_R),
+                off(found.machine.L_M, machine.L_M),
+            ];
+            // The dead time of the data sheet is off by a tenth.
+            assert!(r_s < 0.08 && r_r < 0.1 && l_m < 0.1, "{r_s} {r_r} {l_m}");
+        } else {
+            assert_eq!((found.machine.R_s, found.deviation.R_R), (told.R_s, of_plate.R_R), "{stage}");
+        }
+    }
 }

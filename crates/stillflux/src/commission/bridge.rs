@@ -19,10 +19,11 @@
 //! that of the data sheet; with `L_σ` of the wiring's pulses, both relative to those of the plate,
 //!
 //! ```text
-//! 1/3 < (L_σ/L_σ,plate) (R'/R'_plate) < 3          else Cause::WrongMotor
+//! 3^-1.5 < (L_σ/L_σ,plate) (R'/R'_plate)² < 3^1.5          else Cause::WrongMotor
 //! ```
 //!
-//! which is half way, in logarithms, to both. No level above 0.45 pu is set before.
+//! which is half way, in logarithms, to both; a plate tells `R'` better than `L_σ`, which is assumed. No level above
+//! 0.45 pu is set before.
 //!
 //! **Assumes** equal legs.
 
@@ -49,8 +50,8 @@ const SIGMA_U: f64 = 2e-4;
 
 /// Levels that the plate is judged by: one that was read before, and the latest.
 const JUDGED: (usize, usize) = (6, 8);
-/// Half way to the product of both factors between star and delta.
-const CONNECTION: f64 = 3.0;
+/// Half way to the product of the factors between star and delta, 3^1.5.
+const CONNECTION: f64 = 5.196_152_422_706_632;
 
 /// Constants, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -149,9 +150,10 @@ impl<R: Real> Bridge<R> {
 
     /// Whether the machine can be that of its plate, in that connection.
     fn judge(&self, c: &BridgeConfig<R>, leakage: R) -> Result<(), Cause> {
-        let u = leakage * (self.u[JUDGED.1] - self.u[JUDGED.0] - c.loss);
-        let fits = u > c.u * R::from_f64(1.0 / CONNECTION) && u < c.u * R::from_f64(CONNECTION);
-        if fits { Ok(()) } else { Err(Cause::WrongMotor) }
+        let u = self.u[JUDGED.1] - self.u[JUDGED.0] - c.loss;
+        let (found, plate) = (leakage * (u * u), c.u * c.u);
+        let fits = found > plate * R::from_f64(1.0 / CONNECTION) && found < plate * R::from_f64(CONNECTION);
+        if fits && u > R::ZERO { Ok(()) } else { Err(Cause::WrongMotor) }
     }
 }
 

@@ -158,6 +158,11 @@ pub enum Stage {
     Complete,
 }
 
+impl Stage {
+    /// The procedures after the check of the wiring.
+    const PROCEDURES: [Self; 3] = [Self::Bridge, Self::Leakage, Self::Magnetising];
+}
+
 impl fmt::Display for Stage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -206,6 +211,8 @@ pub struct CommissioningConfig<R: Real> {
     u_square_max: R,
     u_dc: (R, R),
     trip: R,
+    /// Whether each stage after the wiring is run.
+    runs: [bool; 3],
 }
 
 impl<R: Real> CommissioningConfig<R> {
@@ -264,11 +271,29 @@ impl<R: Real> CommissioningConfig<R> {
             u_square_max: r(0.3 * u_max),
             u_dc: (r(U_DC.0 * pu.u_dc), r(U_DC.1 * pu.u_dc)),
             trip: r(TRIP),
+            runs: [true; 3],
             machine,
             deviation,
             sheet: *sheet,
             pu,
         })
+    }
+
+    /// One procedure alone, after the check of the wiring: the values of the others are those of nameplate and data sheet.
+    #[must_use]
+    pub fn only(self, stage: Stage) -> Self {
+        Self { runs: Stage::PROCEDURES.map(|of| of == stage), ..self }
+    }
+
+    /// The stage after one.
+    fn after(&self, stage: Stage) -> Stage {
+        let later = Stage::PROCEDURES.into_iter().zip(self.runs).find(|(of, runs)| *of > stage && *runs);
+        later.map_or(Stage::Complete, |(of, _)| of)
+    }
+
+    /// Whether a procedure is complete in a stage.
+    fn completed(&self, procedure: Stage, stage: Stage) -> bool {
+        stage > procedure && Stage::PROCEDURES.into_iter().zip(self.runs).any(|(of, runs)| of == procedure && runs)
     }
 
     /// The machine by its nameplate: what per-unit quantities refer to.
@@ -422,12 +447,7 @@ impl<R: Real> State<R> {
             Stage::Complete => None,
         };
         if command.is_none() {
-            self.stage = match self.stage {
-                Stage::Wiring => Stage::Bridge,
-                Stage::Bridge => Stage::Leakage,
-                Stage::Leakage => Stage::Magnetising,
-                Stage::Magnetising | Stage::Complete => Stage::Complete,
-            };
+            self.stage = c.after(self.stage);
             if self.stage == Stage::Complete {
                 self.status = Status::Done;
                 return Ok((Command::Blocked, x.i));

@@ -151,26 +151,32 @@ impl<R: Real> Commissioning<R> {
             friction: None,
             bridge: None,
             magnetising: None,
-            warnings: Warnings { incomplete: s.stage < Stage::Complete, ..Warnings::default() },
+            warnings: Warnings::default(),
         };
-        if s.stage <= Stage::Bridge {
-            return Ok(found);
-        }
+        let done = |procedure| c.completed(procedure, s.stage);
+        found.warnings.incomplete = !Stage::PROCEDURES.into_iter().all(done);
         let (u, i) = (s.bridge.u.map(R::to_f64), s.bridge.i.map(R::to_f64));
         // The leakage inductance moves the sampled current against that at the edges: fit, inductance, fit.
-        let mut curve = bridge::fit(&machine, &c.sheet, &u, &i, s.bridge.level)?;
-        if s.stage > Stage::Leakage {
+        let fit = |machine: &Machine| match done(Stage::Bridge) {
+            true => bridge::fit(machine, &c.sheet, &u, &i, s.bridge.level),
+            false => {
+                let (inverter, deviation) = (c.sheet, found.deviation_inverter);
+                Ok(BridgeCurve { inverter, r: pu.r_s + pu.r_r, deviation, residual: 0.0 })
+            }
+        };
+        let mut curve = fit(&machine)?;
+        if done(Stage::Leakage) {
             let l = s.leakage.inductance(curve.r, pu.t_s);
             machine.L_sigma = l * pu.base.l;
             machine.validate()?;
-            curve = bridge::fit(&machine, &c.sheet, &u, &i, s.bridge.level)?;
+            curve = fit(&machine)?;
             found.deviation.L_sigma = libm::hypot(DEVIATION_LEAKAGE, DEVIATION_GAIN);
         }
         found.machine = machine;
         found.inverter = curve.inverter;
         found.deviation_inverter = curve.deviation;
         found.warnings.bridge_fit = curve.residual > 0.1 * (pu.u_th + pu.dead_time * pu.u_dc);
-        found.bridge = Some(curve);
+        found.bridge = done(Stage::Bridge).then_some(curve);
         let levels = s.magnetising.level;
         if levels < 2 {
             return Ok(found);
