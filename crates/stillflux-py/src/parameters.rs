@@ -240,7 +240,8 @@ drive_settings! {
     resistance_at_rest, resistance_at_light_load, resistance_quotient, initial_flux, low_pass, limiter;
     enhanced:
     identify_offset, identify_resistance, apply_innovation, omega_s_min,
-    prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M;
+    prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M,
+    winding_temperature, cage_constant, rotor_rise, winding_heat;
 }
 
 /// A setting of the other scheme is an error, whatever its value.

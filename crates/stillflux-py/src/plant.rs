@@ -1,7 +1,7 @@
 //! `Plant` and its true state.
 
 use numpy::{Complex64, PyArray1};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::params::{self, Machine, check, check_resistance};
@@ -68,11 +68,15 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
                 .map(|(frequency, inductance)| Grid { frequency, inductance });
         }
         "thermal" => {
-            p.thermal = extract::<Option<(f64, f64, f64)>>(name, value)?.map(|(time_constant, rise, alpha)| Thermal {
-                time_constant,
-                rise,
-                alpha,
-            });
+            p.thermal = extract::<Option<Vec<f64>>>(name, value)?
+                .map(|parts| match parts[..] {
+                    [time_constant, rise, alpha] => Ok(Thermal { time_constant, rise, alpha, alpha_R: 0.0 }),
+                    [time_constant, rise, alpha, alpha_R] => Ok(Thermal { time_constant, rise, alpha, alpha_R }),
+                    _ => {
+                        Err(PyTypeError::new_err(format!("thermal: {} numbers instead of three or four", parts.len())))
+                    }
+                })
+                .transpose()?;
         }
         _ => return Ok(false),
     }

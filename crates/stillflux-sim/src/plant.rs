@@ -61,7 +61,7 @@ pub struct PlantParams {
     pub slot_ripple: Option<SlotRipple>,
     /// Whether the control is called once a period, as it should be.
     pub calls: Calls,
-    /// Winding temperature; `None`: cold throughout.
+    /// Temperature of winding and rotor; `None`: cold throughout.
     pub thermal: Option<Thermal>,
     /// Capacitor, supply and chopper of the dc link; `None`: the link has the voltage that is set.
     pub dc_link: Option<DcLink>,
@@ -393,6 +393,7 @@ impl Plant {
     pub fn set_R_R(&mut self, R_R: f64) {
         self.params.machine.R_R = R_R;
         self.circuit.set_R_R(&self.params.machine);
+        self.warm();
         self.refresh();
     }
 
@@ -542,8 +543,12 @@ impl Plant {
     }
 
     fn warm(&mut self) {
-        let alpha = self.params.thermal.map_or(0.0, |t| t.alpha);
-        self.circuit.set_R_s(self.params.machine.R_s * (1.0 + alpha * self.kelvin));
+        let (alpha, alpha_R) = self.params.thermal.map_or((0.0, 0.0), |t| (t.alpha, t.alpha_R));
+        let m = &self.params.machine;
+        self.circuit.set_R_s(m.R_s * (1.0 + alpha * self.kelvin));
+        if alpha_R > 0.0 {
+            self.circuit.set_R_R(&Machine { R_R: m.R_R * (1.0 + alpha_R * self.kelvin), ..*m });
+        }
         self.truth.R_s = self.circuit.R_s;
     }
 
