@@ -143,10 +143,11 @@ class Page {
             }),
             chart("Field angle error", "degrees", { true: "true", band: "drive expects (2 σ)" }, {
                 least: [-5, 5],
+                room: 30,
                 band: (h, k) => (running(h, k) ? Math.min(180, 2 * DEGREES * h.at("estimate.angle_deviation", k)) : NaN),
                 lines: [{ of: (h, k) => (running(h, k) ? DEGREES * h.at("angle_error", k) : NaN), colour: "true" }],
             }),
-            chart("Drive’s confidence in its field angle", "0 to 1", {}, {
+            chart("Drive’s confidence in its angle", "0 to 1", {}, {
                 fixed: [0, 1],
                 marks: [0.5],
                 lines: [{ of: estimate("confidence", 1), colour: "estimate" }],
