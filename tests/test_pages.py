@@ -14,7 +14,7 @@ from stillflux import html_page
 from stillflux.evidence import plane_points
 from stillflux.evidence.beyond import Row
 from stillflux.evidence.claims import holds
-from stillflux.evidence.documents import PLANE, README_MACHINES, draw_plane, drawn_from
+from stillflux.evidence.documents import PLANE, draw_plane, drawn_from
 from stillflux.evidence.judge import Measured
 from stillflux.evidence.plane_points import PlanePoint
 from stillflux.evidence.report import diagram, maps

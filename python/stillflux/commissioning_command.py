@@ -22,6 +22,9 @@ R_s = 1.5
 [plant.inverter]               # its inverter where it differs from the data sheet
 dead_time = 2.2e-6
 ```
+
+The motor file that `--out` writes holds what was found and, as its plant, what was simulated:
+`stillflux beyond --motor FILE` tells a drive the one and runs it on the other.
 """
 
 from __future__ import annotations
@@ -110,7 +113,8 @@ def _run(options: argparse.Namespace) -> int:
     for warning in found.warnings:
         print(f"warning: {warning}")
     if options.out:
-        options.out.write_text(found.to_toml(name=task.name), encoding="utf-8")
+        text = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=task.inverter)
+        options.out.write_text(text, encoding="utf-8")
         print(f"motor file: {options.out}")
     if options.report:
         options.report.write_text(report(task.name, found, _rows(task, found)), encoding="utf-8")

@@ -1,12 +1,14 @@
 //! `Plant` and its true state.
 
 use numpy::{Complex64, PyArray1};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
-use stillflux_sim::{DcLink, DeepBar, IronLoss, Mode, PlantParams, Thermal, Truth};
+use stillflux_sim::{
+    DcLink, DeepBar, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, SlotRipple, Thermal, Truth,
+};
 
 use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
 use crate::parameters::{Inverter, Motor};
@@ -46,6 +48,14 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
             p.deep_bar = extract::<Option<(f64, f64)>>(name, value)?
                 .map(|(conductance, leakage)| DeepBar { conductance, leakage });
         }
+        "leakage_saturation" => {
+            p.leakage_saturation = extract::<Option<(f64, f64)>>(name, value)?
+                .map(|(share, current)| LeakageSaturation { share, current });
+        }
+        "slot_ripple" => {
+            p.slot_ripple = extract::<Option<(u32, f64, f64)>>(name, value)?
+                .map(|(slots, permeance, leakage)| SlotRipple { slots, permeance, leakage });
+        }
         "adc_skew" => p.adc.skew = three(name, value)?,
         "missed_calls" => p.calls.missed = extract(name, value)?,
         "doubled_calls" => p.calls.doubled = extract(name, value)?,
@@ -53,12 +63,20 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
             p.dc_link = extract::<Option<(f64, f64, Option<f64>)>>(name, value)?
                 .map(|(C, R_supply, R_chopper)| DcLink { C, R_supply, R_chopper: R_chopper.unwrap_or(f64::INFINITY) });
         }
+        "grid" => {
+            p.grid = extract::<Option<(f64, f64)>>(name, value)?
+                .map(|(frequency, inductance)| Grid { frequency, inductance });
+        }
         "thermal" => {
-            p.thermal = extract::<Option<(f64, f64, f64)>>(name, value)?.map(|(time_constant, rise, alpha)| Thermal {
-                time_constant,
-                rise,
-                alpha,
-            });
+            p.thermal = extract::<Option<Vec<f64>>>(name, value)?
+                .map(|parts| match parts[..] {
+                    [time_constant, rise, alpha] => Ok(Thermal { time_constant, rise, alpha, alpha_R: 0.0 }),
+                    [time_constant, rise, alpha, alpha_R] => Ok(Thermal { time_constant, rise, alpha, alpha_R }),
+                    _ => {
+                        Err(PyTypeError::new_err(format!("thermal: {} numbers instead of three or four", parts.len())))
+                    }
+                })
+                .transpose()?;
         }
         _ => return Ok(false),
     }
