@@ -14,7 +14,7 @@ from stillflux import html_page
 from stillflux.evidence import plane_points
 from stillflux.evidence.beyond import Row
 from stillflux.evidence.claims import holds
-from stillflux.evidence.documents import PLANE, draw_plane, drawn_from
+from stillflux.evidence.documents import PLANE, README_MACHINES, draw_plane, drawn_from
 from stillflux.evidence.judge import Measured
 from stillflux.evidence.plane_points import PlanePoint
 from stillflux.evidence.report import diagram, maps
@@ -104,6 +104,13 @@ def test_the_map_is_drawn_once_from_its_points(tmp_path: Path) -> None:
     assert draw_plane(tmp_path, points) == [PLANE]
     assert drawn_from(picture) == plane_points.digest(points)
     assert draw_plane(tmp_path, points) == []
+
+
+def test_the_map_in_the_readme_is_of_the_committed_points() -> None:
+    assert drawn_from(ROOT / PLANE) == plane_points.digest(POINTS)
+    assert {x.machine for x in plane_points.read(POINTS)} & set(README_MACHINES)
+    assert str(PLANE) in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert (ROOT / PLANE).stat().st_size < 500_000
 
 
 def test_a_map_has_a_row_for_each_machine_and_a_legend() -> None:

@@ -89,8 +89,8 @@ def update(root: Path, table: Table) -> list[Path]:
 
 
 def draw_plane(root: Path, points: Path) -> list[Path]:
-    """Draws the maps of `README_MACHINES` below `root` from the committed points, unless the picture there is
-    of the same; returns what was drawn."""
+    """Draws the maps of `README_MACHINES` below `root` from the committed points, as far as there are any,
+    unless the picture there is of the same; returns what was drawn."""
     from stillflux.evidence.report import maps
 
     chosen = [point for point in plane_points.read(points) if point.machine in README_MACHINES]
