@@ -188,6 +188,8 @@ pub struct Plant {
     /// Instants within the period at which channels are sampled ahead of its end, else infinite, and what they saw.
     instants: [f64; 3],
     seen: [f64; 3],
+    /// Whether there are such channels.
+    skewed: bool,
     /// `∫ i_s dt` since the period began.
     int_i: V2,
     /// Band of the average model, A.
@@ -235,7 +237,7 @@ impl Plant {
         let i_n = std::f64::consts::SQRT_2 * m.I_N;
         // A branch carries a small part of the current: its time constant may be met by fewer steps.
         // Saturated leakage raises the stray rate, ripple of the slots has to be followed.
-        let stray = stray_rate(&m, &inv) * (1.0 + 3.0 * params.leakage_saturation.map_or(0.0, |l| l.excess()));
+        let stray = stray_rate(&m, &inv) * (1.0 + params.leakage_saturation.map_or(0.0, |l| l.excess()));
         let slots = params.slot_ripple.map_or(0.0, |s| f64::from(s.slots)) * m.omega_sR() / f64::from(m.n_p);
         let rate = stray + 0.15 * circuit.branch_rate() + 1.5 * m.omega_sR();
         let mut plant = Self {
@@ -262,6 +264,7 @@ impl Plant {
             preload: [0.5; 3],
             instants: params.adc.skew.map(|s| if s > 0.0 { 1.0 / inv.f_s - s } else { f64::INFINITY }),
             seen: [0.0; 3],
+            skewed: params.adc.skew.iter().any(|s| *s > 0.0),
             int_i: [0.0; 2],
             band: (BAND * (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma).max(1e-9 * i_n),
             stale: false,
