@@ -87,12 +87,12 @@ impl Link {
     pub fn advance(&mut self, u: f64, bridge: f64, dt: f64) -> f64 {
         let DcLink { C, R_supply, R_chopper, .. } = self.params;
         let fed = (u * u - 2.0 * bridge / C).max(0.0).sqrt();
-        let chopped = if self.chopper > 0.0 { fed * (-self.chopper * dt / (R_chopper * C)).exp() } else { fed };
+        let chopped = if self.chopper > 0.0 { fed * libm::exp(-self.chopper * dt / (R_chopper * C)) } else { fed };
         let e = &mut self.energy;
         let charged = if let Some(rectifier) = &mut self.rectifier {
             rectifier.advance(self.supply, chopped, dt, e)
         } else if self.supply > chopped {
-            let u = self.supply + (chopped - self.supply) * (-dt / (R_supply * C)).exp();
+            let u = self.supply + (chopped - self.supply) * libm::exp(-dt / (R_supply * C));
             let taken = self.supply * C * (u - chopped);
             e.grid += taken;
             e.loss += taken - 0.5 * C * (u * u - chopped * chopped);

@@ -2,7 +2,11 @@
 //!
 //! [`Plant`] is the drive's physical side: induction machine, two-level bridge, sensors, shaft, resolved at
 //! every switching edge, dead-time end and zero of a phase current. One [`Plant::step`] is one PWM period.
+//!
+//! The same scenario gives the same bits on every target: transcendental functions come from `libm`, not from the
+//! platform's library, which another system has in another version.
 #![forbid(unsafe_code)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 #![deny(missing_docs)]
 
 mod adc;

@@ -51,10 +51,10 @@ pub(crate) fn turned(v: V2, d: f64) -> V2 {
     let (sin, cos) = if d.abs() < 0.3 {
         let x = d * d;
         let sin = 1.0 - x * (1.0 / 6.0) * (1.0 - x * 0.05 * (1.0 - x * (1.0 / 42.0) * (1.0 - x * (1.0 / 72.0))));
-        let late = 1.0 - x * (1.0 / 30.0) * (1.0 - x * (1.0 / 56.0));
+        let late = 1.0 - x * (1.0 / 30.0) * (1.0 - x * (1.0 / 56.0) * (1.0 - x * (1.0 / 90.0)));
         (d * sin, 1.0 - x * 0.5 * (1.0 - x * (1.0 / 12.0) * late))
     } else {
-        d.sin_cos()
+        libm::sincos(d)
     };
     [v[0] * cos - v[1] * sin, v[0] * sin + v[1] * cos]
 }
@@ -150,7 +150,8 @@ impl Circuit {
         let Extras { iron, bar, leakage, slots } = *extras;
         let g = m.to_gamma();
         let sat = m.saturation.filter(|s| saturation && s.a > 0.0);
-        let (inv_L_u, p_0, S) = sat.map_or((1.0 / g.L_s, 0.0, 2.0), |s| (1.0 / s.L_u, s.a.powf(s.S) / s.L_u, s.S));
+        let (inv_L_u, p_0, S) =
+            sat.map_or((1.0 / g.L_s, 0.0, 2.0), |s| (1.0 / s.L_u, libm::pow(s.a, s.S) / s.L_u, s.S));
         let n_p = f64::from(m.n_p);
         let mut term = 1.0;
         let binomial = [0.0, 1.0, 2.0, 3.0].map(|k| {
@@ -222,11 +223,11 @@ impl Circuit {
         self.gap.R_r = self.k_r / self.inv_L_l;
     }
 
-    /// `a^S |psi|^S / L_u` from `x = |psi|²`. For odd `S` one square root, no `powf`.
+    /// `a^S |psi|^S / L_u` from `x = |psi|²`. For odd `S` one square root, no power.
     #[inline(always)]
     fn saturating(&self, x: f64) -> f64 {
         if self.whole == 0 {
-            return self.p_0 * x.powf(0.5 * self.S);
+            return self.p_0 * libm::pow(x, 0.5 * self.S);
         }
         let mut p = if self.whole & 1 == 1 { self.p_0 * x.sqrt() } else { self.p_0 };
         for _ in 0..self.whole / 2 {

@@ -109,7 +109,7 @@ impl Shaft {
             let r = omega / m.stribeck_speed;
             // Beyond, the exponential is 3e-20.
             if r * r < 45.0 {
-                dry += m.stribeck * (-r * r).exp();
+                dry += m.stribeck * libm::exp(-r * r);
             }
         }
         self.inv_J * torque - self.inv_J * (self.load + m.viscous * omega + self.dir * dry)

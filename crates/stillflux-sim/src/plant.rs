@@ -61,7 +61,7 @@ pub struct PlantParams {
     pub slot_ripple: Option<SlotRipple>,
     /// Whether the control is called once a period, as it should be.
     pub calls: Calls,
-    /// Winding temperature; `None`: cold throughout.
+    /// Temperature of winding and rotor; `None`: cold throughout.
     pub thermal: Option<Thermal>,
     /// Capacitor, supply and chopper of the dc link; `None`: the link has the voltage that is set.
     pub dc_link: Option<DcLink>,
@@ -134,6 +134,30 @@ impl PlantParams {
 
 fn stray_rate(m: &Machine, inv: &Inverter) -> f64 {
     (m.R_s + inv.r_d + m.R_R) / m.L_sigma
+}
+
+/// Fastest rate of the machine's equations at a constant voltage, 1/s.
+fn fastest_rate(p: &PlantParams, circuit: &Circuit) -> f64 {
+    // Saturated leakage raises the stray rate. A branch carries a small part of the current: its time constant may be met
+    // by fewer steps.
+    let stray = stray_rate(&p.machine, &p.inverter) * (1.0 + p.leakage_saturation.map_or(0.0, |l| l.excess()));
+    stray + 0.15 * circuit.branch_rate() + 1.5 * p.machine.omega_sR()
+}
+
+/// The legs' nodes, if they have capacitance, and up to which length a segment then takes a Taylor step, s.
+fn node_model(m: &Machine, inv: &Inverter, rate: f64) -> (Option<Nodes>, f64) {
+    if inv.c_out > 0.0 { (Some(Nodes::new(inv.c_out, inv.u_dc, zero_current(m))), 5e-3 / rate) } else { (None, 0.0) }
+}
+
+/// Current that counts as zero, A.
+fn zero_current(m: &Machine) -> f64 {
+    1e-11 * std::f64::consts::SQRT_2 * m.I_N
+}
+
+/// Band of the average model, A ([`BAND`]).
+fn average_band(m: &Machine, inv: &Inverter) -> f64 {
+    let full = (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma;
+    (BAND * full).max(100.0 * zero_current(m))
 }
 
 /// What only a simulation knows. Space vectors in stator coordinates, amplitude-invariant, SI.
@@ -235,16 +259,15 @@ impl Plant {
             },
         );
         let i_n = std::f64::consts::SQRT_2 * m.I_N;
-        // A branch carries a small part of the current: its time constant may be met by fewer steps.
-        // Saturated leakage raises the stray rate, ripple of the slots has to be followed.
-        let stray = stray_rate(&m, &inv) * (1.0 + params.leakage_saturation.map_or(0.0, |l| l.excess()));
+        // The ripple of the slots has to be followed.
         let slots = params.slot_ripple.map_or(0.0, |s| f64::from(s.slots)) * m.omega_sR() / f64::from(m.n_p);
-        let rate = stray + 0.15 * circuit.branch_rate() + 1.5 * m.omega_sR();
+        let rate = fastest_rate(&params, &circuit);
+        let (nodes, h_taylor) = node_model(&m, &inv, rate);
         let mut plant = Self {
             params,
             circuit,
             bridge: Bridge::new(&inv, &params.gate_delays),
-            nodes: (inv.c_out > 0.0).then(|| Nodes::new(inv.c_out, inv.u_dc, 1e-11 * i_n)),
+            nodes,
             shaft: Shaft::new(params.mechanics, m.J),
             adc: Converter::new(params.adc, params.seed),
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
@@ -252,9 +275,9 @@ impl Plant {
             t: 0.0,
             period: 1.0 / inv.f_s,
             h_max: (0.05 / rate).min(60e-6).min(0.2 / slots),
-            h_taylor: if inv.c_out > 0.0 { 5e-3 / rate } else { 0.0 },
+            h_taylor,
             tol: Tolerance {
-                current: 1e-11 * i_n,
+                current: zero_current(&m),
                 voltage: 1e-10 * inv.u_dc,
                 speed: 1e-13 * m.omega_sR(),
                 torque: 1e-12 * m.T_N,
@@ -266,7 +289,7 @@ impl Plant {
             seen: [0.0; 3],
             skewed: params.adc.skew.iter().any(|s| *s > 0.0),
             int_i: [0.0; 2],
-            band: (BAND * (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma).max(1e-9 * i_n),
+            band: average_band(&m, &inv),
             stale: false,
             kelvin: 0.0,
             energy: params.dc_link.map(|_| Energy::default()),
@@ -373,6 +396,7 @@ impl Plant {
     pub fn set_R_R(&mut self, R_R: f64) {
         self.params.machine.R_R = R_R;
         self.circuit.set_R_R(&self.params.machine);
+        self.warm();
         self.refresh();
     }
 
@@ -423,6 +447,24 @@ impl Plant {
         }
         self.bridge.u_dc = u_dc;
         self.truth.u_dc = u_dc;
+    }
+
+    /// Sets the dead time of the bridge, s; a switch already waiting for its turn-on keeps the earlier one.
+    pub fn set_dead_time(&mut self, dead_time: f64) {
+        self.params.inverter.dead_time = dead_time;
+        self.bridge.dead_time = dead_time;
+        self.band = average_band(&self.params.machine, &self.params.inverter);
+    }
+
+    /// Sets the capacitance of the legs' nodes, F; their potentials become those of the present gates.
+    pub fn set_node_capacitance(&mut self, c_out: f64) {
+        self.params.inverter.c_out = c_out;
+        self.bridge.c_out = c_out;
+        if self.bridge.open == [false; 3] {
+            let PlantParams { machine, inverter, .. } = &self.params;
+            (self.nodes, self.h_taylor) = node_model(machine, inverter, fastest_rate(&self.params, &self.circuit));
+            self.stale = true;
+        }
     }
 
     /// Imposes a shaft speed (mechanical rad/s) from now on, or with `None` lets the shaft go.
@@ -504,8 +546,12 @@ impl Plant {
     }
 
     fn warm(&mut self) {
-        let alpha = self.params.thermal.map_or(0.0, |t| t.alpha);
-        self.circuit.set_R_s(self.params.machine.R_s * (1.0 + alpha * self.kelvin));
+        let (alpha, alpha_R) = self.params.thermal.map_or((0.0, 0.0), |t| (t.alpha, t.alpha_R));
+        let m = &self.params.machine;
+        self.circuit.set_R_s(m.R_s * (1.0 + alpha * self.kelvin));
+        if alpha_R > 0.0 {
+            self.circuit.set_R_R(&Machine { R_R: m.R_R * (1.0 + alpha_R * self.kelvin), ..*m });
+        }
         self.truth.R_s = self.circuit.R_s;
     }
 
@@ -541,6 +587,6 @@ fn angle(a: V2, b: V2) -> f64 {
         let r2 = r * r;
         r * (1.0 - r2 * (1.0 / 3.0 - r2 * (0.2 - r2 * (1.0 / 7.0 - r2 / 9.0))))
     } else {
-        sin.atan2(cos)
+        libm::atan2(sin, cos)
     }
 }

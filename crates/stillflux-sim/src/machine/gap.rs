@@ -81,7 +81,7 @@ impl Gap {
 
     /// `e^{j Z theta}`
     pub fn slot(&self, theta: f64) -> V2 {
-        let (sin, cos) = (self.slots * theta).sin_cos();
+        let (sin, cos) = libm::sincos(self.slots * theta);
         [cos, sin]
     }
 
