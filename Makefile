@@ -95,6 +95,12 @@ bench-tools:
 site: build
 	$(BIN)/mkdocs build --quiet
 
+# The playground: drive and plant as WebAssembly in a page of static files that opens without a server. Needs a compiler
+# for wasm32-unknown-unknown; says so where it is missing. The first build takes one to two minutes.
+.PHONY: playground
+playground:
+	$(PYTHON) crates/stillflux-wasm/playground.py
+
 clean:
 	rm -rf .venv target reports python/stillflux/*.so
 

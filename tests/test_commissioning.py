@@ -206,9 +206,19 @@ def test_the_command_writes_a_motor_file_and_a_report(
     text = page.read_text()
     assert "<svg" in text
     assert "R_s + r_d" in text
-    file.write_text(FILE.replace('[plant.motor]\npreset = "2.2kW"\n', ""))
-    assert main(["commission", str(file)]) == 2
-    assert "[plant.motor] is missing" in capsys.readouterr().err
+    assert main(["commission", "--motor", str(file), "--out", str(tmp_path / "none" / "x.toml")]) == 2
+    assert "there is no folder" in capsys.readouterr().err
+
+
+def test_a_plate_alone_is_commissioned_on_the_motor_that_follows_from_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "plate.toml"
+    file.write_text(FILE[: FILE.index("[inverter]")])
+    assert main(["commission", "--motor", str(file)]) == 0
+    printed = capsys.readouterr().out
+    assert "the motor that follows from the plate is simulated" in printed
+    assert "status: done" in printed
 
 
 def test_draws_of_the_evidence_are_found_and_judged(tmp_path: Path) -> None:

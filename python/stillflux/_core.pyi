@@ -470,7 +470,8 @@ class Plant:
 
         `duty` (three values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
         register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
-        `load_torque` in N·m opposes positive rotation and is active, as a crane's."""
+        `load_torque` in N·m, up to ten times the rated torque, opposes positive rotation and is active, as a
+        crane's."""
     def step_voltage(self, u_s: complex, dt: float, load_torque: float = 0.0) -> None:
         """Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, past the
         bridge."""

@@ -55,8 +55,7 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
         if len(bad):
             raise ArithmeticError(
                 f"{name} is not finite from t = {result.t[bad[0]]:.4g} s on: the shaft runs away beyond what "
-                f"the "
-                f"plant can compute; is the load torque right?"
+                f"the plant can compute; is the load torque right?"
             )
     return result
 

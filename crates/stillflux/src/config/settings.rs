@@ -394,6 +394,9 @@ pub struct DriveParams {
     pub stall_time: f64,
     /// Lower the flux where the voltage is used up ([`crate::control::weakening`]). Without it the speed ends there.
     pub field_weakening: bool,
+    /// Use the voltage between the circle within the hexagon and the hexagon: 7.6 % more fundamental, and a current with
+    /// the 5th and 7th harmonic where it is used.
+    pub overmodulation: bool,
     /// Largest acceleration of the speed reference, mechanical rad/s²; `None`: it is followed as it is.
     pub acceleration: Option<f64>,
     /// Largest jerk of the speed reference, mechanical rad/s³, together with an acceleration; `None`: no limit.
@@ -449,6 +452,7 @@ impl DriveParams {
             supervision: true,
             stall_time: 0.35,
             field_weakening: true,
+            overmodulation: false,
             acceleration: None,
             jerk: None,
             torque_limits: None,
