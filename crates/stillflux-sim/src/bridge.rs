@@ -191,7 +191,7 @@ pub(crate) struct Bridge {
     pub u_dc: f64,
     pub u_th: f64,
     pub dead_time: f64,
-    c_out: f64,
+    pub c_out: f64,
     period: f64,
     /// Timer ticks per half period and length of a tick; zero: no quantisation.
     ticks: f64,
@@ -491,7 +491,7 @@ mod tests {
         for half in [0.0, 0.5e-6, 20e-6, 49.5e-6, 50e-6] {
             let mut whole = Leg { gate: LOW, ..Leg::BLOCKED };
             let mut halves = whole;
-            let mut edges = |leg: &mut Leg, begin: f64, length: f64| {
+            let edges = |leg: &mut Leg, begin: f64, length: f64| {
                 let list: Vec<_> = (0..leg.n).map(|k| (begin + leg.t[k], leg.to[k])).collect();
                 while leg.t[leg.next] <= length {
                     leg.gate = leg.to[leg.next];

@@ -11,7 +11,12 @@ use stillflux_sim::simulate::{Profile, ReferenceProfile, Run, Scenario};
 
 /// Largest error of the field angle, °, and mean error of the voltage, V, at a speed, per unit, under a load in units of
 /// rated torque.
-fn held((machine, told, real): (Machine, Inverter, Inverter), scheme: Scheme, (omega, load): (f64, f64)) -> (f64, f64) {
+fn held(
+    (machine, told, real): (Machine, Inverter, Inverter),
+    scheme: Scheme,
+    (omega, load): (f64, f64),
+    discontinuous_above: Option<f64>,
+) -> (f64, f64) {
     let mut s = Scenario::new(machine, told, 8.0);
     let w = omega * Base::new(&machine).omega_m;
     s.plant.inverter = real;

@@ -67,6 +67,15 @@ pub(crate) const I_OFF_MAX: f64 = 0.15;
 
 /// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
 pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
+/// With overmodulation the reference reaches to the corners of the hexagon, and the modulator takes the nearest voltage on
+/// its edge: `r = 1/√3`, `ρ = 2/3` of the dc link. Of a reference that turns with the length `ρ` the fundamental that is
+/// left is
+///
+/// ```text
+/// (3/π) (r + ρ (π/6 - √3/4)) = 0.609
+/// ```
+const U_CORNER: f64 = 2.0 / 3.0;
+const U_OVERMODULATED: f64 = 0.608_99;
 /// Flux control in field weakening ([`crate::control::flux`]): gain by the leakage, and crossing frequency of its integral
 /// part in parts of the bandwidth of current control. Largest correction at high frequency in units of the magnetising
 /// current: the flux of the largest machines falls over some tenths of a second only by a current against it.
@@ -88,9 +97,11 @@ pub struct DriveConfig<R: Real> {
     pub(crate) t_s: R,
     pub(crate) inverter: InverterModel<R>,
     pub(crate) timer: Option<Timer>,
-    pub(crate) double_update: bool,
+    #[cfg(feature = "modes")]
+    double_update: bool,
     /// Square of the voltage, over the dc link, from which a leg is held at a rail; `None`: continuous modulation.
-    pub(crate) discontinuous_sq: Option<R>,
+    #[cfg(feature = "modes")]
+    discontinuous_sq: Option<R>,
     pub(crate) scheme: Scheme,
     #[cfg(feature = "paper")]
     pub(crate) paper: PaperConfig<R>,
@@ -114,6 +125,9 @@ pub struct DriveConfig<R: Real> {
     pub(crate) i_d_max: R,
     pub(crate) i_q_max: R,
     pub(crate) pull_out_use: R,
+    /// Largest voltage reference and largest fundamental voltage, in parts of the dc link.
+    pub(crate) u_limit: R,
+    pub(crate) u_use: R,
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
     /// Limits of the speed reference.
@@ -131,7 +145,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) bridged_periods: u32,
     pub(crate) calibrate_offset: bool,
     /// The current of phase c is computed from the other two.
-    pub(crate) two_sensors: bool,
+    #[cfg(feature = "modes")]
+    two_sensors: bool,
     pub(crate) offset_periods: u32,
     pub(crate) inv_offset_periods: R,
     pub(crate) magnetise_periods: u32,
@@ -139,14 +154,19 @@ pub struct DriveConfig<R: Real> {
 }
 words! {
     DriveConfig:
-    t_s, inverter, timer, double_update, discontinuous_sq, scheme,
+    t_s, inverter, timer,
+    #[cfg(feature = "modes")] double_update,
+    #[cfg(feature = "modes")] discontinuous_sq,
+    scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
-    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
+    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "dclink")] dclink,
     fresh_periods, i_quick,
-    bridged_periods, calibrate_offset, two_sensors, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
+    bridged_periods, calibrate_offset,
+    #[cfg(feature = "modes")] two_sensors,
+    offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
 impl<R: Real> DriveConfig<R> {
@@ -223,6 +243,33 @@ impl<R: Real> DriveConfig<R> {
         &self.enhanced.balance
     }
 
+    /// Whether the current of phase c is computed from the other two.
+    #[inline(always)]
+    pub(crate) fn two_sensors(&self) -> bool {
+        #[cfg(feature = "modes")]
+        return self.two_sensors;
+        #[cfg(not(feature = "modes"))]
+        false
+    }
+
+    /// Whether the duties are updated at both extremes of the carrier.
+    #[inline(always)]
+    pub(crate) fn double_update(&self) -> bool {
+        #[cfg(feature = "modes")]
+        return self.double_update;
+        #[cfg(not(feature = "modes"))]
+        false
+    }
+
+    /// Square of the voltage, over the dc link, from which a leg is held at a rail.
+    #[inline(always)]
+    pub(crate) fn discontinuous_sq(&self) -> Option<R> {
+        #[cfg(feature = "modes")]
+        return self.discontinuous_sq;
+        #[cfg(not(feature = "modes"))]
+        None
+    }
+
     /// Magnetising current of the start-up: boosted until the flux has built up, then held.
     pub(crate) fn magnetising_current(&self, stage: u32) -> Dq<R> {
         let i_d = self.flux_control.feedforward(self.flux_control.psi_rated, R::ZERO);
@@ -262,7 +309,9 @@ impl<R: Real> DriveConfig<R> {
         let slow = f64::from(SLOW_PERIODS) / inverter.f_c();
 
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
-        let u_max = U_UTILISATION * pu.u_dc;
+        let (u_limit, u_use) =
+            if p.overmodulation { (U_CORNER, U_OVERMODULATED) } else { (U_UTILISATION, U_UTILISATION) };
+        let u_max = u_use * pu.u_dc;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
         let omega_n = pu.hz(p.pll_bandwidth);
@@ -313,7 +362,9 @@ impl<R: Real> DriveConfig<R> {
             t_s: r(t_s),
             inverter: if p.inverter_model { InverterModel::new(&pu) } else { InverterModel::ideal() },
             timer: inverter.timer()?,
+            #[cfg(feature = "modes")]
             double_update: pu.double_update,
+            #[cfg(feature = "modes")]
             discontinuous_sq: p.discontinuous_above.map(|part| r(part * part / 3.0)),
             scheme: p.scheme,
             #[cfg(feature = "paper")]
@@ -396,6 +447,8 @@ impl<R: Real> DriveConfig<R> {
             i_d_max: r(libm::sqrt(15.0 / 16.0) * i_max),
             i_q_max: r(i_q_max),
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
+            u_limit: r(u_limit),
+            u_use: r(u_use),
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
             omega_least: r(omega_least / b.omega_m),
@@ -429,6 +482,7 @@ impl<R: Real> DriveConfig<R> {
             i_quick: r(0.9 * i_max),
             bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
+            #[cfg(feature = "modes")]
             two_sensors: p.current_sensors == 2,
             offset_periods: periods(p.offset_time),
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),
@@ -459,6 +513,30 @@ fn fits<R: Real>(field: &'static str, value: f64, unit: &'static str, x: f64, po
 mod tests {
     use super::*;
     use crate::scalar::Q;
+
+    #[test]
+    fn the_modulator_leaves_the_nearest_voltage_of_the_hexagon_with_the_fundamental_that_is_counted_on() {
+        use crate::control::modulator::{applied, modulate};
+        use crate::space::AlphaBeta;
+        let steps = 3600;
+        let (mut along, mut farthest) = (0.0, 0.0f64);
+        for k in 0..steps {
+            let (sin, cos) = libm::sincos(f64::from(k) * core::f64::consts::TAU / f64::from(steps));
+            let u = AlphaBeta::new(U_CORNER * cos, U_CORNER * sin);
+            let left = applied(&modulate(u.to_phases(), 1.0, None));
+            along += (left.re() * cos + left.im() * sin) / f64::from(steps);
+            // The edge that faces the reference is at right angles to what is cut off.
+            let cut = u - left;
+            let length = cut.norm_sq().sqrt();
+            if length > 1e-9 {
+                farthest = farthest.max(length);
+                let distance = (left.re() * cut.re() + left.im() * cut.im()) / length;
+                assert!((distance - 1.0 / 3f64.sqrt()).abs() < 1e-9, "{k}: {distance}");
+            }
+        }
+        assert!((along - U_OVERMODULATED).abs() < 1e-4, "{along}");
+        assert!((farthest - (U_CORNER - 1.0 / 3f64.sqrt())).abs() < 1e-4, "{farthest}");
+    }
 
     #[test]
     fn a_scheme_that_is_not_built_is_refused_by_name() {

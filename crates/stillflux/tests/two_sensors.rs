@@ -1,5 +1,7 @@
 //! Two current sensors: the channel of phase c is not read.
 
+#![cfg(feature = "modes")]
+
 use proptest::prelude::*;
 use proptest::sample::select;
 use stillflux::config::{DriveConfig, DriveParams, Scheme};

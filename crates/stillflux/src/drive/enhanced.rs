@@ -34,8 +34,9 @@ use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{BLOCKS, Catch};
 use crate::estimate::kalman::{Filter, Input, Learned};
+#[cfg(feature = "modes")]
 use crate::estimate::pair::{HALF_MAX, Pair};
-use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
+use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
 use crate::scalar::{Real, clamp_seldom};
 use crate::space::{AlphaBeta, Dq, Rotator};
@@ -53,6 +54,7 @@ const REDUCED: f64 = 0.7;
 const SMALL: f64 = 0.4;
 
 /// Difference of the gains of two current sensors below which nothing is repeated.
+#[cfg(feature = "modes")]
 const KNOWN_DIFFERENCE: f64 = 1e-3;
 
 /// The two sums of the speed search; after it, the speed over one.
@@ -113,10 +115,13 @@ enum Start<R: Real> {
 pub(super) struct EnhancedEstimators<R: Real> {
     filter: Filter<R>,
     balance: Balance<R>,
+    #[cfg(feature = "modes")]
     pair: Pair<R>,
     /// Half of the difference of the gains of two current sensors.
+    #[cfg(feature = "modes")]
     half_difference: R,
     /// Periods by which the start-up has gone back after such a difference was found.
+    #[cfg(feature = "modes")]
     gone_back: u32,
     shift: FluxShift<R>,
     speed_estimator: SpeedEstimator<R>,
@@ -128,6 +133,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     knee: Knee<R>,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
+    /// Rotor resistance at its temperature.
+    r_r: R,
 }
 
 impl<R: Real> EnhancedEstimators<R> {
@@ -136,8 +143,11 @@ impl<R: Real> EnhancedEstimators<R> {
         Self {
             filter: Filter::new(&c.enhanced.filter),
             balance: Balance::default(),
+            #[cfg(feature = "modes")]
             pair: Pair::default(),
+            #[cfg(feature = "modes")]
             half_difference: R::ZERO,
+            #[cfg(feature = "modes")]
             gone_back: 0,
             shift: FluxShift::default(),
             speed_estimator: SpeedEstimator::default(),
@@ -147,6 +157,7 @@ impl<R: Real> EnhancedEstimators<R> {
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
             torque_ref: R::ZERO,
+            r_r: c.speed.r_r,
         }
     }
 
@@ -261,6 +272,7 @@ impl<R: Real> EnhancedEstimators<R> {
 
     /// Gains of two current sensors, in the last three quarters of the magnetisation at standstill; whether this is a
     /// period of them. The current is controlled without the filter's offset then: as that moves, the flux would.
+    #[cfg(feature = "modes")]
     #[cold]
     #[inline(never)]
     fn compare_gains(&mut self, c: &DriveConfig<R>, x: &PeriodInput<'_, R>, i_ref: R, stage: u32) -> bool {
@@ -290,7 +302,7 @@ impl<R: Real> EnhancedEstimators<R> {
         let before = self.speed.psi_r;
         // The current has risen after a fifth of the search.
         if stage > probe_periods / 5 {
-            self.search.numerator += before.cross(&(*psi_r - before)) - c.t_s * c.speed.r_r * psi_r.cross(i_s);
+            self.search.numerator += before.cross(&(*psi_r - before)) - c.t_s * self.r_r * psi_r.cross(i_s);
             self.search.denominator += c.t_s * psi_r.norm_sq();
         }
         self.speed.psi_r = *psi_r;
@@ -319,7 +331,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             Start::Fresh(psi_r)
         });
         self.search = SpeedSearch::new();
-        self.gone_back = 0;
+        #[cfg(feature = "modes")]
+        {
+            self.gone_back = 0;
+        }
         self.shift = FluxShift::default();
         self.torque_ref = R::ZERO;
         self.speed = SpeedEstimate::default();
@@ -335,6 +350,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
+        #[cfg(feature = "modes")]
         let start_up = start_up.map(|at| StartUp { stage: at.stage - self.gone_back });
         if let Some(at) = start_up {
             let i_s = x.i_s;
@@ -365,10 +381,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             let i;
             (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods });
             i_dq = Dq::new(i.re(), i.im());
-            let gone_back = self.gone_back;
-            if c.two_sensors && self.compare_gains(c, x, i_ref.re(), at.stage - catch_periods) {
-                i_dq = Dq::new(i_m.re(), i_m.im());
-                complete &= self.gone_back == gone_back;
+            #[cfg(feature = "modes")]
+            if c.two_sensors() {
+                let gone_back = self.gone_back;
+                if self.compare_gains(c, x, i_ref.re(), at.stage - catch_periods) {
+                    i_dq = Dq::new(i_m.re(), i_m.im());
+                    complete &= self.gone_back == gone_back;
+                }
             }
         }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
@@ -381,14 +400,17 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
 
     #[inline(never)]
     fn update_speed(&mut self, c: &DriveConfig<R>) {
-        self.speed =
-            self.speed_estimator.step(&c.speed, &self.filter.rotor_flux(&c.enhanced.filter), &self.filter.i_s());
+        let (psi_r, i_s) = (self.filter.rotor_flux(&c.enhanced.filter), self.filter.i_s());
+        self.speed = self.speed_estimator.step(&SpeedConfig { r_r: self.r_r, ..c.speed }, &psi_r, &i_s);
     }
 
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
-        self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, self.filter.leakage());
+        let warm = self.filter.rotor_resistance(&c.enhanced.filter);
+        self.r_r = c.speed.r_r * warm;
+        let of_parameters = [self.filter.leakage(), warm];
+        self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, of_parameters);
     }
 
     #[inline(always)]
@@ -434,6 +456,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         (R::ONE + self.filter.v(), &self.knee)
     }
 
+    #[cfg(feature = "modes")]
     #[inline(always)]
     fn half_difference(&self) -> R {
         self.half_difference
@@ -478,5 +501,6 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
         self.knee = c.inverter.knee(self.filter.knee());
+        self.r_r = c.speed.r_r * self.filter.rotor_resistance(&c.enhanced.filter);
     }
 }

@@ -234,12 +234,6 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         (R::ONE, c.inverter.nominal())
     }
 
-    /// Not identified.
-    #[inline(always)]
-    fn half_difference(&self) -> R {
-        R::ZERO
-    }
-
     #[inline(always)]
     fn nis(&self) -> R {
         R::ZERO

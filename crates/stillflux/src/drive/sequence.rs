@@ -99,7 +99,7 @@ impl<R: Real> Sequence<R> {
     fn without_offset(&self, c: &DriveConfig<R>, m: &Measurement<R>, half: impl FnOnce() -> R) -> [R; 3] {
         let ([i_a, i_b, i_c], off) = (m.i_abc, &self.i_off);
         let (i_a, i_b) = (i_a - off[0], i_b - off[1]);
-        if likely(!c.two_sensors) { [i_a, i_b, i_c - off[2]] } else { equalised([i_a, i_b], half()) }
+        if likely(!c.two_sensors()) { [i_a, i_b, i_c - off[2]] } else { equalised([i_a, i_b], half()) }
     }
 
     /// Whether a measurement can be used as it is.
@@ -132,7 +132,7 @@ impl<R: Real> Sequence<R> {
         // Written so that NaN is not readable.
         let readable =
             |k: usize| if k < 3 { m.i_abc[k].abs() < c.i_range } else { m.u_dc.abs() < R::from_f64(U_DC_RANGE) };
-        let unused = |k: usize| k == 2 && c.two_sensors;
+        let unused = |k: usize| k == 2 && c.two_sensors();
         // Constants of the arithmetic: a conversion here would be one in software.
         let numbers = [R::ONE, R::TWO, R::from_f64(3.0), R::from_f64(4.0)];
         if let Some((_, number)) = (0..4).zip(numbers).find(|&(k, _)| !readable(k) && !unused(k)) {
@@ -209,7 +209,7 @@ impl<R: Real> Sequence<R> {
     fn read_offset(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> Action {
         // The period that enters this state is none of the `offset_periods`.
         if c.calibrate_offset && self.stage > 0 {
-            for k in 0..if c.two_sensors { 2 } else { 3 } {
+            for k in 0..if c.two_sensors() { 2 } else { 3 } {
                 self.offset_mean[k].add(c.inv_offset_periods, m.i_abc[k]);
             }
         }

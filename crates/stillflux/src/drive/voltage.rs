@@ -83,7 +83,7 @@ impl<R: Real> Voltage<R> {
     #[cold]
     #[inline(never)]
     fn clamp(&mut self, c: &DriveConfig<R>, u_ref: &AlphaBeta<R>, u: &[R; 3]) -> Option<(usize, bool)> {
-        let least = c.discontinuous_sq?;
+        let least = c.discontinuous_sq()?;
         let part = *u_ref * self.inv_u_dc;
         let least = if self.discontinuous { least * R::from_f64(HYSTERESIS) } else { least };
         self.discontinuous = part.norm_sq() >= least;
@@ -108,12 +108,12 @@ impl<R: Real> Voltage<R> {
     ) -> Duty<R> {
         self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
         let (u, mut clamped) = (u_ref.to_phases(), None);
-        if !likely(c.discontinuous_sq.is_none()) {
+        if !likely(c.discontinuous_sq().is_none()) {
             clamped = self.clamp(c, u_ref, &u);
         }
         // With an update at each extreme of the carrier: the first call is in the lower zero vector, its duties act in the
         // falling half.
-        let e = if likely(!c.double_update) {
+        let e = if likely(!c.double_update()) {
             self.loss.phases
         } else {
             self.loss.of_half(period & 1 == 0, clamped.map(|(leg, _)| leg))
