@@ -1,4 +1,4 @@
-//! The plant: machine, bridge, sensors and shaft, one PWM period at a time ([`period`]), exact at every event
+//! The plant: machine, bridge, sensors and shaft, one control period at a time ([`period`]), exact at every event
 //! ([`events`]).
 #![allow(non_snake_case)]
 
@@ -112,7 +112,7 @@ impl PlantParams {
         self.mechanics.validate()?;
         self.adc.validate()?;
         for skew in self.adc.skew {
-            check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s, "s")?;
+            check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s.max(self.inverter.f_c()), "s")?;
         }
         self.iron_loss.map_or(Ok(()), |l| l.validate(&self.machine))?;
         self.deep_bar.map_or(Ok(()), |b| b.validate())?;
@@ -202,7 +202,12 @@ pub struct Plant {
     x: State,
     f: Field,
     t: f64,
+    /// Length of the stretch whose edges are listed together: a carrier period, or half of one with a double update.
     period: f64,
+    /// Such stretches in a control period.
+    stretches: u32,
+    /// With a double update: whether the next half period has the rising edges.
+    rising: Option<bool>,
     h_max: f64,
     /// Up to this length a segment takes a Taylor step. Zero without node capacitance.
     h_taylor: f64,
@@ -247,6 +252,7 @@ impl Plant {
     pub fn new(params: PlantParams) -> Result<Self, ParamError> {
         params.validate()?;
         let PlantParams { machine: m, inverter: inv, .. } = params;
+        let period = 1.0 / inv.f_s.max(inv.f_c());
         let circuit = Circuit::new(
             &m,
             inv.r_d,
@@ -273,7 +279,9 @@ impl Plant {
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
             f: Field::default(),
             t: 0.0,
-            period: 1.0 / inv.f_s,
+            period,
+            stretches: (inv.half_periods / 2).max(1),
+            rising: (inv.half_periods == 1).then_some(true),
             h_max: (0.05 / rate).min(60e-6).min(0.2 / slots),
             h_taylor,
             tol: Tolerance {
@@ -285,7 +293,7 @@ impl Plant {
                 near: 2e-3 * i_n,
             },
             preload: [0.5; 3],
-            instants: params.adc.skew.map(|s| if s > 0.0 { 1.0 / inv.f_s - s } else { f64::INFINITY }),
+            instants: params.adc.skew.map(|s| if s > 0.0 { period - s } else { f64::INFINITY }),
             seen: [0.0; 3],
             skewed: params.adc.skew.iter().any(|s| *s > 0.0),
             int_i: [0.0; 2],
@@ -304,7 +312,8 @@ impl Plant {
         Ok(plant)
     }
 
-    /// Runs one PWM period and returns the reading at its end, the carrier peak.
+    /// Runs one control period and returns the reading at its end: the carrier peak, in the middle of the lower zero
+    /// vector, and with a double update in turn the middle of the upper one, which comes first.
     ///
     /// `duty` (high share of each leg, clamped to 0…1, NaN as 0) goes to the modulator's preload register and
     /// acts in the *next* period; this one runs with the duties given the period before. `gates_on` acts at
@@ -314,21 +323,25 @@ impl Plant {
         let begin = self.begin(load_torque);
         let taken = self.taken();
         let averaged = self.params.mode == Mode::Averaged && gates_on;
-        match (averaged, self.circuit.kind()) {
-            (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
-            (false, SATURATING) => self.switched::<SATURATING>(active, gates_on),
-            (false, BRANCHED) => self.switched::<BRANCHED>(active, gates_on),
-            (false, _) => self.switched::<FULL>(active, gates_on),
-            (true, LINEAR) => self.averaged::<LINEAR>(active),
-            (true, SATURATING) => self.averaged::<SATURATING>(active),
-            (true, BRANCHED) => self.averaged::<BRANCHED>(active),
-            (true, _) => self.averaged::<FULL>(active),
+        for _ in 0..self.stretches {
+            match (averaged, self.circuit.kind()) {
+                (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
+                (false, SATURATING) => self.switched::<SATURATING>(active, gates_on),
+                (false, BRANCHED) => self.switched::<BRANCHED>(active, gates_on),
+                (false, _) => self.switched::<FULL>(active, gates_on),
+                (true, LINEAR) => self.averaged::<LINEAR>(active),
+                (true, SATURATING) => self.averaged::<SATURATING>(active),
+                (true, BRANCHED) => self.averaged::<BRANCHED>(active),
+                (true, _) => self.averaged::<FULL>(active),
+            }
         }
+        self.rising = self.rising.map(|rising| !rising);
+        let length = f64::from(self.stretches) * self.period;
         let drawn = self.taken() - taken;
         if let Some(link) = &mut self.link {
-            self.bridge.u_dc = link.advance(self.bridge.u_dc, drawn, self.period);
+            self.bridge.u_dc = link.advance(self.bridge.u_dc, drawn, length);
         }
-        self.finish(begin, self.period);
+        self.finish(begin, length);
         let mut i = self.phase_currents();
         for k in 0..3 {
             if self.instants[k].is_finite() {

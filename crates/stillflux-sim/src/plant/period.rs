@@ -58,7 +58,7 @@ impl Plant {
         if stale {
             self.bridge.set_signs(self.f.i, self.tol.current);
         }
-        self.bridge.load(duty, gates_on);
+        self.bridge.load(duty, gates_on, self.rising);
         if let Some(nodes) = self.nodes {
             return self.capacitive::<KIND>(nodes, stale);
         }
