@@ -108,7 +108,10 @@ def recorder(
             colours = (TRUE,) if len(strip.traces) == 1 else (ESTIMATE, TRUE, THIRD)
             for (name, values), colour in zip(strip.traces, colours, strict=False):
                 line = ":" if name == "reference" else "-"
-                panel.plot(*thin_to(t, values, 900), line, linewidth=0.9, color=colour, label=name)
+                # Wide and beneath, so that an estimate that coincides with it is seen.
+                width, order = (1.8, 1.9) if name == "true" else (0.9, 2.0)
+                shown = thin_to(t, values, 900)
+                panel.plot(*shown, line, linewidth=width, zorder=order, color=colour, label=name)
             label = f"{strip.label}, {strip.unit}" if strip.unit else strip.label
             panel.set_ylabel(label, rotation=0, ha="right", va="center")
             if strip.limits is not None:

@@ -10,9 +10,9 @@ the error of angle alone would raise i_q above the 15 %.)
 How well this can be seen follows from the circle that any steady-state method has to use, since two measured
 voltages are to tell r_s and the slip. The torque T is the root of (l_s i² - D)(D - σl_s i²): a relative
 error e of l_s i² makes an error of r̂_s of ω_s e l_s (D - σl_s i²)/(2 T). Here that is 0.86 e (2.2 kW) and
-0.80 e (11 kW), for e = 1 % a tenth and a third of r_s. So the
-vectors are filtered before their products, free of the harmonics of the bridge, and r̂_s is moved slowly, with a
-time constant of ten τ_r.
+0.80 e (11 kW), for e = 1 % a tenth and a third of r_s. So voltage and current are filtered before their
+products, which frees them of the harmonics of the bridge, the method begins 5 τ_r after a change of load, and
+r̂_s moves with a time constant of 10 τ_r.
 """
 
 from __future__ import annotations
