@@ -166,7 +166,7 @@ pub(crate) struct Bridge {
     pub u_dc: f64,
     pub u_th: f64,
     pub dead_time: f64,
-    c_out: f64,
+    pub c_out: f64,
     period: f64,
     /// Timer ticks per half period and length of a tick; zero: no quantisation.
     ticks: f64,

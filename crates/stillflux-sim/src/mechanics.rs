@@ -101,7 +101,7 @@ impl Shaft {
         let mut dry = m.coulomb;
         if m.stribeck > 0.0 {
             let r = omega / m.stribeck_speed;
-            dry += m.stribeck * (-r * r).exp();
+            dry += m.stribeck * libm::exp(-r * r);
         }
         self.inv_J * torque - self.inv_J * (self.load + m.viscous * omega + self.dir * dry)
     }
