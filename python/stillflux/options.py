@@ -62,6 +62,9 @@ class DriveSettings(TypedDict, total=False):
 
     field_weakening: bool
     """Lower the flux where the voltage is used up; without it the speed ends there."""
+    overmodulation: bool
+    """Use the voltage between the circle within the hexagon and the hexagon: 7.6 % more fundamental, and a
+    current with the 5th and 7th harmonic where it is used. Off by default."""
     acceleration: float | None
     """Largest acceleration of the speed reference, mechanical rad/s²; None: it is followed as it is."""
     jerk: float | None
@@ -134,6 +137,16 @@ class DriveSettings(TypedDict, total=False):
     """Of the leakage inductance, 0.002 to 1."""
     prior_L_M: float
     """Of the magnetising inductance, 0.002 to 0.5."""
+    winding_temperature: float | None
+    """Temperature of winding and rotor at which the motor's R_s and R_R hold, -40 to 120 °C: the drive
+    follows R_R by the temperature that R_s shows. None: R_R is the parameter. The next three with it only."""
+    cage_constant: float
+    """Constant of the cage's material, 200 to 260 K: 225 for aluminium (default), 235 for copper."""
+    rotor_rise: float
+    """Rise of the rotor's temperature over that of the winding's, 0.3 to 2; 1."""
+    winding_heat: tuple[float, float] | None
+    """Rise of the winding's temperature at rated current in K, 5 to 200, and its time constant in s, 1 to
+    7200: R_s is predicted where it cannot be measured. None: it is held there."""
 
 
 class PlantOptions(TypedDict, total=False):
@@ -181,12 +194,22 @@ class PlantOptions(TypedDict, total=False):
     deep_bar: tuple[float, float] | None
     """Second branch of the rotor: its share of the cage's conductance at small slip and its share of the
     inverse leakage inductance at high frequency, each from 0.01 to 0.9."""
+    leakage_saturation: tuple[float, float] | None
+    """Share of the leakage inductance, up to 0.6, that is lost at a peak rotor current in A."""
+    slot_ripple: tuple[int, float, float] | None
+    """Number of rotor slots, relative ripple of the air gap's permeance as they pass (up to 0.2) and of the
+    inverse leakage inductance (up to 0.3)."""
     missed_calls: float
     """Probability that the control is not called in a period: duties stay. Only in a scenario."""
     doubled_calls: float
     """Probability that the control is called twice with the same sample. Only in a scenario."""
     dc_link: tuple[float, float, float | None] | None
     """Capacitance in F, resistance of the supply in Ω, resistor of the brake chopper in Ω or None: the link
-    is fed by a diode rectifier of no-load voltage `u_dc`. None: the link has the voltage that is set."""
-    thermal: tuple[float, float, float] | None
-    """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K."""
+    is fed by a diode rectifier of ideal mean voltage `u_dc`. None: the link has the voltage that is set."""
+    grid: tuple[float, float] | None
+    """Frequency in Hz and inductance of a phase in H of the grid that feeds the rectifier of `dc_link`, whose
+    resistance of the supply is then that of two phases: the link ripples with six times the frequency and
+    rises to `π/3 u_dc` without load. None: the rectified voltage is smooth."""
+    thermal: tuple[float, float, float] | tuple[float, float, float, float] | None
+    """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K; and that
+    of the rotor's resistance per K of the winding, 0 if it is not given."""

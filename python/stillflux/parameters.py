@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from stillflux import _core
@@ -10,10 +10,30 @@ from stillflux import _core
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
 
-__all__ = ["PRESETS", "Inverter", "Motor", "Rating"]
+__all__ = ["PRESETS", "Inverter", "Motor", "Rating", "number"]
 
 PRESETS = ("2.2kW", "11kW")
 """Names of the motors and inverters that `preset` knows."""
+
+
+def number(name: str, value: Any) -> float:
+    """A real number as a float; whatever stands for none is a TypeError that names it."""
+    if isinstance(value, bool | str | bytes | complex):
+        raise TypeError(f"{name} = {value!r} is not a number")
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {value!r} is not a number") from None
+
+
+def _plain_numbers(of: Motor | Inverter) -> None:
+    """Python's numbers in place of numpy's: equal objects have equal text and can be written as JSON."""
+    for one in fields(of):
+        if one.name == "saturation":
+            continue
+        value = number(one.name, getattr(of, one.name))
+        whole = one.name == "n_p" and value.is_integer()
+        object.__setattr__(of, one.name, int(value) if whole else value)
 
 
 class Rating(TypedDict):
@@ -59,7 +79,11 @@ class Motor:
 
     def __post_init__(self) -> None:
         if self.saturation is not None:
-            object.__setattr__(self, "saturation", tuple(self.saturation))
+            curve = tuple(number("saturation", x) for x in self.saturation)
+            if len(curve) != 3:
+                raise ValueError(f"saturation has {len(curve)} values, three are needed: L_u, a, S")
+            object.__setattr__(self, "saturation", curve)
+        _plain_numbers(self)
         _core.validate_motor(self)
 
     @classmethod
@@ -167,6 +191,7 @@ class Inverter:
     10 nF. During the dead time the phase current has to charge it; 0: the node follows at once."""
 
     def __post_init__(self) -> None:
+        _plain_numbers(self)
         _core.validate_inverter(self)
 
     @classmethod

@@ -18,9 +18,11 @@ mod machine;
 mod mechanics;
 mod nodes;
 mod plant;
+mod rectifier;
 pub mod replay;
 mod rng;
 pub mod simulate;
+mod slots;
 mod thermal;
 
 pub use adc::{Adc, ChannelFault};
@@ -30,4 +32,6 @@ pub use dclink::{DcLink, LinkEnergy};
 pub use machine::Energy;
 pub use mechanics::Mechanics;
 pub use plant::{Calls, Mode, Plant, PlantParams, Truth};
+pub use rectifier::Grid;
+pub use slots::{LeakageSaturation, SlotRipple};
 pub use thermal::Thermal;

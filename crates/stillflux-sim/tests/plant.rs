@@ -524,7 +524,7 @@ fn shaft_sticks_slides_and_stops() {
 #[test]
 fn winding_warms_to_its_rise() {
     let mut p = held(linear(), 0.0);
-    p.thermal = Some(Thermal { time_constant: 0.05, rise: 80.0, alpha: 0.0039 });
+    p.thermal = Some(Thermal { time_constant: 0.05, rise: 80.0, alpha: 0.0039, alpha_R: 0.0 });
     let mut plant = plant(p);
     let mut R_s = 3.7;
     for _ in 0..20_000 {

@@ -67,6 +67,15 @@ pub(crate) const I_OFF_MAX: f64 = 0.15;
 
 /// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
 pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
+/// With overmodulation the reference reaches to the corners of the hexagon, and the modulator takes the nearest voltage on
+/// its edge: `r = 1/√3`, `ρ = 2/3` of the dc link. Of a reference that turns with the length `ρ` the fundamental that is
+/// left is
+///
+/// ```text
+/// (3/π) (r + ρ (π/6 - √3/4)) = 0.609
+/// ```
+const U_CORNER: f64 = 2.0 / 3.0;
+const U_OVERMODULATED: f64 = 0.608_99;
 /// Flux control in field weakening ([`crate::control::flux`]): gain by the leakage, and crossing frequency of its integral
 /// part in parts of the bandwidth of current control. Largest correction at high frequency in units of the magnetising
 /// current: the flux of the largest machines falls over some tenths of a second only by a current against it.
@@ -111,6 +120,9 @@ pub struct DriveConfig<R: Real> {
     pub(crate) i_d_max: R,
     pub(crate) i_q_max: R,
     pub(crate) pull_out_use: R,
+    /// Largest voltage reference and largest fundamental voltage, in parts of the dc link.
+    pub(crate) u_limit: R,
+    pub(crate) u_use: R,
     pub(crate) u_dc_min: R,
     pub(crate) u_dc_max: R,
     /// Limits of the speed reference.
@@ -138,7 +150,7 @@ words! {
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
-    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
+    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "dclink")] dclink,
     fresh_periods, i_quick,
     bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
@@ -257,7 +269,9 @@ impl<R: Real> DriveConfig<R> {
         let slow = f64::from(SLOW_PERIODS) / inverter.f_s;
 
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
-        let u_max = U_UTILISATION * pu.u_dc;
+        let (u_limit, u_use) =
+            if p.overmodulation { (U_CORNER, U_OVERMODULATED) } else { (U_UTILISATION, U_UTILISATION) };
+        let u_max = u_use * pu.u_dc;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
         let omega_n = pu.hz(p.pll_bandwidth);
@@ -385,6 +399,8 @@ impl<R: Real> DriveConfig<R> {
             i_d_max: r(libm::sqrt(15.0 / 16.0) * i_max),
             i_q_max: r(i_q_max),
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
+            u_limit: r(u_limit),
+            u_use: r(u_use),
             u_dc_min: r(p.u_dc_min / b.u),
             u_dc_max: r(p.u_dc_max / b.u),
             omega_least: r(omega_least / b.omega_m),
@@ -447,6 +463,30 @@ fn fits<R: Real>(field: &'static str, value: f64, unit: &'static str, x: f64, po
 mod tests {
     use super::*;
     use crate::scalar::Q;
+
+    #[test]
+    fn the_modulator_leaves_the_nearest_voltage_of_the_hexagon_with_the_fundamental_that_is_counted_on() {
+        use crate::control::modulator::{applied, modulate};
+        use crate::space::AlphaBeta;
+        let steps = 3600;
+        let (mut along, mut farthest) = (0.0, 0.0f64);
+        for k in 0..steps {
+            let (sin, cos) = libm::sincos(f64::from(k) * core::f64::consts::TAU / f64::from(steps));
+            let u = AlphaBeta::new(U_CORNER * cos, U_CORNER * sin);
+            let left = applied(&modulate(u.to_phases(), 1.0, None));
+            along += (left.re() * cos + left.im() * sin) / f64::from(steps);
+            // The edge that faces the reference is at right angles to what is cut off.
+            let cut = u - left;
+            let length = cut.norm_sq().sqrt();
+            if length > 1e-9 {
+                farthest = farthest.max(length);
+                let distance = (left.re() * cut.re() + left.im() * cut.im()) / length;
+                assert!((distance - 1.0 / 3f64.sqrt()).abs() < 1e-9, "{k}: {distance}");
+            }
+        }
+        assert!((along - U_OVERMODULATED).abs() < 1e-4, "{along}");
+        assert!((farthest - (U_CORNER - 1.0 / 3f64.sqrt())).abs() < 1e-4, "{farthest}");
+    }
 
     #[test]
     fn a_scheme_that_is_not_built_is_refused_by_name() {

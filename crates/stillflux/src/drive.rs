@@ -310,7 +310,7 @@ impl<R: Real> Common<R> {
     /// Limits of the references, and slow adaptation of the estimators.
     #[inline(never)]
     fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E, u_dc: R) {
-        self.control.set_limits(c, estimators.speed(), estimators.psi_s(), u_dc);
+        self.control.set_limits(c, estimators, u_dc);
         estimators.adapt(c, &self.control.i_dq);
     }
 
@@ -340,7 +340,7 @@ impl<R: Real> Common<R> {
                 omega_s,
                 nis: estimators.nis(),
                 speed_deviation,
-                torque_limited: control.torque_limited,
+                torque_limited: control.limited != R::ZERO,
             };
             let confidence = || estimators.confidence();
             trip = trip.or_else(|| self.supervision.course(&c.supervision, &course, confidence));

@@ -97,6 +97,20 @@ fn hardware(rng: &mut Rng) -> (Machine, Inverter) {
     (machine, inverter)
 }
 
+/// Temperatures within their ranges, or none.
+fn temperature(rng: &mut Rng, d: EnhancedParams) -> EnhancedParams {
+    if rng.chance(2) {
+        return d;
+    }
+    EnhancedParams {
+        winding_temperature: Some(rng.within(-40.0, 120.0)),
+        cage_constant: rng.within(200.0, 260.0),
+        rotor_rise: rng.within(0.3, 2.0),
+        winding_heat: rng.chance(2).then(|| (rng.within(5.0, 200.0), rng.ratio(1.0, 7200.0))),
+        ..d
+    }
+}
+
 /// Settings within their ranges.
 fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParams {
     let d = DriveParams::new(machine, inverter);
@@ -128,6 +142,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         prior_c_out: rng.ratio(0.002, 1.0),
         prior_L_sigma: rng.ratio(0.002, 1.0),
         prior_L_M: rng.ratio(0.002, 0.5),
+        ..temperature(rng, d.enhanced)
     };
     let (torque_max, omega_max) = (
         rng.ratio(0.05, 5.0) * machine.T_N,
@@ -162,6 +177,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         fresh_time: rng.within(0.0, 3600.0),
         supervision: !rng.chance(4),
         field_weakening: !rng.chance(4),
+        overmodulation: rng.chance(4),
         acceleration,
         jerk: (acceleration.is_some() && rng.chance(2)).then(|| rng.ratio(1e-2 * omega_n, 1e5 * omega_n)),
         torque_limits: rng.chance(3).then(|| (-rng.within(0.0, torque_max), rng.within(0.0, torque_max))),

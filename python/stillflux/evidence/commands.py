@@ -63,6 +63,12 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         action="append",
         help="only this course (tolerance, guarantee); on this one as well (commissioning)",
     )
+    drawn.add_argument(
+        "--scale",
+        type=_scale,
+        action="append",
+        help="only at so many times the tolerances (guarantee); default: 1 and 2.5",
+    )
     parser.add_argument(
         "--operation",
         action="append",
@@ -249,6 +255,14 @@ def _drives(options: argparse.Namespace) -> Sequence[str]:
     return _chosen(options.machine, tuple(DRIVES))
 
 
+def _scale(text: str) -> float:
+    """A factor of the tolerances. Raises what `argparse` expects."""
+    scale = float(text)
+    if not 0.0 <= scale <= 5.0:
+        raise argparse.ArgumentTypeError(f"{scale:g}: admissible are 0 to 5")
+    return scale
+
+
 def _draws(options: argparse.Namespace, default: int) -> Sequence[int]:
     if options.draw and options.draws:
         raise ValueError(f"--draws {options.draws} and --draw: give only one")
@@ -394,7 +408,12 @@ def _guarantee(options: argparse.Namespace) -> int:
     journal = Journal(options.journal) if options.journal else None
     try:
         found = guarantee.run_all(
-            machines, courses, draws, guarantee.progress, journal.run if journal else run_jobs
+            machines,
+            courses,
+            draws,
+            options.scale or guarantee.SCALES,
+            guarantee.progress,
+            journal.run if journal else run_jobs,
         )
     except Stopped as stop:
         print(guarantee.table(stop.results))
@@ -430,6 +449,7 @@ _ONLY_WITH: Mapping[str, tuple[str, ...]] = {
     "draws": ("tolerance", "consistency", "guarantee", "commissioning"),
     "draw": ("tolerance", "consistency", "guarantee", "commissioning"),
     "course": ("tolerance", "guarantee", "commissioning"),
+    "scale": ("guarantee",),
     "operation": ("operations",),
 }
 """Options that only some campaigns have."""

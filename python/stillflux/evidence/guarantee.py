@@ -117,14 +117,15 @@ def run_all(
     machines: Sequence[str],
     courses: Sequence[str],
     draws: Sequence[int],
+    scales: Sequence[float] = SCALES,
     show: Callable[[int, int, Outcome], None] | None = None,
     runner: Runner = run_jobs,
 ) -> list[Outcome]:
-    """Runs draws of drives on courses at both scales. On Ctrl-C raises `parallel.Stopped`."""
+    """Runs draws of drives on courses at each of the scales. On Ctrl-C raises `parallel.Stopped`."""
     jobs: list[tuple[str, str, int, float]] = [
         (machine, course, draw, scale)
         for draw in draws
-        for scale in SCALES
+        for scale in scales
         for machine in machines
         for course in courses
     ]
@@ -155,10 +156,8 @@ def claims(outcomes: Sequence[Outcome]) -> list[Claim]:
 def table(outcomes: Sequence[Outcome]) -> str:
     """What was found, as text."""
     lines = []
-    for scale in SCALES:
+    for scale in sorted({x.scale for x in outcomes}):
         of_scale = [x for x in outcomes if x.scale == scale]
-        if not of_scale:
-            continue
         lines.append(f"tolerances x {scale:g}")
         lines += [f"  {x.quantity}: {x.value:.3g} {x.unit}".rstrip() for x in claims(of_scale)]
         lines += [f"  ended needlessly: {x}" for x in of_scale if x.needless]

@@ -83,6 +83,13 @@ impl SiCommissioning {
         Ok(Self { units, arithmetic, shaft, standstill, run: None, refused: false })
     }
 
+    /// One procedure at standstill alone ([`CommissioningConfig::only`]), before its first period.
+    #[must_use]
+    pub fn only(mut self, stage: Stage) -> Self {
+        with!(&mut self.standstill, x => *x = Commissioning::new(x.config().only(stage)));
+        Self { shaft: Shaft::Locked, ..self }
+    }
+
     /// The machine by its nameplate.
     #[must_use]
     pub fn machine(&self) -> &Machine {

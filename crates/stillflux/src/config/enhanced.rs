@@ -64,10 +64,12 @@ impl<R: Real> EnhancedConfig<R> {
             Priors { r_s: prior_R_s, loss: prior_loss, knee: prior_c_out, leakage: prior_L_sigma, l_m: prior_L_M }
         };
         let filter = FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified);
+        let filter = filter.with_priors(&priors);
+        let filter = p.enhanced.temperature().map_or(filter, |t| filter.with_temperature(machine, inverter, pu, &t));
         // At least 0.0125 of normalised time, whose reciprocal fits fixed point.
         let catch_block = inverter.periods(CATCH_BLOCK).max(libm::ceil(0.0125 / pu.t_s) as u32);
         Self {
-            filter: filter.with_priors(&priors),
+            filter,
             balance: BalanceConfig {
                 // The state is a third of the difference of the gains.
                 step: rounded(BALANCE_RATE / 3.0 * f64::from(BALANCE_PERIODS) / inverter.f_s),

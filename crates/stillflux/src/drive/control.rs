@@ -6,15 +6,16 @@
 //! ```
 //!
 //! `ψ` is the flux of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`], `κ` that of the flux
-//! shift, `ψ*_u` that of field weakening ([`crate::control::weakening`]), `u_max = 0.98 u_dc/√3`. The limit keeps 20 %
-//! of distance to pull-out. `i_q,u` is the torque current for which there is voltage: where the voltage is
+//! shift, `ψ*_u` that of field weakening ([`crate::control::weakening`]), `u_max` the largest fundamental voltage: 0.98 of
+//! the circle within the hexagon, or with overmodulation what is left of a reference that reaches to its corners. The limit
+//! keeps 20 % of distance to pull-out. `i_q,u` is the torque current for which there is voltage: where the voltage is
 //! at its limit while the drive is motoring it is the one that flows, and a little more so that the limit is felt again
 //! as soon as there is voltage. The speed controller does not integrate what it limits.
 
 use super::estimators::{Estimators, FieldQuantities};
 use super::interface::Reference;
 use super::voltage::Voltage;
-use crate::config::{DriveConfig, LowConfidence, U_UTILISATION};
+use crate::config::{DriveConfig, LowConfidence};
 use crate::control::current::CurrentController;
 use crate::control::flux::{FREQUENCY_HIGH, FluxController, Range};
 use crate::control::modulator::Duty;
@@ -32,11 +33,8 @@ const NEAR_LIMIT: f64 = 0.6;
 /// Torque current, per unit, by which the reference may exceed the one that flows at the voltage limit.
 const AHEAD_OF_CURRENT: f64 = 0.1;
 
-/// Largest magnitude of the voltage vector.
-#[inline(always)]
-fn largest_voltage<R: Real>(u_dc: R) -> R {
-    u_dc * R::from_f64(U_UTILISATION)
-}
+/// Part of the range between the torque's limits that counts as being at one of them.
+const AT_LIMIT: f64 = 0.01;
 
 /// Controllers, their references, the current that they control, and the voltage that they command.
 #[derive(Clone, Copy, Debug)]
@@ -56,13 +54,11 @@ pub(super) struct Control<R: Real> {
     i_q_room: R,
     /// Square of the largest current, as the heat of machine and bridge allows it.
     i_max_sq: R,
-    /// 1 while the torque is at its upper limit, -1 at its lower one, else 0.
-    limited: R,
+    /// 1 while the torque is at its upper limit under speed control, -1 at its lower one, else 0.
+    pub limited: R,
     ramp: Ramp<R>,
     overload: Overload<R>,
     pub voltage: Voltage<R>,
-    /// The torque reference is at its limit, under speed control.
-    pub torque_limited: bool,
 }
 
 impl<R: Real> Control<R> {
@@ -83,7 +79,6 @@ impl<R: Real> Control<R> {
             ramp: Ramp::default(),
             overload: Overload::default(),
             voltage: Voltage::new(),
-            torque_limited: false,
         }
     }
 
@@ -129,7 +124,7 @@ impl<R: Real> Control<R> {
         let ahead = x.field.ahead(x.omega_s * c.t_ahead);
         let i_ahead = ahead.to_stator(&i_ref);
         let u_ff = Dq::new(i_ref.re() * x.r_s, i_ref.im() * x.r_s + x.omega_s * x.psi_s);
-        let u = self.current.step(&c.current, &i_ref, &self.i_dq, &u_ff, largest_voltage(u_dc));
+        let u = self.current.step(&c.current, &i_ref, &self.i_dq, &u_ff, u_dc * c.u_limit);
         self.voltage.command(c, period, &ahead.to_stator(&u), &i_ahead, u_dc, inverter)
     }
 
@@ -144,7 +139,7 @@ impl<R: Real> Control<R> {
     ) {
         let speed = *estimators.speed();
         let factor = estimators.flux_factor(c, self.i_dq_ref.im() * self.psi_ref);
-        let (u_max, u_sq, psi_weak) = (largest_voltage(u_dc), self.current.u_sq(), self.psi_weak);
+        let (u_max, u_sq, psi_weak) = (u_dc * c.u_use, self.current.u_sq(), self.psi_weak);
         let psi_ref = psi_weak.min(c.flux_control.psi_rated * factor);
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
@@ -160,7 +155,7 @@ impl<R: Real> Control<R> {
             psi_ff = psi_ref;
             range = Range::Weakened;
         }
-        let mut i_q_max = (c.pull_out_use * estimators.pull_out_flux(psi)).min(self.i_q_room);
+        let mut i_q_max = self.largest_torque_current(c, estimators, psi);
         if !likely(u_sq <= u_max * u_max) {
             i_q_max = i_q_max.min(self.i_q_at_voltage_limit(speed.omega_s));
         }
@@ -172,7 +167,8 @@ impl<R: Real> Control<R> {
         let (lo, hi) = c.speed_control.limits(torque_max);
         #[cfg(feature = "dclink")]
         let (lo, hi) = c.dclink.limit(u_dc, speed.omega_m, (lo, hi));
-        self.torque_limited = false;
+        let at_limit = (hi - lo) * R::from_f64(AT_LIMIT);
+        let limited;
         let torque_ref = match *reference {
             Reference::Speed(omega) => {
                 let omega = omega.clamp(c.omega_least, c.omega_most);
@@ -182,25 +178,28 @@ impl<R: Real> Control<R> {
                 let part = self.psi_weak * c.flux_control.inv_psi_rated;
                 let weakened = (part * c.speed_control.inv_gain).max(part).min(R::ONE);
                 let torque = self.speed.step(&c.speed_control, (omega - speed.omega_m) * weakened, (lo, hi));
-                let near = R::from_f64(0.98);
-                self.torque_limited = torque >= hi * near || torque <= lo * near;
+                limited = if torque >= hi - at_limit {
+                    R::ONE
+                } else if torque <= lo + at_limit {
+                    -R::ONE
+                } else {
+                    R::ZERO
+                };
                 torque
             }
             Reference::Torque(torque) => {
                 let torque_ref = torque.clamp(lo, hi);
                 self.speed.follow(torque_ref, torque);
                 self.ramp.start(speed.omega_m);
+                limited = R::ZERO;
                 torque_ref
             }
-            Reference::Stop => R::ZERO,
+            Reference::Stop => {
+                limited = R::ZERO;
+                R::ZERO
+            }
         };
-        self.limited = if torque_ref >= hi {
-            R::ONE
-        } else if torque_ref <= lo {
-            -R::ONE
-        } else {
-            R::ZERO
-        };
+        self.limited = limited;
         let i_q = torque_ref * c.flux_control.reciprocal(psi);
         let i_d = self.flux.step(&c.flux_control, psi_ff, psi_ref - estimators.psi_s(), i_q, weight, range);
         self.i_q_room += (c.i_q_max - self.i_q_room) * R::from_f64(1.0 / 16.0);
@@ -213,12 +212,12 @@ impl<R: Real> Control<R> {
     /// Limits by voltage and heat for the next references: the flux at which there is voltage for the torque current that
     /// is wanted, and the largest current.
     #[inline(always)]
-    pub fn set_limits(&mut self, c: &DriveConfig<R>, speed: &SpeedEstimate<R>, psi_s: R, u_dc: R) {
+    pub fn set_limits<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &E, u_dc: R) {
         let i_sq = self.i_dq_ref.norm_sq();
         if let Some(most) = self.overload.step(&c.overload, i_sq, c.i_max_sq) {
             self.i_max_sq = most;
         }
-        let (u_max, u_sq) = (largest_voltage(u_dc), self.current.u_sq());
+        let (u_max, u_sq) = (u_dc * c.u_use, self.current.u_sq());
         // Nothing to compute where the voltage is far from its limit.
         let near = u_max * R::from_f64(NEAR_LIMIT);
         if likely(u_sq < near * near) && self.psi_weak == c.flux_control.psi_rated {
@@ -226,10 +225,17 @@ impl<R: Real> Control<R> {
         }
         // The loop of the speed estimator turns at the frequency of the flux also in a ramp of the speed, behind which
         // the estimated speed lags.
-        let omega = speed.omega_turn - speed.omega_r;
-        let most = (c.pull_out_use * self.psi_ref).min(self.i_q_room);
+        let SpeedEstimate { omega_turn, omega_r, .. } = *estimators.speed();
+        let omega = omega_turn - omega_r;
+        let most = self.largest_torque_current(c, estimators, self.psi_ref);
         let i_q = self.speed.demand().limit(c.speed_control.torque_max) * c.flux_control.reciprocal(self.psi_ref);
-        self.psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), psi_s, u_max, u_sq);
+        self.psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), estimators.psi_s(), u_max, u_sq);
+    }
+
+    /// Largest torque current by pull-out, current limit and heat at a flux.
+    #[inline(always)]
+    fn largest_torque_current<E: Estimators<R>>(&self, c: &DriveConfig<R>, estimators: &E, psi: R) -> R {
+        (c.pull_out_use * estimators.pull_out_flux(psi)).min(self.i_q_room)
     }
 
     /// Current references within the current limit, with priority for `i_d*`; the next torque reference is limited to

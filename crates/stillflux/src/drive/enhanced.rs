@@ -33,7 +33,7 @@ use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{BLOCKS, Catch};
 use crate::estimate::kalman::{Filter, Input, Learned};
-use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
+use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
 use crate::scalar::{Real, clamp_seldom};
 use crate::space::{AlphaBeta, Dq, Rotator};
@@ -118,6 +118,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     knee: Knee<R>,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
+    /// Rotor resistance at its temperature.
+    r_r: R,
 }
 
 impl<R: Real> EnhancedEstimators<R> {
@@ -134,6 +136,7 @@ impl<R: Real> EnhancedEstimators<R> {
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
             torque_ref: R::ZERO,
+            r_r: c.speed.r_r,
         }
     }
 
@@ -252,7 +255,7 @@ impl<R: Real> EnhancedEstimators<R> {
         let before = self.speed.psi_r;
         // The current has risen after a fifth of the search.
         if stage > probe_periods / 5 {
-            self.search.numerator += before.cross(&(*psi_r - before)) - c.t_s * c.speed.r_r * psi_r.cross(i_s);
+            self.search.numerator += before.cross(&(*psi_r - before)) - c.t_s * self.r_r * psi_r.cross(i_s);
             self.search.denominator += c.t_s * psi_r.norm_sq();
         }
         self.speed.psi_r = *psi_r;
@@ -336,14 +339,17 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
 
     #[inline(never)]
     fn update_speed(&mut self, c: &DriveConfig<R>) {
-        self.speed =
-            self.speed_estimator.step(&c.speed, &self.filter.rotor_flux(&c.enhanced.filter), &self.filter.i_s());
+        let (psi_r, i_s) = (self.filter.rotor_flux(&c.enhanced.filter), self.filter.i_s());
+        self.speed = self.speed_estimator.step(&SpeedConfig { r_r: self.r_r, ..c.speed }, &psi_r, &i_s);
     }
 
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
-        self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, self.filter.leakage());
+        let warm = self.filter.rotor_resistance(&c.enhanced.filter);
+        self.r_r = c.speed.r_r * warm;
+        let of_parameters = [self.filter.leakage(), warm];
+        self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, of_parameters);
     }
 
     #[inline(always)]
@@ -428,5 +434,6 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
         self.knee = c.inverter.knee(self.filter.knee());
+        self.r_r = c.speed.r_r * self.filter.rotor_resistance(&c.enhanced.filter);
     }
 }

@@ -99,6 +99,7 @@ use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
 use crate::estimate::priors::Priors;
+use crate::estimate::temperature::{Temperature, TemperatureConfig};
 use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine};
 #[cfg(feature = "enhanced")]
@@ -150,8 +151,9 @@ pub struct FilterConfig<R: Real> {
     saturation: R,
     /// Whether the innovation corrects anything.
     correct: bool,
+    temperature: TemperatureConfig<R>,
 }
-words!(FilterConfig: t_s, block, inv_block, model, noise, saturation, correct);
+words!(FilterConfig: t_s, block, inv_block, model, noise, saturation, correct, temperature);
 
 impl<R: Real> FilterConfig<R> {
     /// Settings for validated parameters at a flux reference `psi_ref`; `calibrated`: the offsets of the
@@ -175,6 +177,7 @@ impl<R: Real> FilterConfig<R> {
             noise: Noise::new(pu, seconds, calibrated, saturated.known, identified),
             saturation: rounded(saturated.c),
             correct: identified.flux,
+            temperature: TemperatureConfig::new(machine, pu, None, seconds),
         }
     }
 
@@ -194,6 +197,12 @@ impl<R: Real> FilterConfig<R> {
         let most = 0.1 * machine.L_M / Self::block(inverter).1;
         check("R_R", machine.R_R, 0.0, most, "ohm")
             .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
+    }
+
+    /// The same with what is known of the temperatures.
+    #[must_use]
+    pub fn with_temperature(self, machine: &Machine, inverter: &Inverter, pu: &PerUnit, known: &Temperature) -> Self {
+        Self { temperature: TemperatureConfig::new(machine, pu, Some(known), Self::block(inverter).1), ..self }
     }
 
     /// The same with other standard deviations of the parameters at the start.
@@ -419,6 +428,23 @@ impl<R: Real> Filter<R> {
     #[inline]
     pub fn r_s(&self) -> R {
         self.r_s.value()
+    }
+
+    /// Prediction of the stator resistance by the current's heat, if that is known.
+    #[inline(always)]
+    fn warm(&mut self, c: &FilterConfig<R>) {
+        if !likely(!c.temperature.predicts()) {
+            let (gain, x) = c.temperature.increment(self.r_s(), self.point.i_s.norm_sq());
+            let r_s = c.model.r_s;
+            self.r_s.add_clamped(gain, x, r_s * R::from_f64(R_S_RANGE.0), r_s * R::from_f64(R_S_RANGE.1));
+        }
+    }
+
+    /// Rotor resistance relative to the parameter, by the temperature that the stator resistance shows
+    /// ([`crate::estimate::temperature`]).
+    #[inline]
+    pub fn rotor_resistance(&self, c: &FilterConfig<R>) -> R {
+        c.temperature.rotor(self.r_s())
     }
 
     /// Offset of the current sensors.

@@ -10,7 +10,7 @@
 //! | period of the block | work |
 //! |---|---|
 //! | 0 | closes the block: mean current, innovation, correction, next operating point ([`Filter`]) |
-//! | 1 | correction of the parameters |
+//! | 1 | correction of the parameters, prediction of the stator resistance ([`crate::estimate::temperature`]) |
 //! | 2 | `F_m P` |
 //! | 3 | row and column of `m` |
 //! | 4, 5 | row and column of a flux component each |
@@ -150,7 +150,10 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
         match Slot::of(self.period) {
-            Slot::Parameters => self.correct_parameters(c),
+            Slot::Parameters => {
+                self.correct_parameters(c);
+                self.warm(c);
+            }
             Slot::RotorRow => self.rotor(c, false),
             Slot::RotorAdvance => self.rotor(c, true),
             Slot::Flux(second) => self.flux_advance(c, second),
