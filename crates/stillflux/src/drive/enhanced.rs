@@ -255,7 +255,8 @@ impl<R: Real> EnhancedEstimators<R> {
         let before = self.speed.psi_r;
         // The current has risen after a fifth of the search.
         if stage > probe_periods / 5 {
-            self.search.numerator += before.cross(&(*psi_r - before)) - c.t_s * (c.speed.r_r * self.rotor) * psi_r.cross(i_s);
+            self.search.numerator +=
+                before.cross(&(*psi_r - before)) - c.t_s * (c.speed.r_r * self.rotor) * psi_r.cross(i_s);
             self.search.denominator += c.t_s * psi_r.norm_sq();
         }
         self.speed.psi_r = *psi_r;
