@@ -162,6 +162,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         fresh_time: rng.within(0.0, 3600.0),
         supervision: !rng.chance(4),
         field_weakening: !rng.chance(4),
+        realignment: !rng.chance(4),
         overmodulation: rng.chance(4),
         acceleration,
         jerk: (acceleration.is_some() && rng.chance(2)).then(|| rng.ratio(1e-2 * omega_n, 1e5 * omega_n)),
