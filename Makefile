@@ -28,11 +28,14 @@ build: .venv/built
 test-rust: .venv/installed
 	cargo test --locked
 
+# One process a core; the tests of a file stay together, for the runs that they share.
+PYTEST := $(BIN)/python -m pytest -q -n auto --dist loadfile
+
 test: test-rust build
-	$(BIN)/python -m pytest -q -m "not slow"
+	$(PYTEST) -m "not slow"
 
 test-slow: test-rust build
-	$(BIN)/python -m pytest -q
+	$(PYTEST)
 
 lint: build
 	cargo fmt --all --check
@@ -91,6 +94,12 @@ bench-tools:
 .PHONY: site
 site: build
 	$(BIN)/mkdocs build --quiet
+
+# The playground: drive and plant as WebAssembly in a page of static files that opens without a server. Needs a compiler
+# for wasm32-unknown-unknown; says so where it is missing. The first build takes one to two minutes.
+.PHONY: playground
+playground:
+	$(PYTHON) crates/stillflux-wasm/playground.py
 
 clean:
 	rm -rf .venv target reports python/stillflux/*.so

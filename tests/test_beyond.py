@@ -151,7 +151,7 @@ def test_published_scheme_loses_slow_regeneration_with_the_noise_compensator_as_
 @pytest.mark.parametrize("scheme", ["enhanced"])
 def test_an_offset_that_appears_once_running_is_found(machine: str, scheme: str) -> None:
     assert failing(point(machine, scheme, 0.02, 1.0, "drift")) == []
-    # At 2.2 kW the step costs the points of slow regeneration (README, limits).
+    # At 2.2 kW the step costs the points of slow regeneration (docs/limits.md).
     regenerating = -0.06 if machine == "2.2kW" else -0.02
     assert failing(point(machine, scheme, regenerating, 1.0, "drift")) == []
 

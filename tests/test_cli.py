@@ -37,6 +37,13 @@ def test_simulate_writes_plot_and_record(tmp_path: Path, capsys: pytest.CaptureF
     assert plot.stat().st_size > 10_000
 
 
+def test_simulate_plots_chosen_signals(tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text('signals = ["omega_m"]\n' + SCENARIO)
+    plot = tmp_path / "run.png"
+    assert main(["simulate", str(tmp_path / "run.toml"), "--plot", str(plot)]) == 0
+    assert plot.stat().st_size > 5_000
+
+
 def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bad.toml"
     for text, expected in [
@@ -49,7 +56,9 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         error = capsys.readouterr().err
         assert re.search(expected, error)
         assert error.count("\n") == 1
+    capsys.readouterr()
     assert main(["simulate", str(tmp_path / "none.toml")]) == 2
+    assert capsys.readouterr().err == f"stillflux: {tmp_path / 'none.toml'}: No such file or directory\n"
     path.write_text(SCENARIO)
     capsys.readouterr()
     for output, expected in [

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import stillflux as sf
 from stillflux.cli import main
-from stillflux.evidence import commissioning
+from stillflux.evidence import beyond, commissioning
+from stillflux.evidence.machines import OwnMachine
+from stillflux.evidence.registry import targets
+from stillflux.machine_file import Machine, priors
+
+PLANE = [(omega, torque) for omega in (-0.05, -0.02, 0.0, 0.02, 0.1) for torque in (-1.0, 0.4, 1.0)]
 
 PLATE = sf.Nameplate(P_N=4000.0, U_N=400.0, I_N=8.2, f_N=50.0, n_N=1435.0, cos_phi=0.82)
 
@@ -73,6 +80,8 @@ def test_a_plate_commissions_its_motor_and_the_drive_runs(tmp_path: Path) -> Non
     machine = sf.load_machine(path)
     assert (machine.motor, machine.inverter) == (found.motor, found.inverter)
     assert machine.deviation == found.deviation
+    assert machine.settings == found.settings
+    assert machine.plant_motor is None
     assert pickle.loads(pickle.dumps(found)) == found
 
 
@@ -114,6 +123,39 @@ def test_wrong_wiring_is_named_before_any_large_current_flows(fault: dict[str, A
     assert found.extremes[0] < 0.6
 
 
+@pytest.mark.parametrize("factor", [3.0, 1.0 / 3.0])
+def test_a_plate_of_the_other_connection_is_named_before_rated_current_flows(factor: float) -> None:
+    motor, inverter = sf.Motor.preset("11kW"), sf.Inverter.preset("11kW")
+    other = motor.replace(
+        R_s=factor * motor.R_s,
+        R_R=factor * motor.R_R,
+        L_sigma=factor * motor.L_sigma,
+        L_M=factor * motor.L_M,
+    )
+    found = sf.commission(sf.Nameplate.of(motor), inverter, plant_motor=other)
+    assert found.cause == "motor far from its nameplate"
+    assert found.extremes is not None
+    assert found.extremes[0] < 0.9
+
+
+def test_deviations_that_were_found_are_priors_and_those_of_a_plate_are_none() -> None:
+    deviation = {
+        "R_s": 0.02,
+        "R_R": 0.03,
+        "L_sigma": 0.04,
+        "L_M": 0.02,
+        "J": 0.1,
+        "loss": 0.9,
+        "c_out": 0.001,
+    }
+    settings = priors(deviation)
+    assert settings["prior_R_s"] == pytest.approx(np.hypot(0.02, 0.15))
+    assert settings["prior_loss"] == pytest.approx(np.hypot(0.7, 0.02))
+    assert settings["prior_c_out"] == pytest.approx(np.hypot(0.01, 0.1))
+    sf.Drive(sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW"), **settings)
+    assert priors(PLATE.deviation) == {}
+
+
 def test_other_errors_of_a_commissioning() -> None:
     with pytest.raises(ValueError, match="shaft = \"loose\" is not one of 'locked', 'free'"):
         sf.Commissioning(PLATE, sf.Inverter(), shaft="loose")  # type: ignore[arg-type]
@@ -152,13 +194,31 @@ def test_the_command_writes_a_motor_file_and_a_report(
     assert main(["commission", str(file), "--out", str(out), "--report", str(page)]) == 0
     printed = capsys.readouterr().out
     assert "status: done" in printed
-    assert sf.load_machine(out).motor.R_s == pytest.approx(3.7, rel=0.02)
+    machine = sf.load_machine(out)
+    assert machine.motor.R_s == pytest.approx(3.7, rel=0.02)
+    assert machine.plant_motor == sf.Motor.preset("2.2kW")
+    assert machine.plant_inverter is not None
+    assert machine.plant_inverter.dead_time == 2.1e-6
+    # What is simulated is the plant; the drive is told what was found, and how well.
+    held = targets()["plane-ramps"].cases(OwnMachine(machine), "enhanced")[0].scenario
+    assert (held.motor, held.plant_motor) == (machine.motor, machine.plant_motor)
+    assert held.settings == machine.settings
     text = page.read_text()
     assert "<svg" in text
     assert "R_s + r_d" in text
-    file.write_text(FILE.replace('[plant.motor]\npreset = "2.2kW"\n', ""))
-    assert main(["commission", str(file)]) == 2
-    assert "[plant.motor] is missing" in capsys.readouterr().err
+    assert main(["commission", "--motor", str(file), "--out", str(tmp_path / "none" / "x.toml")]) == 2
+    assert "there is no folder" in capsys.readouterr().err
+
+
+def test_a_plate_alone_is_commissioned_on_the_motor_that_follows_from_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "plate.toml"
+    file.write_text(FILE[: FILE.index("[inverter]")])
+    assert main(["commission", "--motor", str(file)]) == 0
+    printed = capsys.readouterr().out
+    assert "the motor that follows from the plate is simulated" in printed
+    assert "status: done" in printed
 
 
 def test_draws_of_the_evidence_are_found_and_judged(tmp_path: Path) -> None:
@@ -173,3 +233,45 @@ def test_draws_of_the_evidence_are_found_and_judged(tmp_path: Path) -> None:
     assert "R_s + r_d, median error" in commissioning.table(outcomes)
     commissioning.page(tmp_path / "page.html", "stillflux beyond commissioning", outcomes)
     assert "<svg" in (tmp_path / "page.html").read_text()
+
+
+def _unknown(seed: int) -> str:
+    """A drawn machine as a file for `stillflux commission`."""
+    made = commissioning.draw(seed)
+
+    def table(title: str, fields: Any) -> str:
+        values = {key: np.asarray(value).tolist() for key, value in fields.items() if value is not None}
+        lines = [f"{key} = {value}" for key, value in values.items()]
+        return "\n".join([f"[{title}]", *lines, ""])
+
+    parts = {
+        "nameplate": asdict(made.plate),
+        "inverter": asdict(made.sheet),
+        "plant": made.plant,
+        "plant.motor": asdict(made.motor),
+        "plant.inverter": asdict(made.inverter),
+    }
+    return "\n".join(table(title, fields) for title, fields in parts.items())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 11, 29])
+def test_what_was_found_of_an_unknown_machine_holds_the_plane_as_its_true_parameters_do(
+    tmp_path: Path, seed: int
+) -> None:
+    file, out = tmp_path / "unknown.toml", tmp_path / "found.toml"
+    file.write_text(_unknown(seed))
+    assert main(["commission", str(file), "--shaft", "free", "--out", str(out)]) == 0
+    found = sf.load_machine(out)
+    assert found.plant_motor is not None
+    assert found.plant_inverter is not None
+    true = Machine(name="true", motor=found.plant_motor, inverter=found.plant_inverter)
+    rows = {}
+    for machine in (found, true):
+        cases = targets()["plane-ramps"].cases(OwnMachine(machine), "enhanced")
+        rows[machine.name] = beyond.run_cases([c for c in cases if c.point in PLANE])
+    lost = {name: sum(bool(row.measured.why) for row in of) for name, of in rows.items()}
+    angle = {name: float(np.median([row.measured.angle_held for row in of])) for name, of in rows.items()}
+    print(f"seed {seed}, {len(PLANE)} points: lost {lost}, median of the largest angle {angle}")
+    assert lost[found.name] <= lost["true"]
+    assert angle[found.name] < 1.5 * angle["true"] + 1.0

@@ -195,7 +195,7 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
         sf.Drive(motor, inverter, arithmetic="f16")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="scheme = 'voltage' is not one of 'enhanced', 'paper'"):
         sf.Drive(motor, inverter, scheme="voltage")  # type: ignore[arg-type]
-    with pytest.raises(KeyError, match="R_s"):
+    with pytest.raises(ValueError, match="R_s"):
         drive.restore({"u_off": 0j, "i_off": (0, 0, 0)})
     with pytest.raises(ValueError, match="finite"):
         drive.restore({**drive.memory(), "R_s": float("nan")})

@@ -50,6 +50,24 @@ def test_target_computes_every_bit_as_the_host_does(built: tuple[str, Path]) -> 
     assert result.first is None, f"{result.different} words differ, first {result.first}"
 
 
+@pytest.mark.parametrize("arithmetic", ["f32", "q"])
+def test_target_commissions_as_the_host_does_and_the_drive_starts_from_its_page(
+    chain: Any, arithmetic: str
+) -> None:
+    features = [*pil.COMMISSION, *(["q"] if arithmetic == "q" else [])]
+    elf = toolchain.build(chain, "commission", *features)
+    found, page, same = pil.commission(elf, arithmetic)
+    assert found.periods > 20_000
+    assert found.first is None, f"{found.different} words differ, first {found.first}"
+    assert same, "the page with what was found"
+    drive = toolchain.build(chain, "drive", *[f for f in features if f != "commission"])
+    content = drive.read_bytes()
+    stored = drive.with_name("commissioned.elf")
+    stored.write_bytes(content.replace(_page(content), page.read_bytes()))
+    assert stored.read_bytes() != content
+    assert '"status": "Magnetising"' in toolchain.emulate(stored)
+
+
 def test_a_page_in_si_units_gives_the_same_drive(chain: Any) -> None:
     result = pil.run(toolchain.build(chain, "drive", "q", "si-page"), "q")
     assert result.first is None, f"{result.different} words differ, first {result.first}"

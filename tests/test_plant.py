@@ -60,6 +60,70 @@ def test_agrees_with_solve_ivp(motor: sf.Motor, inverter: sf.Inverter, saturated
     assert state.omega_m > 50.0
 
 
+def test_leakage_and_slots_follow_from_the_energy_of_the_field(
+    motor: sf.Motor, inverter: sf.Inverter
+) -> None:
+    """Currents and torque as derivatives of the field's energy, by differences, over an inrush."""
+    g = motor.to_gamma()
+    share, current, Z, p, zigzag = 0.25, 8.0, 28, 0.01, 0.05
+    knee = share / (1 - share) / ((1 - share) * g["L_l"] * current) ** 2
+
+    def energy(psi_s: complex, psi_r: complex, theta: float) -> float:
+        leak, slot = psi_s - psi_r, cmath.exp(-1j * Z * theta)
+        gap = abs(psi_s) ** 2 * (1 + p * slot.real) / (2 * g["L_s"])
+        linear = (abs(leak) ** 2 + zigzag * (leak**2 * slot).real) / (2 * g["L_l"])
+        return 1.5 * (gap + linear + knee * abs(leak) ** 4 / (4 * g["L_l"]))
+
+    def derivative(f: Callable[[float], float]) -> float:
+        return (f(1e-4) - f(-1e-4)) / 2e-4
+
+    def field(psi_s: complex, psi_r: complex, theta: float) -> tuple[complex, complex, float]:
+        def gradient(f: Callable[[complex], float]) -> complex:
+            return complex(derivative(f), derivative(lambda x: f(1j * x))) / 1.5
+
+        i_s = gradient(lambda d: energy(psi_s + d, psi_r, theta))
+        i_r = gradient(lambda d: energy(psi_s, psi_r + d, theta))
+        # With the rotor's flux linkage held in the rotor.
+        turned = 1e-2 / Z
+        torque = -derivative(
+            lambda x: (
+                energy(psi_s, psi_r * cmath.exp(1j * motor.n_p * turned * x), theta + turned * x) / turned
+            )
+        )
+        return i_s, i_r, torque
+
+    def slope(t: float, x: np.ndarray, u: complex) -> list[float]:
+        psi_s, psi_r, omega = complex(x[0], x[1]), complex(x[2], x[3]), x[4]
+        i_s, i_r, torque = field(psi_s, psi_r, x[5])
+        d_s = u - motor.R_s * i_s
+        d_r = -g["R_r"] * i_r + 1j * motor.n_p * omega * psi_r
+        return [d_s.real, d_s.imag, d_r.real, d_r.imag, torque / motor.J, omega]
+
+    options: dict[str, Any] = {"leakage_saturation": (share, current), "slot_ripple": (Z, p, zigzag)}
+    dt, n, begin = 1e-3, 50, 20.0
+
+    def start(**given: Any) -> sf.Plant:
+        plant = sf.Plant(motor, inverter, saturation=False, **given)
+        plant.set_state(0j, 0j, begin)
+        return plant
+
+    plant, plain = start(**options), start()
+    x = np.array([0.0, 0.0, 0.0, 0.0, begin, 0.0])
+    for k in range(n):
+        u = 200.0 * cmath.exp(2j * math.pi * 30.0 * k * dt)
+        plant.step_voltage(u, dt)
+        plain.step_voltage(u, dt)
+        x = solve_ivp(slope, (0, dt), x, args=(u,), method="DOP853", rtol=1e-9, atol=1e-10).y[:, -1]
+    i_s, _, torque = field(complex(x[0], x[1]), complex(x[2], x[3]), x[5])
+    state = plant.state
+    assert abs(state.psi_s - complex(x[0], x[1])) <= 1e-6 * abs(state.psi_s)
+    assert abs(state.i_s - i_s) <= 1e-6 * abs(i_s)
+    assert state.omega_m == pytest.approx(x[4], rel=1e-6)
+    assert state.theta_m == pytest.approx(x[5], rel=1e-6)
+    assert state.torque == pytest.approx(torque, rel=1e-5)
+    assert abs(state.i_s - plain.state.i_s) > 0.02 * abs(i_s)
+
+
 class Event:
     """Ends a stretch where a margin falls through zero."""
 
@@ -287,6 +351,10 @@ def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -
         {"turn_off_delay": [(0.0, 3e-7), (0.0, 0.0), (1e-7, 0.0)]},
         {"iron_loss": (900.0, 150e-6)},
         {"deep_bar": (0.3, 0.6)},
+        {"leakage_saturation": (0.25, 5.0)},
+        {"slot_ripple": (28, 0.01, 0.05)},
+        {"dc_link": (1e-3, 0.4, None)},
+        {"dc_link": (1e-3, 0.4, None), "grid": (50.0, 0.5e-3)},
     ):
         assert 1e-3 < abs(current(**option) - plain) < 1.0, option
     # These change what is read or called, not the plant.
@@ -297,6 +365,9 @@ def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -
         ("adc_skew", (0.0, 0.0, 1e-3), "adc_skew = "),
         ("iron_loss", (900.0, 1e-6), "time constant"),
         ("deep_bar", (0.0, 0.5), "conductance"),
+        ("leakage_saturation", (0.7, 5.0), "leakage_saturation share = 0.7"),
+        ("slot_ripple", (28, 0.3, 0.0), "slot_ripple permeance = 0.3"),
+        ("grid", (50.0, 1e-3), "that is not given"),
         ("missed_calls", 1.5, "missed_calls = "),
     ):
         with pytest.raises(ValueError, match=text):

@@ -140,7 +140,7 @@ def test_torque_reference_and_imposed_speed(scenario: sf.Scenario) -> None:
         ({"load_torque": [(1.0, 0.0), (0.5, 0.0)]}, ValueError, "load_torque: .*time = 0.5"),
         ({"omega_ref": float("nan")}, ValueError, "omega_ref = nan"),
         ({"torque_ref": 1.0}, ValueError, "give only one"),
-        ({"memory": {"R_s": 1.0}}, KeyError, "u_off"),
+        ({"memory": {"R_s": 1.0}}, ValueError, "u_off"),
         ({"plant_inverter": sf.Inverter(f_s=5e3)}, ValueError, "f_s = 5000"),
     ],
 )
@@ -261,6 +261,16 @@ def test_plain_data_gives_an_equal_scenario(scenario: sf.Scenario, tmp_path: Pat
         ({"changes": [("x", {"R_s": 4.0})]}, r"changes\[0\]"),
         ({"record_every": 2.5}, "record_every = 2.5"),
         ({"signals": "omega_m"}, "give a list of names"),
+        ({"motor": "2.2kW"}, r"motor = '2.2kW' is not a stillflux.Motor: give Motor.preset\('2.2kW'\)"),
+        ({"plant_inverter": 3}, "plant_inverter = 3 is not a stillflux.Inverter"),
+        ({"name": 5}, "name = 5 is not a text"),
+        ({"omega_ref": []}, r"omega_ref = \[\] has no points"),
+        ({"omega_ref": [(float("inf"), 1.0)]}, r"omega_ref\[0\]: t = inf s"),
+        ({"plant": {"speed": 1e5}}, "speed = 100000 is outside the admissible range -3141.59 to 3141.59"),
+        ({"changes": [(0.1, {"speed": 1e5})]}, "speed = 100000"),
+        ({"plant": {"seed": 1 << 64}}, "seed = "),
+        ({"changes": 3}, "changes = 3 is not a list"),
+        ({"memory": {"x": 1}}, "memory has no 'u_off'"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused_by_name(
@@ -268,6 +278,39 @@ def test_what_cannot_be_simulated_is_refused_by_name(
 ) -> None:
     with pytest.raises((ValueError, TypeError), match=text):
         scenario.replace(**changes)
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        ({"motor": "2.2kW"}, "duration is missing"),
+        ({"duration": 1.0}, "motor is missing"),
+        ({"motor": 3, "inverter": "2.2kW", "duration": 1.0}, "motor = 3 is neither a preset"),
+        ({"motor": {"R_s": 1.0}, "inverter": "2.2kW", "duration": 1.0}, "motor: has no complete equivalent"),
+        ({"motor": "3kW", "duration": 1.0}, "motor = '3kW' is neither a preset"),
+        ([1], "a scenario is a table"),
+    ],
+)
+def test_what_is_no_scenario_is_named(data: Any, text: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=text):
+        sf.Scenario.from_dict(data)
+
+
+def test_parameters_take_numbers_of_numpy_and_nothing_else(scenario: sf.Scenario) -> None:
+    motor = scenario.motor.replace(R_s=np.float32(3.5), n_p=np.int64(2))
+    assert type(motor.R_s) is float
+    assert type(motor.n_p) is int
+    json.dumps(scenario.replace(motor=motor).to_dict())
+    with pytest.raises(TypeError, match="R_s = 'x' is not a number"):
+        scenario.motor.replace(R_s="x")
+    with pytest.raises(ValueError, match="saturation has 2 values"):
+        scenario.motor.replace(saturation=(1.0, 2.0))
+
+
+def test_a_load_that_no_shaft_stands_is_refused_by_the_plant(scenario: sf.Scenario) -> None:
+    plant = sf.Plant(scenario.motor, scenario.inverter)
+    with pytest.raises(ValueError, match="load_torque = 1000000000 N m is outside the admissible range -146"):
+        plant.step([0.5, 0.5, 0.5], load_torque=1e9)
 
 
 def test_a_state_that_is_not_finite_is_an_error(
@@ -325,6 +368,27 @@ def test_plots_show_in_a_notebook_and_compare_runs(scenario: sf.Scenario) -> Non
     legend = result.compare(other, signals=["omega_m"]).axes[0].get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["start", "slower"]
+
+
+def test_chosen_signals_are_enough_for_plots(scenario: sf.Scenario) -> None:
+    result = sf.simulate(scenario)
+    few = result.select("omega_m", "angle_error")
+    assert [panel.get_ylabel() for panel in few.plot().axes] == ["speed, rad/s", "field angle error, °"]
+    assert len(result.select("u_s").plot().axes) == 1
+    assert [panel.get_ylabel() for panel in few.compare(result).axes] == ["omega_m, rad/s", "angle_error, °"]
+    assert dict(few.items()).keys() == {"omega_m", "angle_error"}
+    with pytest.raises(ValueError, match="none in common"):
+        few.compare(result.select("u_s"))
+    with pytest.raises(TypeError, match=r"others\[0\] = 3 is not a Result"):
+        few.compare(3)  # type: ignore[arg-type]
+
+
+def test_what_is_no_saved_result_is_named(tmp_path: Path, scenario: sf.Scenario) -> None:
+    (tmp_path / "junk.npz").write_text("junk")
+    with pytest.raises(ValueError, match=r"junk.npz is not a saved result"):
+        sf.Result.load(tmp_path / "junk.npz")
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        sf.simulate(scenario.replace(duration=0.01)).save(tmp_path / "none" / "run.npz")
 
 
 def test_a_saved_file_has_the_permissions_of_the_user(scenario: sf.Scenario, tmp_path: Path) -> None:

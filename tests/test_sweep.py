@@ -203,3 +203,42 @@ def test_the_example_on_a_dask_cluster(tmp_path: Path, monkeypatch: pytest.Monke
     assert not found.failed
     assert len((tmp_path / "sweep_dask.jsonl").read_text().splitlines()) == 8
     assert found["angle_max"].max() < 15.0
+
+
+def test_what_is_no_sweep_is_refused_by_name() -> None:
+    base = sf.Scenario(motor=MOTOR, inverter=sf.Inverter.preset("2.2kW"), duration=0.1)
+    wrong: list[tuple[Any, str]] = [
+        (lambda: sf.grid(base, {"plant_motor.Rs": [1.0]}), "Rs is not a field of plant_motor"),
+        (lambda: sf.grid(base, {"load_torque": 3.0}), "load_torque = 3.0 is neither a list"),  # type: ignore[dict-item]
+        (lambda: sf.grid(base.replace(omega_ref=[(0, 1)]), {"omega_ref": sf.factors(2)}), "is not a number"),
+        (lambda: sf.draws(base, 2, {"plant_motor.R_s": 0.1}), "R_s: 0.1 is neither normal"),  # type: ignore[dict-item]
+        (lambda: sf.draws(base, 0, {}), "number = 0"),
+        (lambda: sf.sweep([base, base], {"x": lambda _: 1.0}), "'x' cannot be sent to another process"),
+    ]
+    for make, text in wrong:
+        with pytest.raises((ValueError, TypeError), match=text):
+            make()
+
+
+def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import stillflux as sf\n"
+        "motor, inverter = sf.Motor.preset('2.2kW'), sf.Inverter.preset('2.2kW')\n"
+        "base = sf.Scenario(motor=motor, inverter=inverter, duration=0.01)\n"
+        "sf.sweep([base, base.replace(duration=0.02)], ['angle_max'])\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert 'call sweep below `if __name__ == "__main__":`' in done.stderr
+
+
+def test_a_map_has_texts_on_its_axes_and_shows_in_a_notebook() -> None:
+    rows = [{"a": a, "b": b, "status": "running", "m": 1.0, "error": ""} for a in ("x", "y") for b in (1, 2)]
+    found = sf.Sweep(rows, ("a", "b"), ("m",))
+    figure: Any = found.map("b", "a", "m")
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["x", "y"]
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    assert found._repr_html_().count("<tr>") == 5
+    with pytest.raises(ValueError, match="metric = 'status' is not one of m"):
+        found.map("b", "a", "status")

@@ -1,6 +1,6 @@
 """The compiled part of stillflux. SI units, complex amplitude-invariant space vectors."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, final
 
 import numpy as np
@@ -31,6 +31,7 @@ __all__ = [
     "motor_preset",
     "nameplate_motor",
     "nameplate_of",
+    "priors",
     "signals",
     "to_gamma",
     "to_t_model",
@@ -75,6 +76,10 @@ def nameplate_motor(plate: Nameplate) -> tuple[dict[str, Any], dict[str, float]]
 
 def nameplate_of(motor: Motor) -> dict[str, float]:
     """Fields of the nameplate of a motor: its rated point at rated torque, without iron and friction loss."""
+
+def priors(deviation: Mapping[str, float]) -> DriveSettings:
+    """Settings with which a drive begins for relative standard deviations of R_s, R_R, L_sigma, L_M, J, of
+    the loss of the bridge and of c_out."""
 
 @final
 class Status:
@@ -465,7 +470,8 @@ class Plant:
 
         `duty` (three values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
         register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
-        `load_torque` in N·m opposes positive rotation and is active, as a crane's."""
+        `load_torque` in N·m, up to ten times the rated torque, opposes positive rotation and is active, as a
+        crane's."""
     def step_voltage(self, u_s: complex, dt: float, load_torque: float = 0.0) -> None:
         """Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, past the
         bridge."""

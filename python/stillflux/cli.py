@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stillflux import __version__, sweep_file
 from stillflux.machine_file import load_machine, read_toml
@@ -19,6 +19,9 @@ from stillflux.replay import replay
 from stillflux.scenario import Scenario
 from stillflux.simulation import Interrupted, simulate
 from stillflux.sweep import SweepInterrupted, sweep
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["main"]
 
@@ -30,7 +33,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.command_line = shlex.join(["stillflux", *given])
     try:
         status: int = options.run(options)
-    except (ValueError, TypeError, ImportError, OSError) as error:
+    except OSError as error:
+        text = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else error
+        print(f"stillflux: {text}", file=sys.stderr)
+        return 2
+    except (ValueError, TypeError, ImportError, ArithmeticError) as error:
         print(f"stillflux: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as error:
@@ -157,6 +164,11 @@ def _check_outputs(path: Path | None, *suffixes: str) -> None:
         raise ValueError(f"{path} cannot be written")
 
 
+def _plot(figure: Figure, path: Path) -> None:
+    figure.savefig(path, dpi=110)
+    print(f"plot: {path}")
+
+
 def _simulate(options: argparse.Namespace) -> int:
     _check_outputs(options.save, ".npz")
     _check_outputs(options.plot, *_PLOTS)
@@ -170,8 +182,7 @@ def _simulate(options: argparse.Namespace) -> int:
         result.save(options.save)
         print(f"record: {options.save}")
     if options.plot:
-        result.plot().savefig(options.plot, dpi=110)
-        print(f"plot: {options.plot}")
+        _plot(result.plot(), options.plot)
     return status
 
 
@@ -202,8 +213,7 @@ def _replay(options: argparse.Namespace) -> int:
         found.save(options.out)
         print(f"estimates: {options.out}")
     if options.plot:
-        found.plot().savefig(options.plot, dpi=110)
-        print(f"plot: {options.plot}")
+        _plot(found.plot(), options.plot)
     return 0
 
 
@@ -224,9 +234,7 @@ def _sweep(options: argparse.Namespace) -> int:
         found.save(options.out)
         print(f"rows: {options.out}")
     if options.plot and len(found):
-        plot = found.map(**asked.plot) if asked.plot else found.spread()
-        plot.savefig(options.plot, dpi=110)
-        print(f"plot: {options.plot}")
+        _plot(found.map(**asked.plot) if asked.plot else found.spread(), options.plot)
     return status
 
 

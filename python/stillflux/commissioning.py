@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stillflux._core import CommissioningCore, CommissioningRun
-from stillflux.machine_file import machine_to_toml
+from stillflux.machine_file import machine_to_toml, priors
 from stillflux.nameplate import Nameplate
 from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import Inverter, Motor
+from stillflux.simulation import in_pieces
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -24,8 +24,6 @@ __all__ = ["Commissioned", "Commissioning", "CommissioningInterrupted", "Shaft",
 
 Shaft = Literal["locked", "free"]
 """Whether the shaft may turn: "free" adds a run to three tenths of rated speed, for J."""
-
-_PIECE = 0.05  # s of wall time between looks at Ctrl-C
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,20 +59,22 @@ class Commissioned:
     def settings(self) -> DriveSettings:
         """What the drive begins with: `Drive(found.motor, found.inverter, **found.settings)`.
 
-        The deviations, with the temperature of the winding (15 %) in that of R_s."""
-        d = {name: min(max(value, 0.01), 0.7) for name, value in self.deviation.items()}
-        return {
-            "prior_R_s": float(np.hypot(d["R_s"], 0.15)),
-            "prior_loss": float(np.hypot(d["loss"], 0.02)),
-            "prior_c_out": float(np.hypot(d["c_out"], 0.1)),
-            "prior_L_sigma": float(np.hypot(d["L_sigma"], 0.03)),
-            "prior_L_M": float(np.hypot(d["L_M"], 0.02)),
-        }
+        The deviations, with what may change later: the temperature of the winding (15 %) in that of R_s."""
+        return priors(self.deviation)
 
-    def to_toml(self, name: str = "") -> str:
-        """The text of a motor file: tables motor, inverter and deviation, and the warnings."""
+    def to_toml(
+        self, name: str = "", plant_motor: Motor | None = None, plant_inverter: Inverter | None = None
+    ) -> str:
+        """The text of a motor file: tables motor, inverter and deviation, and the warnings; with motor and
+        inverter that were simulated, if they are given."""
         return machine_to_toml(
-            self.motor, self.inverter, name=name, deviation=self.deviation, warnings=self.warnings
+            self.motor,
+            self.inverter,
+            name=name,
+            deviation=self.deviation,
+            warnings=self.warnings,
+            plant_motor=plant_motor,
+            plant_inverter=plant_inverter,
         )
 
 
@@ -200,15 +200,13 @@ def commission(
     run = CommissioningRun(
         plate, inverter, shaft, arithmetic, plant_motor, real, channels, channel_factor, dict(plant)
     )
-    periods, more = 1000, True
+
+    def show() -> None:
+        if progress is not None:
+            progress(run.progress, run.stage)
+
     try:
-        while more:
-            begin = time.monotonic()
-            more = run.advance(periods)
-            if progress is not None:
-                progress(run.progress, run.stage)
-            elapsed = time.monotonic() - begin
-            periods = max(1, int(periods * min(2.0, _PIECE / max(elapsed, 1e-6))))
+        in_pieces(run.advance, show)
     except KeyboardInterrupt:
         raise CommissioningInterrupted(_result(run, run.time, run.extremes)) from None
     return _result(run, run.time, run.extremes)

@@ -15,13 +15,16 @@ u_dc = 540.0
 [plant]                        # options of stillflux.Plant; optional
 adc_noise = 0.03
 
-[plant.motor]                  # the motor that is simulated; needed beside a [nameplate]
+[plant.motor]                  # the motor that is simulated; without it that of [motor] or of the plate
 R_s = 1.5
 # …
 
 [plant.inverter]               # its inverter where it differs from the data sheet
 dead_time = 2.2e-6
 ```
+
+The motor file that `--out` writes holds what was found and, as its plant, what was simulated:
+`stillflux beyond --motor FILE` tells a drive the one and runs it on the other.
 """
 
 from __future__ import annotations
@@ -65,11 +68,14 @@ class _Task:
 
 def commission(parser: argparse.ArgumentParser) -> None:
     """Arguments of `commission`."""
-    parser.add_argument(
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument(
         "machine",
+        nargs="?",
         help=f"a TOML file with [nameplate] or [motor], [inverter] and [plant], or a preset "
         f"({', '.join(PRESETS)}): see stillflux.commissioning_command",
     )
+    source.add_argument("--motor", metavar="FILE", help="the same, as the other commands call it")
     parser.add_argument(
         "--shaft", choices=["locked", "free"], default="locked", help="free: J is found as well"
     )
@@ -82,7 +88,10 @@ def commission(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    task = _task(options.machine)
+    for path in (options.out, options.report):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise ValueError(f"{path}: there is no folder {path.parent}")
+    task = _task(options.machine or options.motor)
     bar = progress_bar("commissioning")
     status = 0
     try:
@@ -104,7 +113,8 @@ def _run(options: argparse.Namespace) -> int:
     for warning in found.warnings:
         print(f"warning: {warning}")
     if options.out:
-        options.out.write_text(found.to_toml(name=task.name), encoding="utf-8")
+        text = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=task.inverter)
+        options.out.write_text(text, encoding="utf-8")
         print(f"motor file: {options.out}")
     if options.report:
         options.report.write_text(report(task.name, found, _rows(task, found)), encoding="utf-8")
@@ -128,9 +138,8 @@ def _task(source: str) -> _Task:
     if "nameplate" in data:
         plate = Nameplate(**data["nameplate"])
         if motor is None:
-            raise ValueError(
-                f"{path}: [plant.motor] is missing: which motor with this plate is to be simulated?"
-            )
+            print(f"{path} has no [plant.motor]: the motor that follows from the plate is simulated")
+            motor = plate.motor()
     elif "motor" in data:
         told = part(Motor, data["motor"])
         plate, motor = Nameplate.of(told), motor or told
@@ -138,7 +147,13 @@ def _task(source: str) -> _Task:
         raise ValueError(f"{path}: give one of the tables [nameplate] and [motor]")
     sheet = Inverter(**{**asdict(typical_inverter(plate.motor())), **data.get("inverter", {})})
     inverter = sheet.replace(**changes)
-    return _Task(str(data.get("name", path.stem)), plate, sheet, motor, inverter, plant)
+    options = {key: _tuples(value) for key, value in plant.items()}
+    return _Task(str(data.get("name", path.stem)), plate, sheet, motor, inverter, options)
+
+
+def _tuples(value: Any) -> Any:
+    """Arrays of a TOML file as the options of a plant have them."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _rows(task: _Task, found: Commissioned) -> Iterator[tuple[str, str, str, str]]:

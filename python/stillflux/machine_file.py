@@ -21,6 +21,13 @@ u_dc = 540.0
 
 [deviation]                    # optional: relative standard deviation of single values
 R_s = 0.01
+
+[plant.motor]                  # optional: the motor and the inverter that are simulated where they differ
+R_s = 3.65                     # from what the drive is told, as `stillflux commission` writes them
+# …
+
+[plant.inverter]
+dead_time = 2.1e-6
 ```
 
 `preset = "2.2kW"` in a table names a preset whose fields the others change. A file with a `[nameplate]`
@@ -39,7 +46,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from stillflux import _core
 from stillflux.nameplate import Nameplate
+from stillflux.options import DriveSettings
 from stillflux.parameters import PRESETS, Inverter, Motor
 
 if sys.version_info >= (3, 11):
@@ -47,9 +56,9 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["Machine", "load_machine", "machine_to_toml", "part", "read_toml", "typical_inverter"]
+__all__ = ["Machine", "load_machine", "machine_to_toml", "part", "priors", "read_toml", "typical_inverter"]
 
-_TABLES = ("motor", "inverter", "deviation", "nameplate")
+_TABLES = ("motor", "inverter", "deviation", "nameplate", "plant")
 _CIRCUITS = (
     (Motor.inverse_gamma, ("R_s", "R_R", "L_sigma", "L_M")),
     (Motor.gamma, ("R_s", "R_r", "L_l", "L_s")),
@@ -67,6 +76,23 @@ class Machine:
     inverter: Inverter
     deviation: Mapping[str, float] = field(default_factory=dict)
     """Relative standard deviation of single values, where the file knows one."""
+    plant_motor: Motor | None = None
+    """The motor that is simulated; None: `motor`."""
+    plant_inverter: Inverter | None = None
+    """The inverter that is simulated; None: `inverter`."""
+
+    @property
+    def settings(self) -> DriveSettings:
+        """What a drive begins with by the deviations that commissioning has written."""
+        return priors(self.deviation)
+
+
+def priors(deviation: Mapping[str, float]) -> DriveSettings:
+    """Priors of a drive for the relative standard deviations of R_s, R_R, L_sigma, L_M, J, loss and c_out;
+    none unless all of them are known: a nameplate's are no measurement."""
+    if not {"R_s", "R_R", "L_sigma", "L_M", "J", "loss", "c_out"} <= set(deviation):
+        return {}
+    return _core.priors(deviation)
 
 
 def load_machine(source: str | os.PathLike[str]) -> Machine:
@@ -107,7 +133,22 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         raise ValueError(
             f"{path}: name = {name!r} is no file name of up to 80 characters, which reports need"
         )
-    return Machine(name=name, motor=motor, inverter=inverter, deviation=deviation)
+    real = dict(data.get("plant", {}))
+    plant_motor = _checked(path, "plant.motor", _motor, real.pop("motor")) if "motor" in real else None
+    plant_inverter = None
+    if "inverter" in real:
+        fields = {**asdict(inverter), **_with_preset(Inverter, real.pop("inverter"))}
+        plant_inverter = _checked(path, "plant.inverter", lambda t: Inverter(**t), fields)
+    if real:
+        raise ValueError(f"{path}: [plant] {next(iter(real))}: there are motor and inverter")
+    return Machine(
+        name=name,
+        motor=motor,
+        inverter=inverter,
+        deviation=deviation,
+        plant_motor=plant_motor,
+        plant_inverter=plant_inverter,
+    )
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -126,6 +167,8 @@ def machine_to_toml(
     name: str = "",
     deviation: Mapping[str, float] | None = None,
     warnings: Sequence[str] = (),
+    plant_motor: Motor | None = None,
+    plant_inverter: Inverter | None = None,
 ) -> str:
     """The text of a motor file, which `load_machine` reads back to equal objects."""
     lines = [f"name = {_toml(name)}"] if name else []
@@ -136,6 +179,10 @@ def machine_to_toml(
         tables.append(("inverter", asdict(inverter)))
     if deviation:
         tables.append(("deviation", deviation))
+    if plant_motor is not None:
+        tables.append(("plant.motor", asdict(plant_motor)))
+    if plant_inverter is not None:
+        tables.append(("plant.inverter", asdict(plant_inverter)))
     for title, fields in tables:
         lines += ["", f"[{title}]"] if lines else [f"[{title}]"]
         lines += [f"{key} = {_toml(value)}" for key, value in fields.items() if value is not None]

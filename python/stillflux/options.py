@@ -46,6 +46,10 @@ class DriveSettings(TypedDict, total=False):
     """Read the current offsets before each start, and R_s while magnetising."""
     offset_time: float
     """Duration of the reading of the offsets, s."""
+    current_sensors: int
+    """3, or 2 in phases a and b: the current of phase c is -(i_a + i_b) then, and its channel is not read.
+    The enhanced scheme finds the difference of their gains in the magnetisation at standstill instead of while
+    running; the monitor of the sum of the currents is off."""
     magnetise_time: float
     """Duration of the magnetisation, s."""
     low_confidence: Literal["keep", "limit", "fault"]
@@ -63,6 +67,9 @@ class DriveSettings(TypedDict, total=False):
     realignment: bool
     """No torque for a moment where the torque is at its limit and the field stands still: the way out of a
     false equilibrium. On by default."""
+    discontinuous_above: float | None
+    """Discontinuous modulation (60° clamp) from this voltage on, in parts of u_dc/√3, 0.3 to 1; None: continuous
+    at every voltage."""
     field_weakening: bool
     """Lower the flux where the voltage is used up; without it the speed ends there."""
     overmodulation: bool
@@ -141,6 +148,16 @@ class DriveSettings(TypedDict, total=False):
     """Of the leakage inductance, 0.002 to 1."""
     prior_L_M: float
     """Of the magnetising inductance, 0.002 to 0.5."""
+    winding_temperature: float | None
+    """Temperature of winding and rotor at which the motor's R_s and R_R hold, -40 to 120 °C: the drive
+    follows R_R by the temperature that R_s shows. None: R_R is the parameter. The next three with it only."""
+    cage_constant: float
+    """Constant of the cage's material, 200 to 260 K: 225 for aluminium (default), 235 for copper."""
+    rotor_rise: float
+    """Rise of the rotor's temperature over that of the winding's, 0.3 to 2; 1."""
+    winding_heat: tuple[float, float] | None
+    """Rise of the winding's temperature at rated current in K, 5 to 200, and its time constant in s, 1 to
+    7200: R_s is predicted where it cannot be measured. None: it is held there."""
 
 
 class PlantOptions(TypedDict, total=False):
@@ -188,12 +205,22 @@ class PlantOptions(TypedDict, total=False):
     deep_bar: tuple[float, float] | None
     """Second branch of the rotor: its share of the cage's conductance at small slip and its share of the
     inverse leakage inductance at high frequency, each from 0.01 to 0.9."""
+    leakage_saturation: tuple[float, float] | None
+    """Share of the leakage inductance, up to 0.6, that is lost at a peak rotor current in A."""
+    slot_ripple: tuple[int, float, float] | None
+    """Number of rotor slots, relative ripple of the air gap's permeance as they pass (up to 0.2) and of the
+    inverse leakage inductance (up to 0.3)."""
     missed_calls: float
     """Probability that the control is not called in a period: duties stay. Only in a scenario."""
     doubled_calls: float
     """Probability that the control is called twice with the same sample. Only in a scenario."""
     dc_link: tuple[float, float, float | None] | None
     """Capacitance in F, resistance of the supply in Ω, resistor of the brake chopper in Ω or None: the link
-    is fed by a diode rectifier of no-load voltage `u_dc`. None: the link has the voltage that is set."""
-    thermal: tuple[float, float, float] | None
-    """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K."""
+    is fed by a diode rectifier of ideal mean voltage `u_dc`. None: the link has the voltage that is set."""
+    grid: tuple[float, float] | None
+    """Frequency in Hz and inductance of a phase in H of the grid that feeds the rectifier of `dc_link`, whose
+    resistance of the supply is then that of two phases: the link ripples with six times the frequency and
+    rises to `π/3 u_dc` without load. None: the rectified voltage is smooth."""
+    thermal: tuple[float, float, float] | tuple[float, float, float, float] | None
+    """Winding: time constant in s, rise at rated copper loss in K, temperature coefficient in 1/K; and that
+    of the rotor's resistance per K of the winding, 0 if it is not given."""

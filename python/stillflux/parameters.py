@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from stillflux import _core
@@ -10,10 +10,30 @@ from stillflux import _core
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
 
-__all__ = ["PRESETS", "Inverter", "Motor", "Rating"]
+__all__ = ["PRESETS", "Inverter", "Motor", "Rating", "number"]
 
 PRESETS = ("2.2kW", "11kW")
 """Names of the motors and inverters that `preset` knows."""
+
+
+def number(name: str, value: Any) -> float:
+    """A real number as a float; whatever stands for none is a TypeError that names it."""
+    if isinstance(value, bool | str | bytes | complex):
+        raise TypeError(f"{name} = {value!r} is not a number")
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {value!r} is not a number") from None
+
+
+def _plain_numbers(of: Motor | Inverter) -> None:
+    """Python's numbers in place of numpy's: equal objects have equal text and can be written as JSON."""
+    for one in fields(of):
+        if one.name == "saturation":
+            continue
+        value = number(one.name, getattr(of, one.name))
+        whole = one.name == "n_p" and value.is_integer()
+        object.__setattr__(of, one.name, int(value) if whole else value)
 
 
 class Rating(TypedDict):
@@ -59,7 +79,11 @@ class Motor:
 
     def __post_init__(self) -> None:
         if self.saturation is not None:
-            object.__setattr__(self, "saturation", tuple(self.saturation))
+            curve = tuple(number("saturation", x) for x in self.saturation)
+            if len(curve) != 3:
+                raise ValueError(f"saturation has {len(curve)} values, three are needed: L_u, a, S")
+            object.__setattr__(self, "saturation", curve)
+        _plain_numbers(self)
         _core.validate_motor(self)
 
     @classmethod
@@ -153,7 +177,7 @@ class Inverter:
     u_dc: float = 540.0
     """Rated dc-link voltage, V."""
     f_s: float = 10e3
-    """Switching and control frequency, Hz."""
+    """Switching frequency, Hz; also that of the control with `half_periods` = 2."""
     u_th: float = 1.0
     """Threshold voltage of switches and diodes, V."""
     r_d: float = 0.2
@@ -165,9 +189,18 @@ class Inverter:
     c_out: float = 1e-9
     """Total capacitance of one leg's node against the dc link (switches, motor cable, machine), F, from 0 to
     10 nF. During the dead time the phase current has to charge it; 0: the node follows at once."""
+    half_periods: int = 2
+    """Half periods of the carrier in a control period: 2, the duties are updated once per carrier period; 1, at
+    both of its extremes, with samples at both; 4, 6 … 16: in every second, third … eighth carrier period."""
 
     def __post_init__(self) -> None:
+        _plain_numbers(self)
         _core.validate_inverter(self)
+
+    @property
+    def f_c(self) -> float:
+        """Control frequency, Hz: samples and updates of the duties per second."""
+        return 2.0 * self.f_s / self.half_periods
 
     @classmethod
     def preset(cls, name: str) -> Self:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,44 +83,54 @@ def thin(t: NDArray[Any], x: NDArray[Any], most: int = _MOST) -> tuple[NDArray[A
 
 
 def overview(result: Result) -> Figure:
-    """Speed, torque, currents, field-angle error, offset voltage and resistance over time."""
-    figure = new_figure(figsize=(9, 12), layout="constrained")
-    axes = figure.subplots(6, 1, sharex=True)
-    speed, torque, currents, angle, offset, resistance = axes
-    current = result["estimate.i_dq"]
-    _lines(
-        speed,
-        result,
-        "speed, rad/s",
-        {"true": result["omega_m"], "estimated": result["estimate.omega_m"]},
-    )
-    if result.scenario.torque_ref is None:
-        speed.plot(*thin(result.t, result["reference"]), "k:", linewidth=0.8, label="reference")
-    _lines(
-        torque,
-        result,
-        "torque, N·m",
-        {"motor": result["torque"], "estimated": result["estimate.torque"], "load": result["load_torque"]},
-    )
-    _lines(currents, result, "current, A", {"$i_d$": current.real, "$i_q$": current.imag})
-    _lines(angle, result, "field angle error, °", {"estimated − true": angle_error(result)})
-    u_off = 1e3 * result["estimate.u_off"]
-    _lines(offset, result, r"$\hat u_{off}$, mV", {r"$\alpha$": u_off.real, r"$\beta$": u_off.imag})
-    r_d = (result.scenario.plant_inverter or result.scenario.inverter).r_d
-    _lines(
-        resistance,
-        result,
-        r"$R_s + r_d$, $\Omega$",
-        {"estimated": result["estimate.R_s"], "true": result["R_s"] + r_d},
-    )
-    low, high = resistance.get_ylim()
-    nominal = result.scenario.motor.R_s + result.scenario.inverter.r_d
-    resistance.set_ylim(min(low, 0.9 * nominal), max(high, 1.1 * nominal))
+    """Speed, torque, currents, field-angle error, offset voltage and resistance over time, as far as they
+    were recorded; where none of them was, every signal that was."""
+    shown = [(label, lines) for label, lines in _overview(result) if lines]
+    if not shown:
+        return panels({"": result}, list(result))
+    figure = new_figure(figsize=(9, 2.0 * len(shown)), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(len(shown), 1, sharex=True))
+    for panel, (label, lines) in zip(axes, shown, strict=True):
+        _lines(panel, result, label, {name: x for name, x in lines.items() if name != "reference"})
+        if "reference" in lines:
+            panel.plot(*thin(result.t, lines["reference"]), "k:", linewidth=0.8, label="reference")
+        if label.startswith("$R_s"):
+            low, high = panel.get_ylim()
+            nominal = result.scenario.motor.R_s + result.scenario.inverter.r_d
+            panel.set_ylim(min(low, 0.9 * nominal), max(high, 1.1 * nominal))
+        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     axes[-1].set_xlabel("time, s")
     figure.suptitle(result.scenario.name or "closed loop")
-    for panel in axes:
-        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     return figure
+
+
+def _overview(result: Result) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
+    """Panels of the overview: label, and its lines by name."""
+
+    def of(signals: Mapping[str, str]) -> dict[str, NDArray[Any]]:
+        return {name: result[signal] for name, signal in signals.items() if signal in result}
+
+    speeds = {"true": "omega_m", "estimated": "estimate.omega_m"}
+    found = of(speeds)
+    if found and result.scenario.torque_ref is None:
+        found |= of({"reference": "reference"})
+    yield "speed, rad/s", found
+    torques = of({"motor": "torque", "estimated": "estimate.torque"})
+    if torques:
+        torques |= of({"load": "load_torque"})
+    yield "torque, N·m", torques
+    for current in of({"": "estimate.i_dq"}).values():
+        yield "current, A", {"$i_d$": current.real, "$i_q$": current.imag}
+    if "angle_error" in result:
+        error = angle_error(result) if "status" in result else np.degrees(result["angle_error"])
+        yield "field angle error, °", {"estimated − true": error}
+    for offset in of({"": "estimate.u_off"}).values():
+        yield r"$\hat u_{off}$, mV", {r"$\alpha$": 1e3 * offset.real, r"$\beta$": 1e3 * offset.imag}
+    resistances = of({"estimated": "estimate.R_s"})
+    if "R_s" in result:
+        r_d = (result.scenario.plant_inverter or result.scenario.inverter).r_d
+        resistances["true"] = result["R_s"] + r_d
+    yield r"$R_s + r_d$, $\Omega$", resistances
 
 
 def flux_trajectory(result: Result) -> Figure:
@@ -179,10 +189,14 @@ def replayed(found: Replay) -> Figure:
 
 def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
     """A metric of a sweep over two parameters: the largest value of each cell; a cross where a row failed or
-    faulted, or the value is not finite."""
-    from matplotlib.figure import Figure
-
+    faulted, or the value is not finite. Raises KeyError for a column that there is not, ValueError for one
+    that is no number."""
     xs, ys, values = (found[name] for name in (x, y, metric))
+    if metric not in found.metrics:
+        raise ValueError(f"metric = {metric!r} is not one of {', '.join(found.metrics)}")
+    for name, column in ((x, xs), (y, ys)):
+        if column.ndim != 1 or column.dtype.kind not in "fiubU":
+            raise ValueError(f"{name}: its values are neither numbers nor texts, a map has no axis for them")
     columns, rows = np.unique(xs), np.unique(ys)
     cells = np.full((len(rows), len(columns)), np.nan)
     lost = np.zeros(cells.shape, bool)
@@ -190,7 +204,7 @@ def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
         k, j = np.searchsorted(rows, at_y), np.searchsorted(columns, at_x)
         cells[k, j] = np.fmax(cells[k, j], value if np.isfinite(value) else np.nan)
         lost[k, j] |= bool(row["error"]) or str(row["status"]).startswith("fault") or not np.isfinite(value)
-    figure = Figure(figsize=(6.4, 4.8), layout="constrained")
+    figure = new_figure(figsize=(6.4, 4.8), layout="constrained")
     panel = figure.subplots()
     mesh = panel.pcolormesh(np.arange(len(columns)), np.arange(len(rows)), cells, shading="nearest")
     figure.colorbar(mesh, ax=panel, label=metric)
@@ -200,7 +214,8 @@ def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
         panel.legend(loc="upper right", fontsize="small")
     for axis, ticks, name in ((panel.xaxis, columns, x), (panel.yaxis, rows, y)):
         every = max(1, len(ticks) // 10)
-        axis.set_ticks(np.arange(len(ticks))[::every], [f"{tick:.4g}" for tick in ticks[::every]])
+        texts = [str(tick) if ticks.dtype.kind == "U" else f"{tick:.4g}" for tick in ticks[::every]]
+        axis.set_ticks(np.arange(len(ticks))[::every], texts)
         axis.set_label_text(name)
     return figure
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import html
 import math
 import os
 from dataclasses import dataclass, field
@@ -156,11 +157,11 @@ class Replay:
         lines = [f"{self.source}: {len(self.t)} rows, {self.t[-1] - self.t[0]:.3f} s, scheme {self.scheme}"]
         if known.any():
             speed, low = self.omega_m[known], self.confidence[known]
+            deviation = np.degrees(np.median(self.angle_deviation[known]))
             lines += [
                 f"speed {speed.min():.3g} … {speed.max():.3g} rad/s, R_s {self.R_s[-1]:.4g} Ω at the end",
                 f"confidence at least {low.min():.2f}, below one half for {100 * (low < 0.5).mean():.1f} % "
-                f"of "
-                f"the time, angle ± {np.degrees(np.median(self.angle_deviation[known])):.2g}° (1 σ, median)",
+                f"of the time, angle ± {deviation:.2g}° (1 σ, median)",
             ]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
@@ -170,6 +171,9 @@ class Replay:
         from stillflux.plots import replayed
 
         return replayed(self)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(self.summary())}</pre>"
 
     def __repr__(self) -> str:
         return f"<Replay {self.source}, {len(self.t)} rows, scheme {self.scheme!r}>"

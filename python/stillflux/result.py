@@ -6,7 +6,8 @@ import html
 import json
 import os
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ __all__ = ["Result"]
 
 _META = "meta"
 _COMPARED = ("omega_m", "torque", "angle_error", "estimate.confidence")
+_MOST_PANELS = 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,6 +61,10 @@ class Result:
     def keys(self) -> tuple[str, ...]:
         """Names of what was recorded."""
         return tuple(self.data)
+
+    def items(self) -> Iterable[tuple[str, NDArray[Any]]]:
+        """Names and arrays of what was recorded."""
+        return self.data.items()
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(self.data)
@@ -96,19 +102,27 @@ class Result:
 
     def plot(self, *signals: str) -> Figure:
         """The named signals, a panel each; without names an overview: speed, torque, currents, angle error,
-        offset voltage, resistance."""
+        offset voltage, resistance, as far as they were recorded. Raises KeyError for one that was not."""
         from stillflux.plots import overview, panels
 
         return panels({"": self}, signals) if signals else overview(self)
 
-    def compare(self, *others: Self, signals: Sequence[str] = _COMPARED) -> Figure:
-        """Signals of this run and of others over the time, each run with the name of its scenario."""
+    def compare(self, *others: Self, signals: Sequence[str] | None = None) -> Figure:
+        """Signals of this run and of others over the time, each run with the name of its scenario. None:
+        speed, torque, angle error and confidence, or, where these were not recorded, what all runs have."""
         from stillflux.plots import panels
 
         runs: dict[str, Result] = {}
         for k, run in enumerate((self, *others)):
+            if not isinstance(run, Result):
+                raise TypeError(f"others[{k - 1}] = {run!r} is not a Result")
             name = run.scenario.name or f"run {k + 1}"
             runs[name if name not in runs else f"{name} ({k + 1})"] = run
+        if signals is None:
+            common = [name for name in self.data if all(name in run for run in runs.values())]
+            signals = [name for name in _COMPARED if name in common] or common[:_MOST_PANELS]
+        if not signals:
+            raise ValueError("signals: the runs have none in common")
         return panels(runs, signals)
 
     def to_pandas(self) -> Any:
@@ -166,6 +180,8 @@ class Result:
             "memory": plain(self.memory),
         }
         path = Path(path)
+        if not path.absolute().parent.is_dir():
+            raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
         arrays: dict[str, Any] = {"t": self.t, **self.data, _META: json.dumps(meta)}
         # Opened as any other file: it gets the user's permissions.
         part = path.with_name(f".{path.name}.{os.getpid()}.{uuid.uuid4().hex}")
@@ -180,11 +196,12 @@ class Result:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
         """Reads what `save` wrote. Raises ValueError for another file."""
-        with np.load(path) as file:
-            if _META not in file:
-                raise ValueError(f"{path} is not a saved result")
-            data = {name: file[name] for name in file.files}
-        meta = json.loads(str(data.pop(_META)))
+        try:
+            with np.load(path) as file:
+                data = {name: file[name] for name in file.files}
+            meta = json.loads(str(data.pop(_META)))
+        except (ValueError, KeyError, AttributeError, EOFError, zipfile.BadZipFile):
+            raise ValueError(f"{path} is not a saved result") from None
         return cls(
             scenario=Scenario.from_dict(meta["scenario"]),
             t=data.pop("t"),

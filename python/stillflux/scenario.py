@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -13,7 +13,7 @@ import numpy as np
 from stillflux import _core
 from stillflux.machine_file import part
 from stillflux.options import DriveSettings, PlantOptions
-from stillflux.parameters import Inverter, Motor
+from stillflux.parameters import PRESETS, Inverter, Motor, number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -85,7 +85,7 @@ class Scenario:
             raise ValueError(
                 f"omega_ref = {self.omega_ref} and torque_ref = {self.torque_ref}: give only one"
             )
-        rows = self.duration * self.inverter.f_s / max(self.record_every, 1)
+        rows = self.duration * self.inverter.f_c / max(self.record_every, 1)
         names = _core.signals() if self.signals is None else self.signals
         size = 16.0 * rows * (1 + len(names))
         if size > _RECORD_LIMIT:
@@ -102,9 +102,23 @@ class Scenario:
         def set_field(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        set_field("duration", _number("duration", self.duration))
+        for name, kind in (
+            ("motor", Motor),
+            ("plant_motor", Motor),
+            ("inverter", Inverter),
+            ("plant_inverter", Inverter),
+        ):
+            value = getattr(self, name)
+            if not isinstance(value, kind) and not (value is None and name.startswith("plant_")):
+                title = kind.__name__
+                hint = f": give {title}.preset({value!r})" if value in PRESETS else ""
+                raise TypeError(f"{name} = {value!r} is not a stillflux.{title}{hint}")
+        for name, text in (("name", self.name), ("scheme", self.scheme), ("arithmetic", self.arithmetic)):
+            if not isinstance(text, str):
+                raise TypeError(f"{name} = {text!r} is not a text")
+        set_field("duration", number("duration", self.duration))
         if not isinstance(self.record_every, int) or isinstance(self.record_every, bool):
-            whole = _number("record_every", self.record_every)
+            whole = number("record_every", self.record_every)
             if whole != int(whole):
                 raise ValueError(f"record_every = {self.record_every} is not a whole number of periods")
             set_field("record_every", int(whole))
@@ -117,14 +131,16 @@ class Scenario:
         for name in ("settings", "plant", "memory"):
             if getattr(self, name) is not None:
                 set_field(name, {key: _immutable(value) for key, value in getattr(self, name).items()})
+        if not isinstance(self.changes, Iterable):
+            raise TypeError(f"changes = {self.changes!r} is not a list of (t, {{name: value}})")
         set_field("changes", tuple(_change(k, change) for k, change in enumerate(self.changes)))
 
     def _check(self) -> None:
         """What the compiled part cannot see or would not name."""
         for name in _COUNTS:
             value = self.plant.get(name, 0)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-                raise ValueError(f"{name} = {value!r} is not a whole number from 0 on")
+            if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 64:
+                raise ValueError(f"{name} = {value!r} is not a whole number from 0 to 2^64 - 1")
         times = [t for t, _ in self.changes]
         for before, t in pairwise(times):
             if t < before:
@@ -142,6 +158,13 @@ class Scenario:
                     raise ValueError(
                         f"{name} = {value:g} is outside the admissible range {-most:.6g} to {most:.6g}"
                     )
+        most = _SPEED_LIMIT * motor.base["omega_m"]
+        for given in (self.plant, *(change for _, change in self.changes)):
+            speed = given.get("speed")
+            if isinstance(speed, int | float) and not abs(speed) <= most:
+                raise ValueError(
+                    f"speed = {speed:g} is outside the admissible range {-most:.6g} to {most:.6g}"
+                )
         for title, link, of in (
             ("inverter", self.inverter, self.motor),
             ("plant_inverter", self.plant_inverter or self.inverter, motor),
@@ -150,8 +173,7 @@ class Scenario:
             if link.u_dc < least:
                 raise ValueError(
                     f"{title}.u_dc = {link.u_dc:g} V is outside the admissible range from {least:.4g} V on "
-                    f"for a "
-                    f"machine of U_N = {of.U_N:g} V"
+                    f"for a machine of U_N = {of.U_N:g} V"
                 )
 
     def replace(self, **changes: Any) -> Self:
@@ -220,24 +242,31 @@ class Scenario:
         preset or file is taken.
         """
         known = {f.name for f in fields(cls)}
+        if not isinstance(data, Mapping):
+            raise TypeError(f"a scenario is a table of its fields, not {data!r}")
         for key in data:
             if key not in known:
                 raise ValueError(f"{key} is not a field of a scenario; those are {', '.join(sorted(known))}")
         if "inverter" not in data and isinstance(data.get("motor"), str):
             data = {**data, "inverter": data["motor"]}
+        for key in ("motor", "inverter", "duration"):
+            if key not in data:
+                raise ValueError(f"{key} is missing: a scenario has motor, inverter and duration at least")
         kinds = {"motor": Motor, "plant_motor": Motor, "inverter": Inverter, "plant_inverter": Inverter}
         rest = {key: rich(value, key) for key, value in data.items() if key not in kinds}
-        parts = {key: part(kind, data[key]) for key, kind in kinds.items() if key in data}
+        parts = {key: _part(kind, key, data[key]) for key, kind in kinds.items() if key in data}
         return cls(**rest, **parts)
 
 
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool | str | bytes | complex):
-        raise TypeError(f"{name} = {value!r} is not a number")
+def _part(kind: type[Motor] | type[Inverter], name: str, value: Any) -> Any:
+    """A motor or an inverter of plain data; errors name the field."""
+    if not isinstance(value, str | Mapping):
+        raise TypeError(f"{name} = {value!r} is neither a preset, nor a motor file, nor a table of fields")
     try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} = {value!r} is not a number") from None
+        return part(kind, value)
+    except (ValueError, TypeError) as error:
+        text = str(error)
+        raise type(error)(text if text.startswith(f"{name} ") else f"{name}: {text}") from None
 
 
 def _profile(name: str, value: Any, duration: float) -> Any:
@@ -247,7 +276,7 @@ def _profile(name: str, value: Any, duration: float) -> Any:
     if callable(value):
         count = math.ceil(max(duration, 0.0) / _EVERY) if math.isfinite(duration) else 0
         times = [duration * k / count for k in range(count + 1)] if 0 < count <= 10_000_000 else [0.0]
-        return tuple((t, _number(name, value(t))) for t in times)
+        return tuple((t, number(name, value(t))) for t in times)
     if isinstance(value, np.ndarray) and value.ndim:
         if value.ndim != 2 or value.shape[1] != 2:
             raise ValueError(f"{name} has the shape {value.shape}, points have (n, 2): time in s and value")
@@ -256,16 +285,22 @@ def _profile(name: str, value: Any, duration: float) -> Any:
         for k, point in enumerate(value):
             if not isinstance(point, Sequence | np.ndarray) or isinstance(point, str) or len(point) != 2:
                 raise ValueError(f"{name}[{k}] = {point!r} is not a point (t, value)")
-        return tuple(
-            (_number(f"{name}[{k}]", t), _number(f"{name}[{k}]", x)) for k, (t, x) in enumerate(value)
+        if not len(value):
+            raise ValueError(f"{name} = {value!r} has no points")
+        points = tuple(
+            (number(f"{name}[{k}]", t), number(f"{name}[{k}]", x)) for k, (t, x) in enumerate(value)
         )
-    return _number(name, value)
+        for k, (t, _) in enumerate(points):
+            if not 0.0 <= t < math.inf:
+                raise ValueError(f"{name}[{k}]: t = {t:g} s is outside the admissible range from 0 s on")
+        return points
+    return number(name, value)
 
 
 def _change(k: int, change: Any) -> tuple[float, dict[str, Any]]:
     try:
         t, what = change
-        return _number(f"changes[{k}]", t), {key: _immutable(value) for key, value in what.items()}
+        return number(f"changes[{k}]", t), {key: _immutable(value) for key, value in what.items()}
     except (AttributeError, ValueError, TypeError):
         raise TypeError(f"changes[{k}] = {change!r} is not (t, {{name: value}})") from None
 

@@ -13,7 +13,7 @@ from stillflux._core import Run
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
-__all__ = ["Interrupted", "Progress", "simulate"]
+__all__ = ["Interrupted", "Progress", "in_pieces", "simulate"]
 
 Progress: TypeAlias = Callable[[float], object] | bool | None
 """Called with the fraction done, 0 to 1; True: a bar on stderr."""
@@ -40,15 +40,13 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
     """
     run = Run(scenario)
     report = progress_bar(scenario.name) if progress is True else progress or None
-    periods, more = 200, True
+
+    def show() -> None:
+        if report is not None:
+            report(min(1.0, run.time / scenario.duration) if scenario.duration else 1.0)
+
     try:
-        while more:
-            begin = time.monotonic()
-            more = run.advance(periods)
-            if report is not None:
-                report(min(1.0, run.time / scenario.duration) if scenario.duration else 1.0)
-            elapsed = time.monotonic() - begin
-            periods = max(1, int(periods * min(2.0, _PIECE / max(elapsed, 1e-6))))
+        in_pieces(run.advance, show)
     except KeyboardInterrupt:
         raise Interrupted(_result(scenario, run)) from None
     result = _result(scenario, run)
@@ -57,10 +55,21 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
         if len(bad):
             raise ArithmeticError(
                 f"{name} is not finite from t = {result.t[bad[0]]:.4g} s on: the shaft runs away beyond what "
-                f"the "
-                f"plant can compute; is the load torque right?"
+                f"the plant can compute; is the load torque right?"
             )
     return result
+
+
+def in_pieces(advance: Callable[[int], bool], show: Callable[[], object]) -> None:
+    """Calls `advance` with numbers of control periods until it returns False, and `show` after each call; the
+    numbers are chosen so that a call takes little enough for Ctrl-C."""
+    periods, more = 200, True
+    while more:
+        begin = time.monotonic()
+        more = advance(periods)
+        show()
+        elapsed = time.monotonic() - begin
+        periods = max(1, int(periods * min(2.0, _PIECE / max(elapsed, 1e-6))))
 
 
 def _result(scenario: Scenario, run: Run) -> Result:

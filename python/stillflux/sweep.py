@@ -14,13 +14,16 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import html
 import io
 import json
 import math
 import os
+import pickle
 import queue
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from itertools import product
 from multiprocessing import get_context
@@ -69,6 +72,7 @@ METRICS: Mapping[str, Metric] = {
 """Metrics by name, from the plant's truth: angles in degrees, speeds per unit of rated frequency, resistance
 relative, times in s."""
 
+_SHOWN = 20  # rows of a table in a notebook
 _IN_FLIGHT = 1000  # tasks handed to an executor at a time
 
 
@@ -118,26 +122,54 @@ def grid(base: Scenario, axes: Mapping[str, Sequence[Any] | Factors]) -> list[Po
 
     A field is that of a scenario ("load_torque", "arithmetic") or of a part ("plant_motor.R_s",
     "settings.psi_ref", "plant.current_offset"). A combination that no scenario admits is a point with the
-    error.
+    error. Raises ValueError for a field that there is not, TypeError for an axis that is no list.
     """
-    values = [
-        [base.value(name) * x for x in axis.values] if isinstance(axis, Factors) else list(axis)
-        for name, axis in axes.items()
-    ]
+    values = [_values(base, name, axis) for name, axis in axes.items()]
     return [_point(base, dict(zip(axes, chosen, strict=True))) for chosen in product(*values)]
+
+
+def _values(base: Scenario, name: str, axis: Sequence[Any] | Factors) -> list[Any]:
+    _known(base, name)
+    if isinstance(axis, Factors):
+        return [_number(base, name) * x for x in axis.values]
+    if isinstance(axis, str | bytes | Mapping) or not isinstance(axis, Iterable):
+        raise TypeError(f"{name} = {axis!r} is neither a list of values nor factors(…)")
+    return list(axis)
+
+
+def _known(base: Scenario, name: str) -> None:
+    """Raises ValueError for what is no field of a scenario, a motor or an inverter; what settings and plant
+    know is seen when they are built."""
+    part, dot, _ = name.partition(".")
+    if not dot or part not in ("settings", "plant", "memory"):
+        base.value(name)
+
+
+def _number(base: Scenario, name: str) -> Any:
+    value = base.value(name)
+    if isinstance(value, bool) or not isinstance(value, int | float | complex):
+        raise TypeError(f"{name} = {value!r} is not a number: give a list of values instead of factors")
+    return value
 
 
 def draws(base: Scenario, number: int, tolerances: Mapping[str, Spread], seed: int = 0) -> list[Point]:
     """`number` scenarios with fields drawn at random around the base scenario's, each draw on its own stream
     of random numbers: the first ten of a hundred draws are those of ten. The noise of the sensors has the
-    draw's seed."""
+    draw's seed. Raises ValueError for a field that there is not, TypeError for a tolerance that is none."""
+    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+        raise ValueError(f"number = {number!r} is not a whole number from 1 on")
+    middle = {}
+    for name, spread in tolerances.items():
+        if not isinstance(spread, Spread):
+            raise TypeError(f"{name}: {spread!r} is neither normal(…) nor uniform(…)")
+        middle[name] = _number(base, name)
     points = []
     for k in range(number):
         random = np.random.default_rng([seed, k])
         parameters: dict[str, Any] = {}
         for name, spread in tolerances.items():
             of_kind = {"normal": random.standard_normal, "uniform": lambda r=random: r.uniform(-1.0, 1.0)}
-            parameters[name] = base.value(name) * (1.0 + spread.width * float(of_kind[spread.kind]()))
+            parameters[name] = middle[name] * (1.0 + spread.width * float(of_kind[spread.kind]()))
         parameters["plant.seed"] = int(random.integers(1 << 31))
         points.append(_point(base, parameters))
     return points
@@ -227,6 +259,14 @@ class Sweep:
     def __repr__(self) -> str:
         return f"<Sweep of {len(self)} rows: {', '.join(self.columns)}>"
 
+    def _repr_html_(self) -> str:
+        def line(cells: Iterable[Any], tag: str) -> str:
+            return "<tr>" + "".join(f"<{tag}>{html.escape(_shown(x))}</{tag}>" for x in cells) + "</tr>"
+
+        rows = "".join(line((row.get(name) for name in self.columns), "td") for row in self.rows[:_SHOWN])
+        more = f"<p>… {len(self) - _SHOWN} more</p>" if len(self) > _SHOWN else ""
+        return f"<table>{line(self.columns, 'th')}{rows}</table>{more}"
+
 
 class SweepInterrupted(KeyboardInterrupt):
     """Ended by Ctrl-C; `result` has the rows that were done."""
@@ -264,7 +304,8 @@ def sweep(
         True: a bar on stderr. A function gets the number done, the number of all, and the latest row.
 
     A scenario or a metric that raises an error is a row with the error. Raises `SweepInterrupted` on Ctrl-C,
-    ValueError for an unknown metric.
+    ValueError for an unknown metric or one that cannot be sent to another process. In a script call it below
+    `if __name__ == "__main__":`, as everything that starts processes.
     """
     chosen = _metrics(metrics)
     points = _points(scenarios)
@@ -378,6 +419,7 @@ def _execute(
         return
     own = None
     if executor is None:
+        _check_sendable(metrics)
         workers = max(1, min(os.cpu_count() or 1, len(tasks)))
         own = executor = ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn"))
     elif not hasattr(executor, "submit"):
@@ -401,6 +443,11 @@ def _execute(
             outcome = futures.pop(k).result()
             done(k, outcome)
             submit()
+    except BrokenProcessPool:
+        raise RuntimeError(
+            "the processes of the sweep ended before their time: in a script call sweep below "
+            '`if __name__ == "__main__":`, or give executor="serial"'
+        ) from None
     except BaseException:
         for future in futures.values():
             future.cancel()
@@ -408,6 +455,17 @@ def _execute(
     finally:
         if own is not None:
             own.shutdown(cancel_futures=True)
+
+
+def _check_sendable(metrics: Mapping[str, Metric]) -> None:
+    for name, metric in metrics.items():
+        try:
+            pickle.dumps(metric)
+        except Exception:
+            raise ValueError(
+                f"metrics: {name!r} cannot be sent to another process: define it in a module, or give "
+                f'executor="serial" or stillflux.executors.joblib()'
+            ) from None
 
 
 class _Journal:
@@ -438,6 +496,10 @@ class _Journal:
             file.write(json.dumps([key, row]) + "\n")
             file.flush()
             os.fsync(file.fileno())
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _cell(value: Any) -> Any:

@@ -7,5 +7,7 @@
 
 pub mod blob;
 pub mod board;
+#[cfg(feature = "commission")]
+pub mod commissioning;
 pub mod exchange;
 pub mod violation;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,13 +44,33 @@ def run(elf: Path, arithmetic: str, scheme: str = "enhanced") -> Comparison:
     return compare(answers.read_bytes(), back.read_bytes())
 
 
-def compare(host: bytes, target: bytes) -> Comparison:
+#: Features of an image of the commissioning whose page is that of the recording on the host: both have the same schemes.
+COMMISSION = ["commission", "paper", "enhanced", "variants", "supervision", "dclink"]
+
+
+def commission(elf: Path, arithmetic: str) -> tuple[Comparison, Path, bool]:
+    """Records a commissioning, replays it on `elf`; the comparison, the page that the target made, and whether
+    it is the host's."""
+    toolchain.OUT.mkdir(parents=True, exist_ok=True)
+    frames, answers, page = (f"commission-{arithmetic}.{kind}" for kind in ("frames", "answers", "page"))
+    toolchain.host_example("record_commission", arithmetic, frames, answers, page)
+    toolchain.emulate(elf, frames, f"{answers}.back", f"{page}.back")
+    host, target, mine, back = (
+        toolchain.OUT / name for name in (answers, f"{answers}.back", page, f"{page}.back")
+    )
+    words = ["compare_a", "compare_b", "compare_c", "state"]
+    found = compare(host.read_bytes(), target.read_bytes(), words)
+    return found, back, mine.read_bytes() == back.read_bytes()
+
+
+def compare(host: bytes, target: bytes, words: Sequence[str] = WORDS) -> Comparison:
     """Word by word."""
-    periods = len(host) // ANSWER
+    size = 4 * len(words)
+    periods = len(host) // size
     if len(target) != len(host):
-        return Comparison(periods, (len(target) // ANSWER, "missing"), abs(len(host) - len(target)) // 4)
+        return Comparison(periods, (len(target) // size, "missing"), abs(len(host) - len(target)) // 4)
     if host == target:
         return Comparison(periods, None, 0)
     different = [k for k in range(0, len(host), 4) if host[k : k + 4] != target[k : k + 4]]
     first = different[0]
-    return Comparison(periods, (first // ANSWER, WORDS[first % ANSWER // 4]), len(different))
+    return Comparison(periods, (first // size, words[first % size // 4]), len(different))

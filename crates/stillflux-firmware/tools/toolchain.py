@@ -25,18 +25,19 @@ class MissingError(RuntimeError):
 
 @dataclass(frozen=True)
 class Toolchain:
-    """A cargo that builds for a bare target."""
+    """A cargo that builds for another target."""
 
     name: str
     env: dict[str, str] = field(default_factory=dict)
-    build_std: bool = False
+    #: Crates of the standard library that have to be built, too; empty: none.
+    build_std: str = ""
 
-    def cargo(self, *args: str, target: str, cwd: Path) -> None:
-        """Runs cargo; its output only where it fails."""
+    def cargo(self, *args: str, target: str, cwd: Path, out: Path = OUT) -> None:
+        """Runs cargo, which builds in `out`; its output only where it fails."""
         command = ["cargo", *args, "--target", target]
         if self.build_std:
-            command.append("-Zbuild-std=core,compiler_builtins")
-        env = {**os.environ, "CARGO_TARGET_DIR": str(OUT), **self.env}
+            command.append(f"-Zbuild-std={self.build_std}")
+        env = {**os.environ, "CARGO_TARGET_DIR": str(out), **self.env}
         done = subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"{' '.join(command)} failed:\n{done.stderr}")
@@ -51,6 +52,14 @@ def find(target: str = TARGET) -> Toolchain:
     ]
     if absent:
         raise MissingError(f"{', '.join(absent)} not found. Install\n{HELP}")
+    chain = compiler(target, "core,compiler_builtins")
+    if chain is None:
+        raise MissingError(f"no Rust compiler for {target}. Install one of\n{HELP}")
+    return chain
+
+
+def compiler(target: str, library: str) -> Toolchain | None:
+    """A compiler for the target, one that builds these crates of the standard library itself if need be."""
     if shutil.which("rustup"):
         installed = subprocess.run(
             ["rustup", "target", "list", "--installed"], capture_output=True, text=True, check=False
@@ -64,8 +73,8 @@ def find(target: str = TARGET) -> Toolchain:
         if (Path(sysroot) / "lib/rustlib/src/rust/library/core").is_dir():
             env = {"RUSTC_BOOTSTRAP": "1", "PATH": f"/usr/bin:{os.environ['PATH']}"}
             # A rustc that some outer tool has set would be another compiler.
-            return Toolchain("distribution compiler", {**env, "RUSTC": "/usr/bin/rustc"}, build_std=True)
-    raise MissingError(f"no Rust compiler for {target}. Install one of\n{HELP}")
+            return Toolchain("distribution compiler", {**env, "RUSTC": "/usr/bin/rustc"}, library)
+    return None
 
 
 def build(chain: Toolchain, name: str, *features: str) -> Path:
@@ -105,9 +114,9 @@ def emulate(elf: Path, *args: str | Path, count: bool = False, timeout: float = 
     return done.stdout
 
 
-def host_example(name: str, *args: str | Path) -> str:
-    """Builds and runs an example of the simulation crate on the host; what it prints."""
-    command = ["cargo", "build", "--release", "--locked", "-p", "stillflux-sim", "--example", name]
+def host_example(name: str, *args: str | Path, crate: str = "stillflux-sim") -> str:
+    """Builds and runs an example of a crate on the host; what it prints."""
+    command = ["cargo", "build", "--release", "--locked", "-p", crate, "--example", name]
     env = {**os.environ, "CARGO_TARGET_DIR": str(OUT / "host")}
     done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
     if done.returncode:

@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::commission::si::{Shaft, SiCommissioning};
-use stillflux::commission::{Deviation, Nameplate as Plate, Status, Warnings};
+use stillflux::commission::{Deviation, Nameplate as Plate, Status, Warnings, priors as priors_of};
 use stillflux::si::MeasurementSi;
 use stillflux_sim::commission::{self as sim, Wiring};
 
@@ -38,6 +38,37 @@ impl Nameplate {
 pub fn deviation_dict<'py>(py: Python<'py>, d: &Deviation) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     for (name, value) in [("R_s", d.R_s), ("R_R", d.R_R), ("L_sigma", d.L_sigma), ("L_M", d.L_M), ("J", d.J)] {
+        dict.set_item(name, value)?;
+    }
+    Ok(dict)
+}
+
+/// Deviations of a machine and its inverter, as Python has them.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Deviations {
+    R_s: f64,
+    R_R: f64,
+    L_sigma: f64,
+    L_M: f64,
+    J: f64,
+    loss: f64,
+    c_out: f64,
+}
+
+/// Settings with which a drive begins for these relative standard deviations.
+#[pyfunction]
+pub fn priors(py: Python<'_>, deviation: Deviations) -> PyResult<Fields<'_>> {
+    let Deviations { R_s, R_R, L_sigma, L_M, J, loss, c_out } = deviation;
+    let p = priors_of(&Deviation { R_s, R_R, L_sigma, L_M, J }, [loss, c_out]);
+    let dict = PyDict::new(py);
+    for (name, value) in [
+        ("prior_R_s", p.r_s),
+        ("prior_loss", p.loss),
+        ("prior_c_out", p.knee),
+        ("prior_L_sigma", p.leakage),
+        ("prior_L_M", p.l_m),
+    ] {
         dict.set_item(name, value)?;
     }
     Ok(dict)
@@ -141,7 +172,7 @@ impl CommissioningCore {
         let arithmetic = self::arithmetic(arithmetic)?;
         let inner =
             SiCommissioning::new(&plate.plate(), &inverter, self::shaft(shaft)?, arithmetic).map_err(value_error)?;
-        Ok(Self { inner, f_s: inverter.f_s, gates_on: false })
+        Ok(Self { inner, f_s: inverter.f_c(), gates_on: false })
     }
 
     /// One control period.
@@ -225,7 +256,7 @@ impl CommissioningRun {
         let wiring = Wiring { channels, gain };
         let run = sim::CommissioningRun::new(&plate.plate(), &inverter, shaft, arithmetic, plant, wiring)
             .map_err(value_error)?;
-        Ok(Self { run, f_s: inverter.f_s })
+        Ok(Self { run, f_s: inverter.f_c() })
     }
 
     /// Runs at most `periods` further control periods; False when the commissioning is over.

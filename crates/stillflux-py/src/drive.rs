@@ -1,7 +1,7 @@
 //! `Drive`, what it estimates, and its status.
 
 use numpy::{Complex64, PyArray1};
-use pyo3::exceptions::{PyKeyError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use stillflux::drive::{self as core, Fault};
@@ -194,8 +194,9 @@ pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, Py
 
 /// What `memory_dict` gave.
 pub fn memory_from(dict: &Bound<'_, PyDict>) -> PyResult<MemorySi> {
-    let item =
-        |name: &'static str| dict.get_item(name)?.ok_or_else(|| PyKeyError::new_err(format!("memory has no '{name}'")));
+    let item = |name: &'static str| {
+        dict.get_item(name)?.ok_or_else(|| PyValueError::new_err(format!("memory has no '{name}'")))
+    };
     let memory = MemorySi {
         u_off: pair(extract("memory u_off", &item("u_off")?)?),
         R_s: extract("memory R_s", &item("R_s")?)?,
@@ -262,7 +263,7 @@ impl Drive {
         Ok(Self {
             drive,
             settings: settings_dict(py, &params)?.unbind(),
-            f_s: inverter.f_s,
+            f_s: inverter.f_c(),
             duty: [0.5; 3],
             gates_on: false,
         })

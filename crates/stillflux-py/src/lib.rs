@@ -21,7 +21,7 @@ use pyo3::prelude::*;
 #[pymodule(name = "_core")]
 mod core_module {
     #[pymodule_export]
-    use crate::commission::{CommissioningCore, CommissioningRun, nameplate_motor, nameplate_of};
+    use crate::commission::{CommissioningCore, CommissioningRun, nameplate_motor, nameplate_of, priors};
     #[pymodule_export]
     use crate::drive::{Drive, Estimate, Status};
     #[pymodule_export]

@@ -1,12 +1,14 @@
 //! `Plant` and its true state.
 
 use numpy::{Complex64, PyArray1};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
-use stillflux_sim::{DcLink, DeepBar, IronLoss, Mode, PlantParams, Thermal, Truth};
+use stillflux_sim::{
+    DcLink, DeepBar, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, SlotRipple, Thermal, Truth,
+};
 
 use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
 use crate::parameters::{Inverter, Motor};
@@ -46,6 +48,14 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
             p.deep_bar = extract::<Option<(f64, f64)>>(name, value)?
                 .map(|(conductance, leakage)| DeepBar { conductance, leakage });
         }
+        "leakage_saturation" => {
+            p.leakage_saturation = extract::<Option<(f64, f64)>>(name, value)?
+                .map(|(share, current)| LeakageSaturation { share, current });
+        }
+        "slot_ripple" => {
+            p.slot_ripple = extract::<Option<(u32, f64, f64)>>(name, value)?
+                .map(|(slots, permeance, leakage)| SlotRipple { slots, permeance, leakage });
+        }
         "adc_skew" => p.adc.skew = three(name, value)?,
         "missed_calls" => p.calls.missed = extract(name, value)?,
         "doubled_calls" => p.calls.doubled = extract(name, value)?,
@@ -53,12 +63,20 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
             p.dc_link = extract::<Option<(f64, f64, Option<f64>)>>(name, value)?
                 .map(|(C, R_supply, R_chopper)| DcLink { C, R_supply, R_chopper: R_chopper.unwrap_or(f64::INFINITY) });
         }
+        "grid" => {
+            p.grid = extract::<Option<(f64, f64)>>(name, value)?
+                .map(|(frequency, inductance)| Grid { frequency, inductance });
+        }
         "thermal" => {
-            p.thermal = extract::<Option<(f64, f64, f64)>>(name, value)?.map(|(time_constant, rise, alpha)| Thermal {
-                time_constant,
-                rise,
-                alpha,
-            });
+            p.thermal = extract::<Option<Vec<f64>>>(name, value)?
+                .map(|parts| match parts[..] {
+                    [time_constant, rise, alpha] => Ok(Thermal { time_constant, rise, alpha, alpha_R: 0.0 }),
+                    [time_constant, rise, alpha, alpha_R] => Ok(Thermal { time_constant, rise, alpha, alpha_R }),
+                    _ => {
+                        Err(PyTypeError::new_err(format!("thermal: {} numbers instead of three or four", parts.len())))
+                    }
+                })
+                .transpose()?;
         }
         _ => return Ok(false),
     }
@@ -88,6 +106,9 @@ pub fn dc_link(u_dc: f64) -> PyResult<f64> {
     check("u_dc", u_dc, 0.0, 10e3, "V").map_err(value_error)?;
     Ok(u_dc)
 }
+
+/// Largest load, of rated torque.
+const LOAD_MAX: f64 = 10.0;
 
 /// Imposed speed that a plant admits.
 pub fn shaft_speed(speed: Option<f64>) -> PyResult<Option<f64>> {
@@ -158,6 +179,7 @@ pub struct Plant {
     plant: stillflux_sim::Plant,
     speed: Option<f64>,
     current_offset: [f64; 3],
+    load_max: f64,
 }
 
 type Reading<'py> = (Bound<'py, PyArray1<f64>>, f64);
@@ -166,24 +188,35 @@ fn reading(py: Python<'_>, s: MeasurementSi) -> Reading<'_> {
     (PyArray1::from_slice(py, &s.i_abc), s.u_dc)
 }
 
+impl Plant {
+    /// Admits a load: the shaft does not run away beyond what can be computed.
+    fn load(&self, torque: f64) -> PyResult<f64> {
+        check("load_torque", torque, -self.load_max, self.load_max, "N m").map_err(value_error)?;
+        Ok(torque)
+    }
+}
+
 #[pymethods]
 impl Plant {
     #[new]
     #[pyo3(signature = (motor, inverter, **options))]
     fn new(motor: Motor, inverter: Inverter, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let params = plant_params(motor.machine()?, inverter.params()?, options)?;
+        let machine = motor.machine()?;
+        let load_max = LOAD_MAX * machine.T_N;
+        let params = plant_params(machine, inverter.params()?, options)?;
         let plant = stillflux_sim::Plant::new(params).map_err(value_error)?;
-        Ok(Self { plant, speed: params.mechanics.speed, current_offset: params.adc.offset })
+        Ok(Self { plant, speed: params.mechanics.speed, current_offset: params.adc.offset, load_max })
     }
 
     /// Runs one PWM period and returns the reading at its end: i_abc in A, shape (3,), and u_dc in V.
     ///
     /// `duty` (three values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
     /// register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
-    /// `load_torque` in N·m opposes positive rotation and is active, as a crane's.
+    /// `load_torque` in N·m, up to ten times the rated torque, opposes positive rotation and is active, as a
+    /// crane's.
     #[pyo3(signature = (duty, load_torque=0.0, gates_on=true))]
     fn step<'py>(&mut self, duty: &Bound<'py, PyAny>, load_torque: f64, gates_on: bool) -> PyResult<Reading<'py>> {
-        let s = self.plant.step(three("duty", duty)?, gates_on, finite("load_torque", load_torque)?);
+        let s = self.plant.step(three("duty", duty)?, gates_on, self.load(load_torque)?);
         Ok(reading(duty.py(), s))
     }
 
@@ -192,7 +225,7 @@ impl Plant {
     fn step_voltage(&mut self, py: Python<'_>, u_s: Complex64, dt: f64, load_torque: f64) -> PyResult<()> {
         check("dt", dt, 1e-12, 1e5, "s").map_err(value_error)?;
         finite("u_s", u_s.re + u_s.im)?;
-        finite("load_torque", load_torque)?;
+        self.load(load_torque)?;
         py.detach(|| self.plant.step_voltage(pair(u_s), dt, load_torque));
         Ok(())
     }

@@ -4,7 +4,9 @@ use std::borrow::Cow;
 use std::time::Instant;
 use stillflux::params::{Inverter, Machine};
 use stillflux_sim::simulate::{Profile, ReferenceProfile, Run, Scenario};
-use stillflux_sim::{Mode, Plant, PlantParams};
+use stillflux_sim::{
+    Calls, DcLink, DeepBar, Grid, IronLoss, LeakageSaturation, Mode, Plant, PlantParams, SlotRipple, Thermal,
+};
 
 fn main() {
     plants();
@@ -12,16 +14,52 @@ fn main() {
         "simulated seconds per second with drive, f32 (best of 8): start, ramp, half the rated load; switching level"
     );
     for c_out in [0.0, 0.1e-9, 1e-9, 10e-9] {
-        let best = (0..8).map(|_| closed_loop(c_out)).fold(0.0, f64::max);
+        let best = (0..8).map(|_| closed_loop(|p| p.inverter.c_out = c_out)).fold(0.0, f64::max);
         println!("  {:.1} nF: {best:.0}", c_out * 1e9);
+    }
+    let options: [(&str, Change); 7] = [
+        ("eddy currents and deep bar", |p| (p.iron_loss, p.deep_bar) = (Some(IRON), Some(BAR))),
+        ("leakage saturation", |p| p.leakage_saturation = Some(KNEE)),
+        ("slots", |p| p.slot_ripple = Some(SLOTS)),
+        ("smooth link", |p| p.dc_link = Some(LINK)),
+        ("rectifier", |p| (p.dc_link, p.grid) = (Some(LINK), Some(GRID))),
+        ("skew and delays", skewed),
+        ("everything", |p| {
+            (p.iron_loss, p.deep_bar, p.leakage_saturation) = (Some(IRON), Some(BAR), Some(KNEE));
+            (p.slot_ripple, p.dc_link, p.grid) = (Some(SLOTS), Some(LINK), Some(GRID));
+            p.calls = Calls { missed: 1e-3, doubled: 1e-3 };
+            p.adc.noise = 0.02;
+            (p.mechanics.coulomb, p.mechanics.stribeck) = (0.2, 0.1);
+            p.thermal = Some(Thermal { time_constant: 600.0, rise: 80.0, alpha: 0.0039, alpha_R: 0.0 });
+            skewed(p);
+        }),
+    ];
+    for (name, set) in options {
+        let best = (0..8).map(|_| closed_loop(set)).fold(0.0, f64::max);
+        println!("  1.0 nF, {name}: {best:.0}");
     }
 }
 
+type Change = fn(&mut PlantParams);
+
+const IRON: IronLoss = IronLoss { R_fe: 1500.0, time_constant: 150e-6 };
+const BAR: DeepBar = DeepBar { conductance: 0.2, leakage: 0.5 };
+const KNEE: LeakageSaturation = LeakageSaturation { share: 0.2, current: 14.0 };
+const SLOTS: SlotRipple = SlotRipple { slots: 28, permeance: 0.005, leakage: 0.05 };
+const LINK: DcLink = DcLink { C: 0.4e-3, R_supply: 0.3, R_chopper: 20.0 };
+const GRID: Grid = Grid { frequency: 50.0, inductance: 0.5e-3 };
+
+fn skewed(p: &mut PlantParams) {
+    p.adc.skew = [0.0, 1.5e-6, 3e-6];
+    p.gate_delays.on = [[25e-9, 100e-9], [75e-9, 50e-9], [100e-9, 25e-9]];
+    p.gate_delays.off = [[150e-9, 75e-9], [50e-9, 125e-9], [100e-9, 150e-9]];
+}
+
 /// Simulated seconds per second of wall time.
-fn closed_loop(c_out: f64) -> f64 {
+fn closed_loop(option: impl Fn(&mut PlantParams)) -> f64 {
     let duration = 4.0;
     let mut s = Scenario::new(Machine::preset_2k2(), Inverter::preset_2k2(), duration);
-    s.plant.inverter.c_out = c_out;
+    option(&mut s.plant);
     s.reference = ReferenceProfile::Speed(Profile::new(vec![(1.6, 0.0), (1.8, 15.0)]).unwrap());
     s.load = Profile::new(vec![(2.0, 0.0), (2.0, 7.0)]).unwrap();
     let t = Instant::now();

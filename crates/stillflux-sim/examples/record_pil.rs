@@ -9,11 +9,14 @@ mod blob;
 #[path = "../../stillflux-firmware/src/exchange.rs"]
 #[allow(dead_code)]
 mod exchange;
+#[path = "shared/reading.rs"]
+mod reading;
 
 use std::error::Error;
 
 use blob::Parameters;
 use exchange::{Frame, Word, answer};
+use reading::left_aligned;
 use stillflux::base::Base;
 use stillflux::config::Scheme;
 use stillflux::counts::Counts;
@@ -145,11 +148,4 @@ fn read(command: &Command, t: &Telemetry) -> [u32; 16] {
         angle_deviation,
         confidence,
     ]
-}
-
-/// A 12-bit reading, left-aligned in 16 bits.
-#[allow(clippy::cast_possible_truncation)]
-fn left_aligned(part: f64) -> i16 {
-    let n = (part * 2048.0).round().clamp(-2048.0, 2047.0);
-    (n as i16) * 16
 }

@@ -3,7 +3,7 @@
 
 use crate::plant::{Plant, PlantParams};
 use stillflux::commission::si::{Shaft, SiCommissioning};
-use stillflux::commission::{Nameplate, Status};
+use stillflux::commission::{Nameplate, Stage, Status};
 use stillflux::params::{Inverter, ParamError};
 use stillflux::si::{Arithmetic, MeasurementSi};
 
@@ -57,6 +57,12 @@ impl CommissioningRun {
         let rated_peak = std::f64::consts::SQRT_2 * plate.I_N;
         let pole_pairs = f64::from(plate.n_p());
         Ok(Self { commissioning, plant, wiring, measured, rated_peak, pole_pairs, current: 0.0, turned: 0.0 })
+    }
+
+    /// One procedure alone, before the first period.
+    #[must_use]
+    pub fn only(self, stage: Stage) -> Self {
+        Self { commissioning: self.commissioning.only(stage), ..self }
     }
 
     /// Advances by a number of control periods; `false` when the commissioning is over.

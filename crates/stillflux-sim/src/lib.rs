@@ -2,7 +2,11 @@
 //!
 //! [`Plant`] is the drive's physical side: induction machine, two-level bridge, sensors, shaft, resolved at
 //! every switching edge, dead-time end and zero of a phase current. One [`Plant::step`] is one PWM period.
+//!
+//! The same scenario gives the same bits on every target: transcendental functions come from `libm`, not from the
+//! platform's library, which another system has in another version.
 #![forbid(unsafe_code)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 #![deny(missing_docs)]
 
 mod adc;
@@ -14,9 +18,11 @@ mod machine;
 mod mechanics;
 mod nodes;
 mod plant;
+mod rectifier;
 pub mod replay;
 mod rng;
 pub mod simulate;
+mod slots;
 mod thermal;
 
 pub use adc::{Adc, ChannelFault};
@@ -26,4 +32,6 @@ pub use dclink::{DcLink, LinkEnergy};
 pub use machine::Energy;
 pub use mechanics::Mechanics;
 pub use plant::{Calls, Mode, Plant, PlantParams, Truth};
+pub use rectifier::Grid;
+pub use slots::{LeakageSaturation, SlotRipple};
 pub use thermal::Thermal;

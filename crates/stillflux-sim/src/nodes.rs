@@ -139,8 +139,7 @@ impl Nodes {
     /// Longest step of the oscillator.
     #[inline(always)]
     pub fn longest_step<const KIND: u8>(&self, c: &Circuit, x: &State, f: &Field) -> f64 {
-        let (b, q) = c.tangent_from::<KIND>(x.psi_s, f.b);
-        STEP * (self.C / (b + q * dot(x.psi_s, x.psi_s))).sqrt()
+        STEP * (self.C / c.tangent_from::<KIND>(x, f.b).largest::<KIND>()).sqrt()
     }
 
     /// The floating leg that reaches a rail first within `h`, and when, by the series of the oscillator; `None` if

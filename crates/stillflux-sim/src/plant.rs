@@ -1,27 +1,23 @@
-//! The plant: one PWM period at a time, exact at every event.
-//!
-//! Between events the stator voltage is constant and the equations are smooth, so one Runge-Kutta step
-//! carries a whole segment. A segment ends at a gate change that some current notices, or where within it a
-//! phase current reaches zero, a floating leg reaches one of its diodes or switches, the shaft comes to rest
-//! or breaks away: these are found on the integrator's own solution by bracketed secant steps. With capacitance
-//! at the legs' nodes ([`crate::nodes`]) the legs' events are others, the method is the same: a current reaches
-//! zero, a node reaches a rail.
+//! The plant: machine, bridge, sensors and shaft, one control period at a time ([`period`]), exact at every event
+//! ([`events`]).
 #![allow(non_snake_case)]
 
+mod events;
+mod period;
+
+use self::events::Tolerance;
 use crate::adc::{Adc, ChannelFault, Converter};
 use crate::branches::{DeepBar, IronLoss};
-use crate::bridge::{Bridge, Feed, GateDelays, phase};
+use crate::bridge::{Bridge, Feed, GateDelays};
 use crate::dclink::{DcLink, Link, LinkEnergy};
-use crate::machine::{BRANCHED, Circuit, Energy, Field, LINEAR, SATURATING, State, Step, V2, dot, phases};
+use crate::machine::{BRANCHED, Circuit, Energy, Extras, FULL, Field, LINEAR, SATURATING, State, V2, dot, phases};
 use crate::mechanics::{Mechanics, Shaft};
 use crate::nodes::Nodes;
+use crate::rectifier::Grid;
+use crate::slots::{LeakageSaturation, SlotRipple};
 use crate::thermal::Thermal;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 use stillflux::si::MeasurementSi;
-
-/// Segments of a period with capacitive edges after which it goes on without looking for events. A period has some
-/// twenty of them, with ringing nodes some hundreds, with nodes of a tenth of a picofarad some ten thousand.
-const MOST_SEGMENTS: u32 = 1_000_000;
 
 /// How the bridge is modelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,12 +55,18 @@ pub struct PlantParams {
     pub iron_loss: Option<IronLoss>,
     /// Skin effect in the rotor's bars.
     pub deep_bar: Option<DeepBar>,
+    /// Saturation of the leakage.
+    pub leakage_saturation: Option<LeakageSaturation>,
+    /// Ripple by the rotor's slots.
+    pub slot_ripple: Option<SlotRipple>,
     /// Whether the control is called once a period, as it should be.
     pub calls: Calls,
-    /// Winding temperature; `None`: cold throughout.
+    /// Temperature of winding and rotor; `None`: cold throughout.
     pub thermal: Option<Thermal>,
     /// Capacitor, supply and chopper of the dc link; `None`: the link has the voltage that is set.
     pub dc_link: Option<DcLink>,
+    /// Grid that feeds the link's rectifier; `None`: the rectified voltage is smooth.
+    pub grid: Option<Grid>,
     /// Model of the bridge.
     pub mode: Mode,
     /// Whether to use the machine's saturation curve, if it has one.
@@ -85,9 +87,12 @@ impl PlantParams {
             adc: Adc::new(&machine, &inverter),
             iron_loss: None,
             deep_bar: None,
+            leakage_saturation: None,
+            slot_ripple: None,
             calls: Calls::default(),
             thermal: None,
             dc_link: None,
+            grid: None,
             mode: Mode::Switching,
             saturation: true,
             seed: 0,
@@ -107,19 +112,52 @@ impl PlantParams {
         self.mechanics.validate()?;
         self.adc.validate()?;
         for skew in self.adc.skew {
-            check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s, "s")?;
+            check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s.max(self.inverter.f_c()), "s")?;
         }
         self.iron_loss.map_or(Ok(()), |l| l.validate(&self.machine))?;
         self.deep_bar.map_or(Ok(()), |b| b.validate())?;
+        self.leakage_saturation.map_or(Ok(()), |l| l.validate())?;
+        self.slot_ripple.map_or(Ok(()), |s| s.validate())?;
         check("missed_calls", self.calls.missed, 0.0, 0.9, "")?;
         check("doubled_calls", self.calls.doubled, 0.0, 1.0 - self.calls.missed, "")?;
         self.dc_link.map_or(Ok(()), |l| l.validate())?;
+        if let Some(grid) = self.grid {
+            grid.validate()?;
+            if self.dc_link.is_none() {
+                return check("grid frequency", grid.frequency, 0.0, 0.0, "Hz")
+                    .map_err(|e| e.with_note("a grid feeds the capacitor of dc_link, and that is not given"));
+            }
+        }
         self.thermal.map_or(Ok(()), |t| t.validate())
     }
 }
 
 fn stray_rate(m: &Machine, inv: &Inverter) -> f64 {
     (m.R_s + inv.r_d + m.R_R) / m.L_sigma
+}
+
+/// Fastest rate of the machine's equations at a constant voltage, 1/s.
+fn fastest_rate(p: &PlantParams, circuit: &Circuit) -> f64 {
+    // Saturated leakage raises the stray rate. A branch carries a small part of the current: its time constant may be met
+    // by fewer steps.
+    let stray = stray_rate(&p.machine, &p.inverter) * (1.0 + p.leakage_saturation.map_or(0.0, |l| l.excess()));
+    stray + 0.15 * circuit.branch_rate() + 1.5 * p.machine.omega_sR()
+}
+
+/// The legs' nodes, if they have capacitance, and up to which length a segment then takes a Taylor step, s.
+fn node_model(m: &Machine, inv: &Inverter, rate: f64) -> (Option<Nodes>, f64) {
+    if inv.c_out > 0.0 { (Some(Nodes::new(inv.c_out, inv.u_dc, zero_current(m))), 5e-3 / rate) } else { (None, 0.0) }
+}
+
+/// Current that counts as zero, A.
+fn zero_current(m: &Machine) -> f64 {
+    1e-11 * std::f64::consts::SQRT_2 * m.I_N
+}
+
+/// Band of the average model, A ([`BAND`]).
+fn average_band(m: &Machine, inv: &Inverter) -> f64 {
+    let full = (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma;
+    (BAND * full).max(100.0 * zero_current(m))
 }
 
 /// What only a simulation knows. Space vectors in stator coordinates, amplitude-invariant, SI.
@@ -151,35 +189,6 @@ pub struct Truth {
     pub omega_s: f64,
 }
 
-/// What can end a segment before its time.
-#[derive(Clone, Copy, Debug)]
-enum Event {
-    /// The current of leg `k` reaches zero.
-    Current(usize),
-    /// The floating leg `k` begins to conduct with this sign.
-    Lift(usize, f64),
-    /// The node of floating leg `k` reaches the rail at which it conducts with this sign.
-    Rail(usize, f64),
-    /// The isolated star point can no longer avoid some diode or switch.
-    LiftAny,
-    /// The sliding shaft comes to rest.
-    Rest,
-    /// The sticking shaft breaks away.
-    Breakaway,
-}
-
-/// Tolerances below which a violated condition is rounding, not an event.
-#[derive(Clone, Copy, Debug)]
-struct Tolerance {
-    current: f64,
-    voltage: f64,
-    speed: f64,
-    torque: f64,
-    time: f64,
-    /// A current below this is looked at for a zero inside the segment that its end does not show.
-    near: f64,
-}
-
 /// Induction machine, bridge, sensors and shaft.
 #[derive(Clone, Debug)]
 pub struct Plant {
@@ -192,9 +201,13 @@ pub struct Plant {
     adc: Converter,
     x: State,
     f: Field,
-    theta: f64,
     t: f64,
+    /// Length of the stretch whose edges are listed together: a carrier period, or half of one with a double update.
     period: f64,
+    /// Such stretches in a control period.
+    stretches: u32,
+    /// With a double update: whether the next half period has the rising edges.
+    rising: Option<bool>,
     h_max: f64,
     /// Up to this length a segment takes a Taylor step. Zero without node capacitance.
     h_taylor: f64,
@@ -204,6 +217,8 @@ pub struct Plant {
     /// Instants within the period at which channels are sampled ahead of its end, else infinite, and what they saw.
     instants: [f64; 3],
     seen: [f64; 3],
+    /// Whether there are such channels.
+    skewed: bool,
     /// `∫ i_s dt` since the period began.
     int_i: V2,
     /// Band of the average model, A.
@@ -212,6 +227,8 @@ pub struct Plant {
     stale: bool,
     kelvin: f64,
     energy: Option<Energy>,
+    /// Whether the account holds more than what a link with a capacitor lives by.
+    booked: bool,
     link: Option<Link>,
     truth: Truth,
 }
@@ -235,26 +252,40 @@ impl Plant {
     pub fn new(params: PlantParams) -> Result<Self, ParamError> {
         params.validate()?;
         let PlantParams { machine: m, inverter: inv, .. } = params;
-        let circuit = Circuit::new(&m, inv.r_d, params.saturation, params.iron_loss, params.deep_bar);
+        let period = 1.0 / inv.f_s.max(inv.f_c());
+        let circuit = Circuit::new(
+            &m,
+            inv.r_d,
+            params.saturation,
+            &Extras {
+                iron: params.iron_loss,
+                bar: params.deep_bar,
+                leakage: params.leakage_saturation,
+                slots: params.slot_ripple,
+            },
+        );
         let i_n = std::f64::consts::SQRT_2 * m.I_N;
-        // A branch carries a small part of the current: its time constant may be met by fewer steps.
-        let rate = stray_rate(&m, &inv) + 0.15 * circuit.branch_rate() + 1.5 * m.omega_sR();
+        // The ripple of the slots has to be followed.
+        let slots = params.slot_ripple.map_or(0.0, |s| f64::from(s.slots)) * m.omega_sR() / f64::from(m.n_p);
+        let rate = fastest_rate(&params, &circuit);
+        let (nodes, h_taylor) = node_model(&m, &inv, rate);
         let mut plant = Self {
             params,
             circuit,
             bridge: Bridge::new(&inv, &params.gate_delays),
-            nodes: (inv.c_out > 0.0).then(|| Nodes::new(inv.c_out, inv.u_dc, 1e-11 * i_n)),
+            nodes,
             shaft: Shaft::new(params.mechanics, m.J),
             adc: Converter::new(params.adc, params.seed),
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
             f: Field::default(),
-            theta: 0.0,
             t: 0.0,
-            period: 1.0 / inv.f_s,
-            h_max: (0.05 / rate).min(60e-6),
-            h_taylor: if inv.c_out > 0.0 { 5e-3 / rate } else { 0.0 },
+            period,
+            stretches: (inv.half_periods / 2).max(1),
+            rising: (inv.half_periods == 1).then_some(true),
+            h_max: (0.05 / rate).min(60e-6).min(0.2 / slots),
+            h_taylor,
             tol: Tolerance {
-                current: 1e-11 * i_n,
+                current: zero_current(&m),
                 voltage: 1e-10 * inv.u_dc,
                 speed: 1e-13 * m.omega_sR(),
                 torque: 1e-12 * m.T_N,
@@ -262,21 +293,27 @@ impl Plant {
                 near: 2e-3 * i_n,
             },
             preload: [0.5; 3],
-            instants: params.adc.skew.map(|s| if s > 0.0 { 1.0 / inv.f_s - s } else { f64::INFINITY }),
+            instants: params.adc.skew.map(|s| if s > 0.0 { period - s } else { f64::INFINITY }),
             seen: [0.0; 3],
+            skewed: params.adc.skew.iter().any(|s| *s > 0.0),
             int_i: [0.0; 2],
-            band: (BAND * (2.0 / 3.0) * (inv.u_dc * inv.dead_time + inv.u_th / inv.f_s) / m.L_sigma).max(1e-9 * i_n),
+            band: average_band(&m, &inv),
             stale: false,
             kelvin: 0.0,
             energy: params.dc_link.map(|_| Energy::default()),
-            link: params.dc_link.map(|l| Link::new(l, inv.u_dc)),
+            booked: params.mode == Mode::Averaged,
+            link: params.dc_link.map(|l| Link::new(l, params.grid, inv.u_dc)),
             truth: Truth::default(),
         };
+        if let Some(link) = &plant.link {
+            plant.bridge.u_dc = link.no_load();
+        }
         plant.refresh();
         Ok(plant)
     }
 
-    /// Runs one PWM period and returns the reading at its end, the carrier peak.
+    /// Runs one control period and returns the reading at its end: the carrier peak, in the middle of the lower zero
+    /// vector, and with a double update in turn the middle of the upper one, which comes first.
     ///
     /// `duty` (high share of each leg, clamped to 0…1, NaN as 0) goes to the modulator's preload register and
     /// acts in the *next* period; this one runs with the duties given the period before. `gates_on` acts at
@@ -286,19 +323,25 @@ impl Plant {
         let begin = self.begin(load_torque);
         let taken = self.taken();
         let averaged = self.params.mode == Mode::Averaged && gates_on;
-        match (averaged, self.circuit.kind()) {
-            (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
-            (false, SATURATING) => self.switched::<SATURATING>(active, gates_on),
-            (false, _) => self.switched::<BRANCHED>(active, gates_on),
-            (true, LINEAR) => self.averaged::<LINEAR>(active),
-            (true, SATURATING) => self.averaged::<SATURATING>(active),
-            (true, _) => self.averaged::<BRANCHED>(active),
+        for _ in 0..self.stretches {
+            match (averaged, self.circuit.kind()) {
+                (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
+                (false, SATURATING) => self.switched::<SATURATING>(active, gates_on),
+                (false, BRANCHED) => self.switched::<BRANCHED>(active, gates_on),
+                (false, _) => self.switched::<FULL>(active, gates_on),
+                (true, LINEAR) => self.averaged::<LINEAR>(active),
+                (true, SATURATING) => self.averaged::<SATURATING>(active),
+                (true, BRANCHED) => self.averaged::<BRANCHED>(active),
+                (true, _) => self.averaged::<FULL>(active),
+            }
         }
+        self.rising = self.rising.map(|rising| !rising);
+        let length = f64::from(self.stretches) * self.period;
         let drawn = self.taken() - taken;
         if let Some(link) = &mut self.link {
-            self.bridge.u_dc = link.advance(self.bridge.u_dc, drawn, self.period);
+            self.bridge.u_dc = link.advance(self.bridge.u_dc, drawn, length);
         }
-        self.finish(begin, self.period);
+        self.finish(begin, length);
         let mut i = self.phase_currents();
         for k in 0..3 {
             if self.instants[k].is_finite() {
@@ -316,7 +359,8 @@ impl Plant {
         match self.circuit.kind() {
             LINEAR => self.smooth::<LINEAR>(Feed::Voltage(u_s), dt),
             SATURATING => self.smooth::<SATURATING>(Feed::Voltage(u_s), dt),
-            _ => self.smooth::<BRANCHED>(Feed::Voltage(u_s), dt),
+            BRANCHED => self.smooth::<BRANCHED>(Feed::Voltage(u_s), dt),
+            _ => self.smooth::<FULL>(Feed::Voltage(u_s), dt),
         }
         self.circuit.r_d = r_d;
         self.circuit.set_R_s(self.circuit.R_s);
@@ -365,6 +409,7 @@ impl Plant {
     pub fn set_R_R(&mut self, R_R: f64) {
         self.params.machine.R_R = R_R;
         self.circuit.set_R_R(&self.params.machine);
+        self.warm();
         self.refresh();
     }
 
@@ -417,6 +462,24 @@ impl Plant {
         self.truth.u_dc = u_dc;
     }
 
+    /// Sets the dead time of the bridge, s; a switch already waiting for its turn-on keeps the earlier one.
+    pub fn set_dead_time(&mut self, dead_time: f64) {
+        self.params.inverter.dead_time = dead_time;
+        self.bridge.dead_time = dead_time;
+        self.band = average_band(&self.params.machine, &self.params.inverter);
+    }
+
+    /// Sets the capacitance of the legs' nodes, F; their potentials become those of the present gates.
+    pub fn set_node_capacitance(&mut self, c_out: f64) {
+        self.params.inverter.c_out = c_out;
+        self.bridge.c_out = c_out;
+        if self.bridge.open == [false; 3] {
+            let PlantParams { machine, inverter, .. } = &self.params;
+            (self.nodes, self.h_taylor) = node_model(machine, inverter, fastest_rate(&self.params, &self.circuit));
+            self.stale = true;
+        }
+    }
+
     /// Imposes a shaft speed (mechanical rad/s) from now on, or with `None` lets the shaft go.
     pub fn set_speed(&mut self, speed: Option<f64>) {
         self.x.omega = speed.unwrap_or(self.x.omega);
@@ -426,7 +489,7 @@ impl Plant {
 
     /// Puts the machine into a state: stator flux and inverse-Γ rotor flux in V·s, mechanical rad/s.
     pub fn set_state(&mut self, psi_s: [f64; 2], psi_r: [f64; 2], omega_m: f64) {
-        self.x = self.circuit.state_of(psi_s, psi_r, omega_m);
+        self.x = self.circuit.state_of(psi_s, psi_r, omega_m, self.x.theta);
         self.shaft.restart(omega_m);
         self.stale = true;
         self.refresh();
@@ -434,14 +497,15 @@ impl Plant {
 
     /// Starts (from zero) or stops the account of energies.
     pub fn track_energy(&mut self, on: bool) {
-        // A link with a capacitor lives by the account.
+        // A link with a capacitor lives by what the bridge takes from it.
         self.energy = (on || self.link.is_some()).then(Energy::default);
+        self.booked = on || self.params.mode == Mode::Averaged;
     }
 
     /// Energies since tracking began, if it did.
     #[must_use]
     pub fn energy(&self) -> Option<&Energy> {
-        self.energy.as_ref()
+        self.energy.as_ref().filter(|_| self.booked)
     }
 
     /// Energy now stored in the machine's magnetic field, J.
@@ -466,6 +530,8 @@ impl Plant {
     fn begin(&mut self, load_torque: f64) -> V2 {
         self.shaft.load = load_torque;
         self.int_i = [0.0; 2];
+        // Steps turn it on: no rounding may pile up.
+        self.x.slot = self.circuit.slot(self.x.theta);
         if self.shaft.stuck {
             self.shaft.at_rest(self.f.torque);
         }
@@ -493,509 +559,27 @@ impl Plant {
     }
 
     fn warm(&mut self) {
-        let alpha = self.params.thermal.map_or(0.0, |t| t.alpha);
-        self.circuit.set_R_s(self.params.machine.R_s * (1.0 + alpha * self.kelvin));
+        let (alpha, alpha_R) = self.params.thermal.map_or((0.0, 0.0), |t| (t.alpha, t.alpha_R));
+        let m = &self.params.machine;
+        self.circuit.set_R_s(m.R_s * (1.0 + alpha * self.kelvin));
+        if alpha_R > 0.0 {
+            self.circuit.set_R_R(&Machine { R_R: m.R_R * (1.0 + alpha_R * self.kelvin), ..*m });
+        }
         self.truth.R_s = self.circuit.R_s;
     }
 
     /// Recomputes what follows from the state after it was changed from outside.
     fn refresh(&mut self) {
-        self.f = self.circuit.field::<BRANCHED>(&self.x);
+        self.x.slot = self.circuit.slot(self.x.theta);
+        self.f = self.circuit.any_field(&self.x);
         self.publish();
     }
 
     fn publish(&mut self) {
         let t = &mut self.truth;
         (t.t, t.psi_s, t.psi_r, t.i_s) = (self.t, self.x.psi_s, self.circuit.psi_R(&self.x), self.f.i);
-        (t.omega_m, t.theta_m, t.torque) = (self.x.omega, self.theta, self.f.torque);
+        (t.omega_m, t.theta_m, t.torque) = (self.x.omega, self.x.theta, self.f.torque);
         (t.R_s, t.u_dc) = (self.circuit.R_s, self.bridge.u_dc);
-    }
-
-    /// The next instant after `t` at which a channel is sampled ahead of the period's end.
-    #[inline(always)]
-    fn next_instant(&self, t: f64) -> f64 {
-        self.instants.into_iter().filter(|s| *s > t).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Samples the channels whose instant is `t`.
-    #[inline(always)]
-    fn look(&mut self, t: f64) {
-        if self.instants.contains(&t) {
-            let i = self.phase_currents();
-            for k in 0..3 {
-                if self.instants[k] == t {
-                    self.seen[k] = i[k];
-                }
-            }
-        }
-    }
-
-    /// A period of the average model.
-    fn averaged<const KIND: u8>(&mut self, duty: [f64; 3]) {
-        let feed = self.bridge.average(duty, self.band);
-        let mut t = 0.0;
-        while t < self.period {
-            let end = self.next_instant(t).min(self.period);
-            self.smooth::<KIND>(feed, end - t);
-            t = end;
-            self.look(t);
-        }
-    }
-
-    /// A period of the bridge.
-    fn switched<const KIND: u8>(&mut self, duty: [f64; 3], gates_on: bool) {
-        let stale = std::mem::replace(&mut self.stale, false);
-        if stale {
-            self.bridge.set_signs(self.f.i, self.tol.current);
-        }
-        self.bridge.load(duty, gates_on);
-        if let Some(nodes) = self.nodes {
-            return self.capacitive::<KIND>(nodes, stale);
-        }
-        let (mut t, mut lift, mut stall) = (0.0, false, 0);
-        while t < self.period {
-            self.look(t);
-            self.bridge.apply(t);
-            let feed = self.bridge.feed::<KIND>(&self.circuit, &self.x, &self.f, lift);
-            let end = self.bridge.next_change().min(self.period).min(self.next_instant(t)).min(t + self.h_max);
-            match self.segment::<KIND, true>(&feed, end - t, stall > 8) {
-                None => (t, lift, stall) = (end, false, 0),
-                Some((tau, event)) => {
-                    // Conditions that contradict each other by rounding alone could repeat at one instant;
-                    // after a few turns the segment is integrated as it stands.
-                    stall = if tau <= self.tol.time { stall + 1 } else { 0 };
-                    t += tau;
-                    lift = matches!(event, Event::LiftAny);
-                }
-            }
-        }
-        // Changes since the last segment began that no current noticed.
-        self.bridge.apply(self.period);
-    }
-
-    /// The rest of [`Self::switched`] with capacitance at the legs' nodes.
-    fn capacitive<const KIND: u8>(&mut self, mut nodes: Nodes, stale: bool) {
-        if stale {
-            nodes.place(&self.bridge);
-        }
-        let (mut t, mut stall, mut segments) = (0.0, 0, 0);
-        while t < self.period {
-            segments += 1;
-            self.look(t);
-            self.bridge.apply(t);
-            nodes.settle(&mut self.bridge, self.f.i, &mut self.energy);
-            let feed = nodes.feed(&self.bridge);
-            let end = self.bridge.next_change().min(self.period).min(self.next_instant(t)).min(t + self.h_max);
-            self.nodes = Some(nodes);
-            // As in `switched`; and a node that comes to its rail and leaves it again and again, a little later each
-            // time, must not keep the period from ending.
-            let blind = stall > 8 || segments > MOST_SEGMENTS;
-            let (h, hit) = match feed {
-                Feed::Nodes(u, K) => self.ramp::<KIND>(u, &K, &nodes, end - t, blind),
-                _ => (end - t, self.segment::<KIND, true>(&feed, end - t, blind)),
-            };
-            nodes = self.nodes.unwrap_or(nodes);
-            match hit {
-                None => (t, stall) = (if h == end - t { end } else { t + h }, 0),
-                Some((tau, _)) => {
-                    stall = if tau <= self.tol.time { stall + 1 } else { 0 };
-                    t += tau;
-                }
-            }
-        }
-        self.bridge.apply(self.period);
-        nodes.settle(&mut self.bridge, self.f.i, &mut self.energy);
-        self.nodes = Some(nodes);
-    }
-
-    /// A stretch without a bridge: only the shaft has events.
-    fn smooth<const KIND: u8>(&mut self, feed: Feed, dt: f64) {
-        self.stale = true;
-        let least = if matches!(feed, Feed::Average(_)) { 2.0 } else { 1.0 };
-        let n = (dt / self.h_max.min(H_MAX) - 1e-9).ceil().max(least);
-        for _ in 0..n as u64 {
-            let (mut left, mut stall) = (dt / n, 0);
-            while left > 0.0 {
-                match self.segment::<KIND, false>(&feed, left, stall > 8) {
-                    None => break,
-                    Some((tau, _)) => {
-                        stall = if tau <= self.tol.time { stall + 1 } else { 0 };
-                        left -= tau;
-                    }
-                }
-            }
-        }
-    }
-
-    /// Integrates over `h`, or to the first event within and what it was.
-    #[inline(always)]
-    fn segment<const KIND: u8, const BRIDGE: bool>(
-        &mut self,
-        feed: &Feed,
-        h: f64,
-        blind: bool,
-    ) -> Option<(f64, Event)> {
-        let step = self.trial::<KIND>(feed, &self.x, &self.f, h);
-        let f = self.circuit.field::<KIND>(&step.x);
-        let near = BRIDGE && {
-            let (s, i) = (&self.bridge.sign, phases(f.i));
-            // A floating leg has sign 0 and is near.
-            (s[0] * i[0]).min(s[1] * i[1]).min(s[2] * i[2]) < self.tol.near
-        };
-        if near || self.shaft.stuck || self.shaft.dir * step.x.omega < 0.0 {
-            return self.eventful::<KIND, BRIDGE>(feed, h, step, f, blind);
-        }
-        self.commit::<KIND>(feed, h, step, f);
-        None
-    }
-
-    /// A segment of at most `h` in which some node floats: how long it was meant to be, and its event.
-    #[inline(always)]
-    fn ramp<const KIND: u8>(
-        &mut self,
-        u: V2,
-        K: &[f64; 3],
-        nodes: &Nodes,
-        h: f64,
-        blind: bool,
-    ) -> (f64, Option<(f64, Event)>) {
-        let c = &self.circuit;
-        let longest = nodes.longest_step::<KIND>(c, &self.x, &self.f);
-        if h > 5.0 * longest && nodes.still::<KIND>(&self.bridge, c, &self.x, &self.f) {
-            let hit = self.segment::<KIND, true>(&Feed::Open, h, blind);
-            let e = self.circuit.open::<KIND>(&self.x, &self.f);
-            if let Some(nodes) = &mut self.nodes {
-                nodes.follow(e, &mut self.energy);
-            }
-            return (h, hit);
-        }
-        let series = c.series::<KIND, true>(&self.shaft, &self.x, &self.f, u, K);
-        let mut h = h.min(longest).min(self.h_taylor);
-        let ramp = if blind { None } else { nodes.ramp(&self.bridge, &self.f, &series, h) };
-        if let Some((_, t)) = ramp {
-            h = t;
-        }
-        let feed = Feed::Nodes(u, *K);
-        let step = c.taylor::<KIND, true>(&self.shaft, &self.x, &series, h);
-        let f = c.field::<KIND>(&step.x);
-        // The usual course: one node has come to its diode, no current is near zero or has turned.
-        let (i0, i1, mut plain) =
-            (phases(self.f.i), phases(f.i), !blind && !self.shaft.stuck && self.shaft.dir * step.x.omega >= 0.0);
-        for k in 0..3 {
-            let b = &self.bridge;
-            plain &= if b.sign[k] == 0.0 {
-                let v = nodes.potential(k, step.int_i);
-                let rail = if i1[k] > 0.0 { v - b.lo(k) } else { b.hi(k) - v };
-                i0[k] * i1[k] > 0.0
-                    && if ramp.is_some_and(|r| r.0 == k) { rail.abs() <= nodes.tol } else { rail > nodes.tol }
-            } else {
-                b.sign[k] * i1[k] > self.tol.near
-            };
-        }
-        if !plain {
-            return (h, self.eventful::<KIND, true>(&feed, h, step, f, blind));
-        }
-        self.commit::<KIND>(&feed, h, step, f);
-        let hit = ramp.map(|(k, t)| {
-            let sign = i1[k].signum();
-            self.take_over(k, sign);
-            (t, Event::Rail(k, sign))
-        });
-        (h, hit)
-    }
-
-    /// The device at the rail begins to conduct.
-    #[inline(always)]
-    fn take_over(&mut self, k: usize, sign: f64) {
-        let b = &mut self.bridge;
-        b.sign[k] = sign;
-        if let Some(nodes) = &mut self.nodes {
-            nodes.v[k] = if sign > 0.0 { b.lo(k) } else { b.hi(k) };
-        }
-    }
-
-    #[inline(always)]
-    fn commit<const KIND: u8>(&mut self, feed: &Feed, h: f64, step: Step, f: Field) {
-        if self.energy.is_some() {
-            self.account::<KIND>(feed, h, &step, &f);
-        }
-        if let (Feed::Nodes(..), Some(nodes)) = (feed, &mut self.nodes) {
-            nodes.discharge(&self.bridge, step.int_i);
-        }
-        (self.x, self.f) = (step.x, f);
-        self.int_i[0] += step.int_i[0];
-        self.int_i[1] += step.int_i[1];
-        self.theta += step.dtheta;
-    }
-
-    #[inline(always)]
-    fn trial<const KIND: u8>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
-        let (c, s) = (&self.circuit, &self.shaft);
-        if let Feed::Voltage(u) = *feed {
-            if h <= self.h_taylor {
-                return c.taylor::<KIND, false>(s, x, &c.series::<KIND, false>(s, x, f, u, &[0.0; 3]), h);
-            }
-            return c.rk4::<KIND>(s, x, f, h, |x, f| c.stator::<KIND>(x, f, u));
-        }
-        if let Feed::Nodes(u, k) = *feed {
-            return c.taylor::<KIND, true>(s, x, &c.series::<KIND, true>(s, x, f, u, &k), h);
-        }
-        if let Feed::Average(a) = feed {
-            return c.rk4::<KIND>(s, x, f, h, |x, f| c.stator::<KIND>(x, f, a.voltage(f.i)));
-        }
-        self.trial_at_zero::<KIND>(feed, x, f, h)
-    }
-
-    #[inline(never)]
-    fn trial_at_zero<const KIND: u8>(&self, feed: &Feed, x: &State, f: &Field, h: f64) -> Step {
-        let c = &self.circuit;
-        c.rk4::<KIND>(&self.shaft, x, f, h, |x, f| feed.dpsi_s::<KIND>(c, x, f, [0.0; 2]))
-    }
-
-    /// Simpson's rule over the segment: the order of the integrator.
-    #[inline(never)]
-    fn account<const KIND: u8>(&mut self, feed: &Feed, h: f64, step: &Step, f: &Field) {
-        let c = &self.circuit;
-        let mid = self.trial::<KIND>(feed, &self.x, &self.f, 0.5 * h);
-        let power = |s: &Step, f: &Field| c.power(&s.x, f, feed.dpsi_s::<KIND>(c, &s.x, f, s.int_i));
-        let p = [power(&self.here(), &self.f), power(&mid, &c.field::<KIND>(&mid.x)), power(step, f)];
-        let (b, q) = (&self.bridge, phases(step.int_i));
-        if let Some(e) = &mut self.energy {
-            for (p, k) in p.iter().zip([1.0, 4.0, 1.0]) {
-                e.add(k * h / 6.0, p);
-            }
-            for k in 0..3 {
-                if b.sign[k] != 0.0 && !self.stale {
-                    let v = if b.sign[k] > 0.0 { b.lo(k) } else { b.hi(k) };
-                    e.link += if v > 0.5 * b.u_dc { b.u_dc * q[k] } else { 0.0 };
-                    e.conduction += b.sign[k] * q[k] * b.u_th;
-                }
-            }
-        }
-    }
-
-    /// A step of no length.
-    #[inline(always)]
-    fn here(&self) -> Step {
-        Step { x: self.x, int_i: [0.0; 2], dtheta: 0.0 }
-    }
-
-    /// The end of a segment that may hold an event.
-    #[inline(never)]
-    fn eventful<const KIND: u8, const BRIDGE: bool>(
-        &mut self,
-        feed: &Feed,
-        h: f64,
-        step: Step,
-        f: Field,
-        blind: bool,
-    ) -> Option<(f64, Event)> {
-        let mut hit = None;
-        let (mut h, mut step, mut f) = (h, step, f);
-        if !blind {
-            let sliding = [Event::Rest];
-            let sticking = [Event::Breakaway];
-            let shaft: &[Event] = if self.shaft.stuck {
-                &sticking
-            } else if self.shaft.dir != 0.0 {
-                &sliding
-            } else {
-                &[]
-            };
-            let currents = [0, 1, 2].map(Event::Current);
-            let (float, open);
-            let rails = [0, 1, 2, 3, 4, 5].map(|k| Event::Rail(k >> 1, if k & 1 == 0 { 1.0 } else { -1.0 }));
-            let legs: &[Event] = match *feed {
-                Feed::Float(k, _) => {
-                    float = [Event::Lift(k, 1.0), Event::Lift(k, -1.0)];
-                    &float
-                }
-                Feed::Open => {
-                    open = [Event::LiftAny];
-                    &open
-                }
-                Feed::Nodes(..) => &rails,
-                _ => &[],
-            };
-            let bridge = if BRIDGE { currents.iter().chain(legs) } else { [].iter().chain(&[]) };
-            for event in shaft.iter().chain(bridge) {
-                let tol = self.tolerance(*event);
-                let mut end = (h, step, f);
-                let margin = self.margin::<KIND>(*event, feed, &step, &f);
-                if margin >= -tol {
-                    match self.dip::<KIND>(*event, feed, h, &step, &f) {
-                        None if margin <= tol && self.drives(*event, &f) => {
-                            hit = Some((h, *event));
-                            continue;
-                        }
-                        Some(dip) => end = dip,
-                        None => continue,
-                    }
-                }
-                (h, step, f) = self.locate::<KIND>(*event, feed, end);
-                hit = Some((h, *event));
-            }
-        }
-        self.commit::<KIND>(feed, h, step, f);
-        match *feed {
-            Feed::Float(k, _) => self.circuit.clear_leg::<KIND>(&mut self.x, &mut self.f, k),
-            Feed::Open => self.circuit.clear_all::<KIND>(&mut self.x, &mut self.f),
-            _ => {}
-        }
-        match hit.map(|(_, e)| e) {
-            Some(Event::Current(k)) if self.nodes.is_some() => {
-                let b = &mut self.bridge;
-                let room = self.nodes.is_some_and(|n| b.hi(k) - b.lo(k) > n.tol);
-                b.sign[k] = if room { 0.0 } else { -b.sign[k] };
-            }
-            Some(Event::Rail(k, sign)) => self.take_over(k, sign),
-            Some(Event::Current(k)) => {
-                self.bridge.sign[k] = 0.0;
-                self.circuit.clear_leg::<KIND>(&mut self.x, &mut self.f, k);
-                if self.bridge.sign.iter().filter(|s| **s == 0.0).count() > 1 {
-                    self.bridge.sign = [0.0; 3];
-                    self.circuit.clear_all::<KIND>(&mut self.x, &mut self.f);
-                }
-            }
-            Some(Event::Lift(k, sign)) => self.bridge.sign[k] = sign,
-            Some(Event::Rest) => {
-                self.x.omega = 0.0;
-                self.f = self.circuit.field::<KIND>(&self.x);
-                self.shaft.at_rest(self.f.torque);
-            }
-            Some(Event::Breakaway) => self.shaft.release(self.f.torque),
-            Some(Event::LiftAny) | None => {}
-        }
-        if blind && BRIDGE && self.nodes.is_none() {
-            self.bridge.set_signs(self.f.i, self.tol.current);
-        }
-        hit
-    }
-
-    /// Whether a node at a rail is driven into it.
-    fn drives(&self, event: Event, f: &Field) -> bool {
-        matches!(event, Event::Rail(k, sign) if self.bridge.sign[k] == 0.0 && sign * phase(f.i, k) > self.tol.current)
-    }
-
-    /// A current with the right sign at both ends of a segment may still have crossed zero between, a node its
-    /// rail: the course is nearly a parabola, so the state at the vertex decides.
-    fn dip<const KIND: u8>(
-        &self,
-        event: Event,
-        feed: &Feed,
-        h: f64,
-        end: &Step,
-        f: &Field,
-    ) -> Option<(f64, Step, Field)> {
-        let c = &self.circuit;
-        let (d0, d1) = match event {
-            Event::Current(k) => {
-                let s = self.bridge.sign[k];
-                if s == 0.0 || s * phase(f.i, k) > self.tol.near || s * phase(self.f.i, k) > self.tol.near {
-                    return None;
-                }
-                let slope =
-                    |x: &Step, f: &Field| s * phase(c.di::<KIND>(&x.x, f, feed.dpsi_s::<KIND>(c, &x.x, f, x.int_i)), k);
-                (slope(&self.here(), &self.f), slope(end, f))
-            }
-            Event::Rail(k, sign) if self.bridge.sign[k] == 0.0 => (-sign * phase(self.f.i, k), -sign * phase(f.i, k)),
-            _ => return None,
-        };
-        if d0 >= 0.0 || d1 <= 0.0 {
-            return None;
-        }
-        let tau = h * d0 / (d0 - d1);
-        let step = self.trial::<KIND>(feed, &self.x, &self.f, tau);
-        let low = (tau, step, c.field::<KIND>(&step.x));
-        (self.margin::<KIND>(event, feed, &low.1, &low.2) < -self.tolerance(event)).then_some(low)
-    }
-
-    fn tolerance(&self, event: Event) -> f64 {
-        match event {
-            Event::Current(_) => self.tol.current,
-            Event::Lift(..) | Event::LiftAny => self.tol.voltage,
-            Event::Rail(..) => self.nodes.map_or(0.0, |n| n.tol),
-            Event::Rest => self.tol.speed,
-            Event::Breakaway => self.tol.torque,
-        }
-    }
-
-    /// Distance from an event; negative once it has happened.
-    fn margin<const KIND: u8>(&self, event: Event, feed: &Feed, step: &Step, f: &Field) -> f64 {
-        let (c, x) = (&self.circuit, &step.x);
-        match (event, feed) {
-            (Event::Current(k), _) => self.bridge.sign[k] * phase(f.i, k),
-            (Event::Lift(k, sign), Feed::Float(_, u)) => {
-                let v = c.float::<KIND>(x, f, k, *u).1;
-                if sign > 0.0 { v - self.bridge.lo(k) } else { self.bridge.hi(k) - v }
-            }
-            (Event::Rail(k, sign), _) => match &self.nodes {
-                Some(nodes) if self.bridge.sign[k] == 0.0 => {
-                    let v = nodes.potential(k, step.int_i);
-                    if sign > 0.0 { v - self.bridge.lo(k) } else { self.bridge.hi(k) - v }
-                }
-                _ => f64::INFINITY,
-            },
-            (Event::LiftAny, _) => self.bridge.room(c.open::<KIND>(x, f)).0,
-            (Event::Rest, _) => self.shaft.dir * x.omega,
-            (Event::Breakaway, _) => self.shaft.breakaway() - (f.torque - self.shaft.load).abs(),
-            (Event::Lift(..), _) => f64::INFINITY,
-        }
-    }
-
-    /// Finds the event's instant in (0, end], where its condition is violated at `end`: bracketed secant
-    /// (Illinois) on the integrator's own solution from the segment's start.
-    fn locate<const KIND: u8>(&self, event: Event, feed: &Feed, end: (f64, Step, Field)) -> (f64, Step, Field) {
-        let at = |tau: f64| {
-            let step = self.trial::<KIND>(feed, &self.x, &self.f, tau);
-            let f = self.circuit.field::<KIND>(&step.x);
-            ((tau, step, f), self.margin::<KIND>(event, feed, &step, &f))
-        };
-        let (mut a, mut fa) = (0.0, self.margin::<KIND>(event, feed, &self.here(), &self.f));
-        let (mut b, mut fb) = (end.0, self.margin::<KIND>(event, feed, &end.1, &end.2));
-        let mut best = end;
-        // Starting on the boundary: an excursion to the admissible side, however short, precedes the event.
-        for _ in 0..12 {
-            if fa > 0.0 {
-                break;
-            }
-            let (p, fp) = at(0.25 * b);
-            if fp > 0.0 {
-                (a, fa) = (p.0, fp);
-            } else {
-                (b, fb, best) = (p.0, fp, p);
-            }
-        }
-        if fa <= 0.0 {
-            return at(0.0).0;
-        }
-        let mut last = 0;
-        for _ in 0..60 {
-            if b - a <= self.tol.time || fb == 0.0 {
-                break;
-            }
-            let tau = b - fb * (b - a) / (fb - fa);
-            let moved = (tau - best.0).abs();
-            let (p, fp) = at(tau);
-            if fp > 0.0 {
-                (a, fa) = (tau, fp);
-                if last > 0 {
-                    fb *= 0.5;
-                }
-                last = 1;
-            } else {
-                (b, fb) = (tau, fp);
-                if last < 0 {
-                    fa *= 0.5;
-                }
-                last = -1;
-            }
-            best = p;
-            if moved <= self.tol.time || fp.abs() <= 1e-3 * self.tolerance(event) {
-                break;
-            }
-        }
-        best
     }
 }
 
@@ -1016,6 +600,6 @@ fn angle(a: V2, b: V2) -> f64 {
         let r2 = r * r;
         r * (1.0 - r2 * (1.0 / 3.0 - r2 * (0.2 - r2 * (1.0 / 7.0 - r2 / 9.0))))
     } else {
-        sin.atan2(cos)
+        libm::atan2(sin, cos)
     }
 }

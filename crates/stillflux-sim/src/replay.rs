@@ -17,7 +17,7 @@ use stillflux::estimate::confidence::Confidence;
 use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::kalman::{Filter, Input};
 use stillflux::estimate::resistance::{self, ResistanceEstimator};
-use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
+use stillflux::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use stillflux::inverter::{Distortion, Knee};
 use stillflux::params::{Inverter, Machine, ParamError};
 use stillflux::si::Vector;
@@ -141,7 +141,7 @@ impl Replay {
         Ok(Self {
             base: pu.base,
             r_s: pu.r_s,
-            f_s: inverter.f_s,
+            f_s: inverter.f_c(),
             estimators,
             speed_estimator: SpeedEstimator::default(),
             speed: SpeedEstimate::default(),
@@ -186,7 +186,7 @@ impl Replay {
         self.i_s = i_s;
         let psi_r = self.rotor_flux();
         self.speed_estimator.start(&psi_r, at.omega_m / b.omega_m);
-        self.speed = self.speed_estimator.step(self.config.speed_config(), &psi_r, &i_s);
+        self.speed = self.speed_estimator.step(&self.speed_config(), &psi_r, &i_s);
         self.i_slow = Rotator::of(&psi_s).0.to_field(&i_s);
         self.period = 0;
     }
@@ -196,6 +196,17 @@ impl Replay {
         match &self.estimators {
             Estimators::Enhanced { filter, .. } => filter.rotor_flux(self.config.filter_config()),
             Estimators::Paper { flux, .. } => self.config.speed_config().rotor_flux(&flux.value(), &self.i_s),
+        }
+    }
+
+    /// Settings of the speed estimator, with the rotor resistance that the scheme knows.
+    fn speed_config(&self) -> SpeedConfig<f64> {
+        let c = self.config.speed_config();
+        match &self.estimators {
+            Estimators::Enhanced { filter, .. } => {
+                SpeedConfig { r_r: c.r_r * filter.rotor_resistance(self.config.filter_config()), ..*c }
+            }
+            Estimators::Paper { .. } => *c,
         }
     }
 
@@ -255,7 +266,7 @@ impl Replay {
         self.i_slow += (i_dq - self.i_slow) * corner;
         if speed_due {
             let psi_r = self.rotor_flux();
-            self.speed = self.speed_estimator.step(self.config.speed_config(), &psi_r, &self.i_s);
+            self.speed = self.speed_estimator.step(&self.speed_config(), &psi_r, &self.i_s);
             if let Estimators::Paper { flux, .. } = &mut self.estimators {
                 flux.set_stator_frequency(self.config.flux_config(), self.speed.omega_s);
             }

@@ -51,7 +51,7 @@ impl Rng {
             let (u, v) = (self.signed(), self.signed());
             let r = u * u + v * v;
             if r > 0.0 && r < 1.0 {
-                let k = (-2.0 * r.ln() / r).sqrt();
+                let k = (-2.0 * libm::log(r) / r).sqrt();
                 self.spare = Some(k * v);
                 return k * u;
             }

@@ -211,7 +211,7 @@ signals! {
 
 /// Angle from `a` to `b`, rad.
 fn angle_between(a: &Vector, b: &Vector) -> f64 {
-    (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1])
+    libm::atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
 }
 
 /// One recorded signal.
@@ -235,6 +235,9 @@ pub struct Record {
     /// The signals.
     pub columns: Vec<Column>,
 }
+
+/// Rows of a record for which room is made at the start.
+const MOST_ROWS: u64 = 1 << 18;
 
 /// Tells the chance of the control's calls from the sensors' noise of the same seed.
 const CALLS: u64 = 0x0063_616c_6c73;
@@ -271,8 +274,10 @@ impl<'s> Run<'s> {
         let s = &*scenario;
         check("duration", s.duration, 0.0, 1e5, "s")?;
         check("record_every", f64::from(s.record_every), 1.0, 1e9, "periods")?;
-        let f_s = s.inverter.f_s;
+        let (f_s, half_periods) = (s.inverter.f_s, f64::from(s.inverter.half_periods));
         check("plant inverter.f_s", s.plant.inverter.f_s, f_s, f_s, "Hz")?;
+        let real = f64::from(s.plant.inverter.half_periods);
+        check("plant inverter.half_periods", real, half_periods, half_periods, "")?;
         let mut last = 0.0;
         for &(t, _) in &s.changes {
             check("changes time", t, last, 1e9, "s")?;
@@ -301,8 +306,9 @@ impl<'s> Run<'s> {
                 })
                 .collect::<Result<_, _>>()?,
         };
-        let periods = (s.duration * f_s).round() as u64;
-        let rows = (periods / u64::from(s.record_every) + 1) as usize;
+        let periods = (s.duration * s.inverter.f_c()).round() as u64;
+        // A run that goes on for long has its record taken as it goes.
+        let rows = (periods / u64::from(s.record_every) + 1).min(MOST_ROWS) as usize;
         let mut run = Self {
             plant,
             drive,
@@ -347,7 +353,7 @@ impl<'s> Run<'s> {
     #[must_use]
     #[allow(clippy::cast_precision_loss)]
     pub fn time(&self) -> f64 {
-        self.period as f64 / self.scenario.inverter.f_s
+        self.period as f64 / self.scenario.inverter.f_c()
     }
 
     /// The plant.
@@ -366,6 +372,29 @@ impl<'s> Run<'s> {
     #[must_use]
     pub fn record(&self) -> &Record {
         &self.record
+    }
+
+    /// Takes the record so far out of the run, which goes on with an empty one.
+    pub fn take_record(&mut self) -> Record {
+        let columns = self.record.columns.iter().map(|c| Column { data: Vec::new(), ..*c }).collect();
+        std::mem::replace(&mut self.record, Record { t: Vec::new(), columns })
+    }
+
+    /// The plant, for changes beside those of the scenario.
+    pub fn plant_mut(&mut self) -> &mut Plant {
+        &mut self.plant
+    }
+
+    /// Another reference from now on; its profile is over the time of the run.
+    pub fn set_reference(&mut self, reference: ReferenceProfile) {
+        self.scenario.to_mut().reference = reference;
+        self.reference_at = 0;
+    }
+
+    /// Another load from now on, N·m; its profile is over the time of the run.
+    pub fn set_load(&mut self, load: Profile) {
+        self.scenario.to_mut().load = load;
+        self.load_at = 0;
     }
 
     /// Ends the run: record and drive.
@@ -436,7 +465,7 @@ impl<'s> Run<'s> {
     /// `∫ û_i dt - ψ_s` since the drive runs: its slope is the offset voltage the drive really has to find.
     fn book_drift(&mut self) {
         let Some(u_i) = self.drive.induced_voltage() else { return };
-        let t_s = 1.0 / self.scenario.inverter.f_s;
+        let t_s = 1.0 / self.scenario.inverter.f_c();
         self.psi_begin.get_or_insert(self.plant.truth().psi_s);
         for k in 0..2 {
             self.u_i_integral[k] += u_i[k] * t_s;

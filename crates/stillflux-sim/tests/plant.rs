@@ -524,7 +524,7 @@ fn shaft_sticks_slides_and_stops() {
 #[test]
 fn winding_warms_to_its_rise() {
     let mut p = held(linear(), 0.0);
-    p.thermal = Some(Thermal { time_constant: 0.05, rise: 80.0, alpha: 0.0039 });
+    p.thermal = Some(Thermal { time_constant: 0.05, rise: 80.0, alpha: 0.0039, alpha_R: 0.0 });
     let mut plant = plant(p);
     let mut R_s = 3.7;
     for _ in 0..20_000 {
@@ -585,4 +585,27 @@ fn bad_parameters_are_named() {
     let mut p = linear();
     p.inverter.f_s = f64::NAN;
     assert_eq!(Plant::new(p).unwrap_err().field, "f_s");
+}
+
+#[test]
+fn a_bridge_that_is_changed_is_as_one_made_so() {
+    let made = |dead_time, c_out| {
+        let inverter = Inverter { dead_time, c_out, ..Inverter::preset_2k2() };
+        plant(PlantParams::new(Machine::preset_2k2(), inverter))
+    };
+    let mut other = made(1e-6, 0.5e-9);
+    let voltage = |p: &mut Plant| {
+        (0..300).for_each(|k| {
+            p.step(duties(polar(20.0, 0.03 * f64::from(k)), 540.0), true, 0.0);
+        });
+        *p.truth()
+    };
+    let unchanged = voltage(&mut other.clone());
+    for (dead_time, c_out) in [(3e-6, 0.5e-9), (1e-6, 2e-9), (2e-6, 0.0), (0.0, 1e-9)] {
+        other.set_dead_time(dead_time);
+        other.set_node_capacitance(c_out);
+        let changed = voltage(&mut other.clone());
+        assert_eq!(changed, voltage(&mut made(dead_time, c_out)), "{dead_time} {c_out}");
+        assert_ne!(changed.psi_s, unchanged.psi_s, "{dead_time} {c_out}");
+    }
 }

@@ -2,11 +2,18 @@
 //!
 //! ```text
 //! data registers ─ Counts::from_raw ─ CountsDrive::period ─ compare values and gate signal
+//!                                     CountsCommissioning::period before there are parameters
 //! ```
 
+#[cfg(feature = "commission")]
+use crate::commission::{Commissioning, CommissioningConfig, Found, Nameplate};
+#[cfg(feature = "commission")]
+use crate::config::DriveParams;
 use crate::counts::{Counts, Scale, compare};
 use crate::drive::{Drive, Measurement, Reference, Status};
 use crate::page::Ready;
+#[cfg(feature = "commission")]
+use crate::params::{Inverter, ParamError};
 use crate::scalar::{Real, Timer};
 use crate::telemetry::{SetPoint, Telemetry, Units};
 
@@ -92,6 +99,65 @@ impl<R: Real> CountsDrive<R> {
     /// Resolution of the PWM timer.
     pub fn timer(&self) -> Option<&Timer> {
         self.0.as_ref().map(|p| &p.timer)
+    }
+}
+
+/// A commissioning between its converters and its timer: what a control interrupt calls before there are parameters.
+#[cfg(feature = "commission")]
+#[derive(Clone, Copy, Debug)]
+pub struct CountsCommissioning<R: Real> {
+    commissioning: Commissioning<R>,
+    scale: Scale<R>,
+    timer: Timer,
+    full: (f64, f64),
+}
+
+#[cfg(feature = "commission")]
+impl<R: Real> CountsCommissioning<R> {
+    /// Before its first period. `full`: full scale of the current channels in A and of the dc-link channel in V.
+    ///
+    /// # Errors
+    /// The first value of nameplate, inverter or full scale outside its admissible range.
+    pub fn new(plate: &Nameplate, sheet: &Inverter, full: (f64, f64)) -> Result<Self, ParamError> {
+        let config = CommissioningConfig::new(plate, sheet)?;
+        let machine = config.machine();
+        let scale = Scale::new(machine, &DriveParams::new(machine, sheet), full.0, full.1)?;
+        let timer = config.timer().copied().unwrap_or(const { Timer::finest() });
+        Ok(Self { commissioning: Commissioning::new(config), scale, timer, full })
+    }
+
+    /// One control period.
+    #[inline]
+    pub fn period(&mut self, counts: &Counts) -> Command {
+        let output = self.commissioning.step(&self.scale.measurement(counts));
+        Command { compare: compare(&output.duty, &self.timer), gates_on: output.gates_on }
+    }
+
+    /// Its state, and what it has found so far.
+    #[must_use]
+    pub fn commissioning(&self) -> &Commissioning<R> {
+        &self.commissioning
+    }
+
+    /// Blocks the gates for good; what has been found stays.
+    pub fn abort(&mut self) {
+        self.commissioning.abort();
+    }
+
+    /// Resolution of the PWM timer.
+    #[must_use]
+    pub fn timer(&self) -> &Timer {
+        &self.timer
+    }
+
+    /// What has been found, and the content of the parameter page with it. Not for the control interrupt.
+    ///
+    /// # Errors
+    /// A value found that no drive accepts.
+    pub fn found(&self) -> Result<(Found, Ready<R>), ParamError> {
+        let found = self.commissioning.result()?;
+        let ready = found.ready(self.full)?;
+        Ok((found, ready))
     }
 }
 

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from stillflux import _core
-from stillflux.evidence.machines import ADC_NOISE, inverter_of, motor_of, scaled
+from stillflux.evidence.machines import ADC_NOISE, inverter_of, motor_of, plant_of, scaled
 from stillflux.options import PlantOptions
 from stillflux.parameters import Motor
 from stillflux.scenario import Profile, Scenario
@@ -32,6 +32,7 @@ __all__ = [
     "SCHEMES",
     "SIGNALS",
     "START",
+    "current",
     "drive",
     "line_speed",
     "slip",
@@ -93,7 +94,8 @@ def drive(
     plant: PlantOptions | None = None,
     **fields: Any,
 ) -> Scenario:
-    """A drive with its default settings on the switching-level plant.
+    """A drive with its default settings on the switching-level plant. That of a user's machine which was
+    commissioned is told what was found, and runs on what was simulated.
 
     `omega` in per unit, `load` in units of rated torque, `offset` of the current space vector in per unit,
     there from power-up or from `offset_at` s on; `plant` holds further options of the plant, `fields` fields
@@ -119,20 +121,31 @@ def drive(
         load_torque=scaled(load, motor.T_N),
         duration=duration,
         changes=sorted(changed, key=lambda change: change[0]),
-        **{"signals": SIGNALS, "record_every": EVERY, **fields},
+        **{"signals": SIGNALS, "record_every": EVERY, **plant_of(machine, scheme), **fields},
     )
 
 
 def slip(motor: Motor, torque: float) -> float:
     """Slip frequency at rated stator flux in per unit of rated frequency; `torque` in units of rated torque.
 
-    Steady state of the machine as the drive knows it: with `y = |ψ_R|²` and the torque `(3/2) n_p |ψ_R| i_q`,
-    `|ψ_s|² = (L_s/L_M)² y + (L_σ T/(1.5 n_p))²/y` and `ω_r = R_R T/(1.5 n_p y)`.
+    Steady state of the machine as the drive knows it: `ω_r = R_R T/(1.5 n_p y)` with `y = |ψ_R|²`.
     """
+    flow, y = _steady(motor, torque)
+    return motor.R_R * flow / y / motor.base["omega"]
+
+
+def current(motor: Motor, torque: float) -> float:
+    """Stator current there, of the rated peak: `i_d = |ψ_R|/L_M`, `i_q = T/(1.5 n_p |ψ_R|)`."""
+    flow, y = _steady(motor, torque)
+    return math.hypot(math.sqrt(y) / motor.L_M, flow / math.sqrt(y)) / motor.base["i"]
+
+
+def _steady(motor: Motor, torque: float) -> tuple[float, float]:
+    """`T/(1.5 n_p)` and `y = |ψ_R|²` at rated stator flux: with the torque `(3/2) n_p |ψ_R| i_q` it is
+    `|ψ_s|² = (L_s/L_M)² y + (L_σ T/(1.5 n_p))²/y`."""
     flow = torque * motor.T_N / (1.5 * motor.n_p)
     a, b, square = (motor.L_s / motor.L_M) ** 2, (motor.L_sigma * flow) ** 2, motor.base["psi"] ** 2
-    y = (square + math.sqrt(square * square - 4.0 * a * b)) / (2.0 * a)
-    return motor.R_R * flow / y / motor.base["omega"]
+    return flow, (square + math.sqrt(square * square - 4.0 * a * b)) / (2.0 * a)
 
 
 def line_speed(motor: Motor, torque: float) -> float:

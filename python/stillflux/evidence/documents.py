@@ -38,6 +38,7 @@ DOCUMENTS = (
     Path("README.md"),
     Path("docs/figures.md"),
     Path("docs/beyond.md"),
+    Path("docs/limits.md"),
     Path("docs/tolerance.md"),
     Path("docs/operations.md"),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import Any
 
 from stillflux.machine_file import Machine, load_machine
 from stillflux.parameters import PRESETS, Inverter, Motor
@@ -16,6 +17,7 @@ __all__ = [
     "OwnMachine",
     "inverter_of",
     "motor_of",
+    "plant_of",
     "ramp",
     "scaled",
     "step",
@@ -73,6 +75,18 @@ def inverter_of(machine: str) -> Inverter:
     if isinstance(machine, OwnMachine):
         return machine.machine.inverter
     return Inverter.preset("11kW" if machine == LEAKY else machine)
+
+
+def plant_of(machine: str, scheme: str) -> dict[str, Any]:
+    """Fields of a scenario in which a user's machine differs from what its drive is told: motor and inverter
+    that are simulated, and settings by how well the drive's values are known; none for other machines."""
+    if not isinstance(machine, OwnMachine):
+        return {}
+    own = machine.machine
+    fields: dict[str, Any] = {"plant_motor": own.plant_motor, "plant_inverter": own.plant_inverter}
+    if scheme == "enhanced":
+        fields["settings"] = own.settings
+    return fields
 
 
 def scaled(profile: Profile, base: float) -> Profile:

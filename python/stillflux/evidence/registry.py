@@ -69,12 +69,7 @@ def choose_targets(names: Iterable[str]) -> tuple[str, ...]:
 
     Raises ValueError for one that does not exist.
     """
-
-    def matches(name: str) -> list[str]:
-        every = targets()
-        return [t for t in every if t == name] or [t for t in every if t.startswith(f"{name}-")]
-
-    return _chosen("target", names, matches, tuple(targets()))
+    return _chosen("target", names, _beginning(targets()), tuple(targets()))
 
 
 def choose_operations(names: Iterable[str]) -> tuple[str, ...]:
@@ -82,12 +77,12 @@ def choose_operations(names: Iterable[str]) -> tuple[str, ...]:
 
     Raises ValueError for one that does not exist.
     """
+    return _chosen("operation", names, _beginning(operations()), tuple(operations()))
 
-    def matches(name: str) -> list[str]:
-        every = operations()
-        return [x for x in every if x == name] or [x for x in every if x.startswith(f"{name}-")]
 
-    return _chosen("operation", names, matches, tuple(operations()))
+def _beginning(every: Iterable[str]) -> Callable[[str], list[str]]:
+    """Matches the name, or else those of which it is the beginning."""
+    return lambda name: [x for x in every if x == name] or [x for x in every if x.startswith(f"{name}-")]
 
 
 def _chosen(

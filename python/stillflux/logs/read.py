@@ -3,10 +3,12 @@ place."""
 
 from __future__ import annotations
 
+import codecs
 import csv
+import io
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -102,11 +104,13 @@ def read_log(log: Any, columns: Columns | None = None) -> Log:
             table = {str(name): np.asarray(log[name]) for name in log}
         except (TypeError, KeyError, IndexError):
             raise TypeError(f"log = {source} is neither a file nor a mapping of names to arrays") from None
-    found = _assigned(source, table, columns or {})
+        table.update(_index(log, table))
+    vectors = _vectors(table)
+    found = _assigned(source, vectors, columns or {})
     data: dict[str, NDArray[Any]] = {}
     names: dict[str, str] = {}
     for quantity, (name, scale) in found.items():
-        values = np.asarray(table[name])
+        values = np.asarray(vectors[name])
         if values.ndim != 1:
             values = values.squeeze()
         if values.ndim != 1 or values.dtype.kind not in "fiucb":
@@ -127,6 +131,24 @@ def read_log(log: Any, columns: Columns | None = None) -> Log:
             f"{', '.join(QUANTITIES)}"
         )
     return Log(source, data, names, lines)
+
+
+def _index(frame: Any, table: Mapping[str, Any]) -> dict[str, Any]:
+    """The index of a pandas frame as a column, where it has a name that is none of the columns."""
+    index = getattr(frame, "index", None)
+    name = getattr(index, "name", None)
+    return {} if name is None or str(name) in table else {str(name): np.asarray(index)}
+
+
+def _vectors(table: Mapping[str, Any]) -> dict[str, Any]:
+    """With the pairs "i_s.re" and "i_s.im", as `Result.to_pandas` writes them, as complex "i_s"."""
+    pairs = {name.removesuffix(".re") for name in table if name.endswith(".re")}
+    joined = {
+        name: np.asarray(table[f"{name}.re"]) + 1j * np.asarray(table[f"{name}.im"])
+        for name in pairs
+        if f"{name}.im" in table and name not in table
+    }
+    return {**table, **joined}
 
 
 def _assigned(source: str, table: Mapping[str, Any], columns: Columns) -> dict[str, tuple[str, float]]:
@@ -190,23 +212,37 @@ def _read(path: Path) -> tuple[dict[str, Any], NDArray[np.int64] | None]:
     if kind in (".csv", ".txt", ".tsv"):
         return _read_text(path)
     if kind == ".npz":
-        with np.load(path) as file:
+        with _opened(path, "an NPZ file", lambda: np.load(path)) as file:
             return {name: file[name] for name in file.files if file[name].dtype.kind in "fiucb"}, None
     if kind == ".parquet":
         pandas = _optional("pandas", path, "parquet")
         try:
-            frame = pandas.read_parquet(path)
+            frame = _opened(path, "a Parquet file", lambda: pandas.read_parquet(path))
         except ImportError:
             raise ValueError(f"{path}: Parquet needs pyarrow: pip install 'stillflux[parquet]'") from None
-        return {str(name): frame[name].to_numpy() for name in frame.columns}, None
+        table = {str(name): frame[name].to_numpy() for name in frame.columns}
+        return {**table, **_index(frame, table)}, None
     if kind == ".mat":
         matlab = _optional("scipy.io", path, "mat")
         try:
-            content = matlab.loadmat(path, squeeze_me=True)
+            content = _opened(path, "a MAT file", lambda: matlab.loadmat(path, squeeze_me=True))
         except NotImplementedError:
             raise ValueError(f"{path} is a MAT file of version 7.3: save it with '-v7'") from None
         return {name: values for name, values in content.items() if not name.startswith("__")}, None
     raise ValueError(f"{path}: {kind or 'no suffix'} is not one of .csv, .txt, .tsv, .parquet, .npz, .mat")
+
+
+def _opened(path: Path, kind: str, read: Callable[[], Any]) -> Any:
+    """What `read` makes of a file. Raises ValueError with the file's name where it is not of its kind;
+    OSError, ImportError and NotImplementedError pass."""
+    try:
+        return read()
+    except (OSError, ImportError, NotImplementedError):
+        raise
+    except Exception as error:
+        # Each reader has errors of its own: zipfile, pickle, pyarrow, scipy.
+        reason = str(error).partition("\n")[0]
+        raise ValueError(f"{path} is not {kind} ({type(error).__name__}: {reason})") from None
 
 
 def _optional(module: str, path: Path, extra: str) -> Any:
@@ -220,8 +256,8 @@ def _optional(module: str, path: Path, extra: str) -> Any:
 def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
     """Delimiter and decimal comma by the header and the first row; lines that begin with # are comments; a
     row of units may follow the header. An empty cell is NaN."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        lines = [(number, line) for number, line in enumerate(file, 1) if line.strip()]
+    content = io.StringIO(_decoded(path.read_bytes()), newline="")
+    lines = [(number, line) for number, line in enumerate(content, 1) if line.strip()]
     lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
     if not lines:
         raise ValueError(f"{path} is empty")
@@ -234,7 +270,7 @@ def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
         raise ValueError(f"{path}, line {lines[0][0]}: a column's name stands twice in {', '.join(header)}")
     body = lines[1:]
     if body:
-        cells = [cell.strip() for cell in body[0][1].rstrip("\r\n").split(delimiter)]
+        cells = [cell.strip() for cell in body[0][1].replace('"', "").rstrip("\r\n").split(delimiter)]
         if (
             len(cells) == len(header)
             and all(re.sub(r"^[\[(]|[\])]$", "", c) in _UNITS for c in cells)
@@ -246,7 +282,8 @@ def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
     comma = delimiter != "," and any("," in line for _, line in body[:5])
     rows = np.empty((len(body), len(header)))
     for k, (number, line) in enumerate(body):
-        text = line.replace(",", ".") if comma else line
+        # A quoted number is a number; no number has a quotation mark within.
+        text = (line.replace(",", ".") if comma else line).replace('"', "")
         cells = text.rstrip("\r\n").split(delimiter)
         if len(cells) != len(header):
             raise ValueError(f"{path}, line {number}: {len(cells)} values, the header has {len(header)}")
@@ -259,6 +296,17 @@ def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
             ) from None
     table = {name: rows[:, j] for j, name in enumerate(header)}
     return table, np.array([number for number, _ in body], dtype=np.int64)
+
+
+def _decoded(content: bytes) -> str:
+    """Text in UTF-8, in UTF-16 with a byte order mark, or else in Windows' Latin-1, in which instruments
+    write µ and °."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16", errors="replace")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", errors="replace")
 
 
 def _number(text: str) -> float | None:

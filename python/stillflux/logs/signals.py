@@ -34,8 +34,8 @@ TURN = np.exp(2j * np.pi / 3)
 
 
 @dataclass(frozen=True)
-class Signals:
-    """Voltages and currents of a log on its own rows."""
+class _Series:
+    """Voltages and currents over the time, in SI."""
 
     t: NDArray[np.float64]
     u: NDArray[np.complex128]
@@ -46,6 +46,12 @@ class Signals:
     psi_ref: NDArray[np.float64]
     currents: tuple[str, ...]
     """Quantities that the currents are made of."""
+
+
+@dataclass(frozen=True)
+class Signals(_Series):
+    """Voltages and currents of a log on its own rows."""
+
     voltages: tuple[str, ...]
 
 
@@ -74,8 +80,7 @@ def without_nan(log: Log, rate: float | None, max_gap: float, notes: list[str]) 
         if name == "t" or at_end or longest * step > max_gap:
             raise ValueError(
                 f"{log.place(name, first)}: {values[first]} is not a finite number, one of {int(bad.sum())}; "
-                f"stretches "
-                f"of up to max_gap = {max_gap:g} s are bridged, the longest has {longest} rows"
+                f"stretches of up to max_gap = {max_gap:g} s are bridged, the longest has {longest} rows"
             )
         good = np.flatnonzero(~bad)
         filled = np.interp(np.arange(n), good, values[good].real)
@@ -137,8 +142,7 @@ def times(
     if short:
         raise ValueError(
             f"{log.place('t', short[0])}: only {short[1] - short[0]} rows between two gaps, 100 are needed; "
-            f"a larger "
-            f"max_gap bridges them"
+            f"a larger max_gap bridges them"
         )
     return np.asarray(t), pieces
 
@@ -261,18 +265,11 @@ def _wrong_unit(
 
 
 @dataclass(frozen=True)
-class Rows:
+class Rows(_Series):
     """A piece of a log on the grid of the estimators."""
 
-    t: NDArray[np.float64]
-    u: NDArray[np.complex128]
-    i: NDArray[np.complex128]
-    i_sum: NDArray[np.float64]
-    u_dc: NDArray[np.float64]
-    psi_ref: NDArray[np.float64]
     shown: NDArray[np.int64]
     """Rows at which estimates are returned."""
-    currents: tuple[str, ...]
 
     @property
     def step(self) -> float:
@@ -304,7 +301,7 @@ def resampled(s: Signals, piece: slice, many: float, step: float) -> Rows:
     n = len(t)
     uniform = bool(np.abs(np.diff(t) / step - 1.0).max() < 0.02)
     if many == 1.0 and uniform:
-        return Rows(t, u, i, i_sum, u_dc, psi_ref, np.arange(n), s.currents)
+        return Rows(t, u, i, i_sum, u_dc, psi_ref, s.currents, np.arange(n))
     fine = step / many
     grid = t[0] + fine * np.arange(int((t[-1] - t[0]) / fine * (1.0 + 1e-12)) + 1)
     volt_seconds = np.concatenate(([0j], np.cumsum(u[1:] * np.diff(t))))
@@ -321,7 +318,7 @@ def resampled(s: Signals, piece: slice, many: float, step: float) -> Rows:
     shown = np.arange(len(grid))
     if many > 1.0:
         shown = np.minimum(np.round((t - t[0]) / fine).astype(np.int64), len(grid) - 1)
-    return Rows(grid, voltage, current, i_sum, u_dc, psi_ref, shown, s.currents)
+    return Rows(grid, voltage, current, i_sum, u_dc, psi_ref, s.currents, shown)
 
 
 def _linear(x: Any, t: Any, y: NDArray[np.complex128]) -> NDArray[np.complex128]:

@@ -14,10 +14,22 @@
 //! of the data sheet, refined by a parabola. Far beyond the knee only the sum of threshold and dead time shows: their
 //! priors share it.
 //!
+//! **Wrong plate.** Star instead of delta, or delta instead of star, changes every impedance by a factor of three, more
+//! than the plate leaves open. From the levels of 0.22 and 0.45 pu follows `R'` to some tens of per cent, the loss being
+//! that of the data sheet; with `L_σ` of the wiring's pulses, both relative to those of the plate,
+//!
+//! ```text
+//! 3^-1.5 < (L_σ/L_σ,plate) (R'/R'_plate)² < 3^1.5          else Cause::WrongMotor
+//! ```
+//!
+//! which is half way, in logarithms, to both; a plate tells `R'` better than `L_σ`, which is assumed. No level above
+//! 0.45 pu is set before.
+//!
 //! **Assumes** equal legs.
 
+use super::Cause;
 use super::excitation::{Command, Sample};
-use crate::base::PerUnit;
+use crate::base::{PerUnit, rounded};
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Integrator, Real};
@@ -35,6 +47,41 @@ const PRIOR_V: f64 = 0.1;
 const PRIOR_KNEE: f64 = 1.5;
 /// Standard deviation assumed of a level's voltage, per unit: noise, duty resolution, current ripple.
 const SIGMA_U: f64 = 2e-4;
+
+/// Levels that the plate is judged by: one that was read before, and the latest.
+const JUDGED: (usize, usize) = (6, 8);
+/// Half way to the product of the factors between star and delta, 3^1.5.
+const CONNECTION: f64 = 5.196_152_422_706_632;
+
+/// Constants, per unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct BridgeConfig<R: Real> {
+    /// Periods for which a current settles.
+    settle: u32,
+    /// One over the samples of a level.
+    weight: R,
+    /// What the bridge loses more at the later of the levels [`JUDGED`], by the data sheet.
+    loss: R,
+    /// Voltage that the plate's `R'` takes more there.
+    u: R,
+}
+
+impl<R: Real> BridgeConfig<R> {
+    /// By plate and data sheet.
+    ///
+    /// # Errors
+    /// Parameters outside their admissible range.
+    pub fn new(machine: &Machine, sheet: &Inverter, pu: &PerUnit, settle: u32) -> Result<Self, ParamError> {
+        let loss = BridgeCurve::loss(sheet, machine)?;
+        let (low, high) = (LEVELS[JUDGED.0], LEVELS[JUDGED.1]);
+        Ok(Self {
+            settle,
+            weight: rounded(1.0 / f64::from((PLATEAUS - 2) * settle)),
+            loss: rounded(loss(high) - loss(low)),
+            u: rounded((high - low) * (pu.r_s + pu.r_r)),
+        })
+    }
+}
 
 /// State and record.
 #[derive(Clone, Copy, Debug)]
@@ -69,8 +116,9 @@ impl<R: Real> Bridge<R> {
         }
     }
 
-    /// One period; `weight` is one over the samples of a level. `None` at the end.
-    pub fn step(&mut self, settle: u32, weight: R, x: &Sample<R>) -> Option<Command<R>> {
+    /// One period; `leakage`: inductance found by the wiring's pulses relative to the plate's. `None` at the end.
+    pub fn step(&mut self, c: &BridgeConfig<R>, leakage: R, x: &Sample<R>) -> Result<Option<Command<R>>, Cause> {
+        let BridgeConfig { settle, weight, .. } = *c;
         let outer = self.plateau == 0 || self.plateau == PLATEAUS - 1;
         let negative = self.plateau % 2 == 1;
         if !outer && self.tick >= settle {
@@ -87,19 +135,25 @@ impl<R: Real> Bridge<R> {
                 (self.u[self.level], self.i[self.level]) = (self.u_sum.value(), self.i_sum.value());
                 self.u_sum.set(R::ZERO);
                 self.i_sum.set(R::ZERO);
+                if self.level == JUDGED.1 {
+                    self.judge(c, leakage)?;
+                }
                 self.level += 1;
                 if self.level == LEVELS.len() {
-                    return None;
+                    return Ok(None);
                 }
             }
         }
         let i = R::from_f64(LEVELS[self.level]);
-        Some(Command::Current(if self.plateau % 2 == 1 { -i } else { i }, R::ZERO))
+        Ok(Some(Command::Current(if self.plateau % 2 == 1 { -i } else { i }, R::ZERO)))
     }
 
-    /// One over the samples of a level.
-    pub fn weight(settle: u32) -> R {
-        R::from_f64(1.0 / f64::from((PLATEAUS - 2) * settle))
+    /// Whether the machine can be that of its plate, in that connection.
+    fn judge(&self, c: &BridgeConfig<R>, leakage: R) -> Result<(), Cause> {
+        let u = self.u[JUDGED.1] - self.u[JUDGED.0] - c.loss;
+        let (found, plate) = (leakage * (u * u), c.u * c.u);
+        let fits = found > plate * R::from_f64(1.0 / CONNECTION) && found < plate * R::from_f64(CONNECTION);
+        if fits && u > R::ZERO { Ok(()) } else { Err(Cause::WrongMotor) }
     }
 }
 

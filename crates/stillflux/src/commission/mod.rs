@@ -32,7 +32,7 @@ pub use bridge::{BridgeCurve, LEVELS as BRIDGE_LEVELS};
 pub use leakage::RAMP;
 pub use magnetising::{LEVELS as MAGNETISING_LEVELS, MagnetisingCurve, WINDOWS, levels as magnetising_levels};
 pub use nameplate::{Deviation, Nameplate};
-pub use result::{Found, Warnings};
+pub use result::{Found, Warnings, priors};
 
 use core::fmt;
 
@@ -41,8 +41,8 @@ use crate::control::modulator::zero_duty;
 use crate::drive::{Measurement, Output};
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};
-use crate::scalar::Real;
-use bridge::Bridge;
+use crate::scalar::{Real, Timer};
+use bridge::{Bridge, BridgeConfig};
 use excitation::{Command, Excitation, ExcitationConfig};
 use leakage::Leakage;
 use magnetising::{Magnetising, MagnetisingConfig};
@@ -158,6 +158,11 @@ pub enum Stage {
     Complete,
 }
 
+impl Stage {
+    /// The procedures after the check of the wiring.
+    const PROCEDURES: [Self; 3] = [Self::Bridge, Self::Leakage, Self::Magnetising];
+}
+
 impl fmt::Display for Stage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -199,13 +204,15 @@ pub struct CommissioningConfig<R: Real> {
     magnetising: MagnetisingConfig<R>,
     /// Periods for which a current settles.
     settle: u32,
-    bridge_weight: R,
+    bridge: BridgeConfig<R>,
     leakage_weight: R,
     /// Amplitude of the square voltage for the nameplate's leakage inductance, and its limit.
     u_square: R,
     u_square_max: R,
     u_dc: (R, R),
     trip: R,
+    /// Whether each stage after the wiring is run.
+    runs: [bool; 3],
 }
 
 impl<R: Real> CommissioningConfig<R> {
@@ -218,7 +225,7 @@ impl<R: Real> CommissioningConfig<R> {
         let (machine, deviation) = plate.machine()?;
         let pu = PerUnit::new(&machine, sheet)?;
         let r = rounded::<R>;
-        let f_s = sheet.f_s;
+        let f_s = sheet.f_c();
         let u_max = 0.95 * pu.u_dc / libm::sqrt(3.0);
         let omega_c = pu.hz(BANDWIDTH * f_s);
         let k_p = omega_c * pu.sigma_l_s;
@@ -258,12 +265,13 @@ impl<R: Real> CommissioningConfig<R> {
                 inv_window: r(1.0 / f64::from(window)),
             },
             settle,
-            bridge_weight: Bridge::weight(settle),
+            bridge: BridgeConfig::new(&machine, sheet, &pu, settle)?,
             leakage_weight: Leakage::weight(settle),
             u_square: r(leakage::SWING * pu.sigma_l_s / (f64::from(RAMP) * pu.t_s)),
             u_square_max: r(0.3 * u_max),
             u_dc: (r(U_DC.0 * pu.u_dc), r(U_DC.1 * pu.u_dc)),
             trip: r(TRIP),
+            runs: [true; 3],
             machine,
             deviation,
             sheet: *sheet,
@@ -271,10 +279,33 @@ impl<R: Real> CommissioningConfig<R> {
         })
     }
 
+    /// One procedure alone, after the check of the wiring: the values of the others are those of nameplate and data sheet.
+    #[must_use]
+    pub fn only(self, stage: Stage) -> Self {
+        Self { runs: Stage::PROCEDURES.map(|of| of == stage), ..self }
+    }
+
+    /// The stage after one.
+    fn after(&self, stage: Stage) -> Stage {
+        let later = Stage::PROCEDURES.into_iter().zip(self.runs).find(|(of, runs)| *of > stage && *runs);
+        later.map_or(Stage::Complete, |(of, _)| of)
+    }
+
+    /// Whether a procedure is complete in a stage.
+    fn completed(&self, procedure: Stage, stage: Stage) -> bool {
+        stage > procedure && Stage::PROCEDURES.into_iter().zip(self.runs).any(|(of, runs)| of == procedure && runs)
+    }
+
     /// The machine by its nameplate: what per-unit quantities refer to.
     #[must_use]
     pub fn machine(&self) -> &Machine {
         &self.machine
+    }
+
+    /// Resolution of the PWM timer, if duties are multiples of its counts.
+    #[must_use]
+    pub fn timer(&self) -> Option<&Timer> {
+        self.excitation.timer.as_ref()
     }
 
     /// Periods of all procedures, roughly.
@@ -407,7 +438,7 @@ impl<R: Real> State<R> {
         let zero = Command::Current(R::ZERO, R::ZERO);
         let command = match self.stage {
             Stage::Wiring => self.wiring.step(&c.wiring, &x)?,
-            Stage::Bridge => self.bridge.step(c.settle, c.bridge_weight, &x),
+            Stage::Bridge => self.bridge.step(&c.bridge, self.wiring.leakage, &x)?,
             Stage::Leakage => {
                 let u = (c.u_square * self.wiring.leakage).min(c.u_square_max);
                 self.leakage.step(c.settle, c.leakage_weight, u, &x)
@@ -416,12 +447,7 @@ impl<R: Real> State<R> {
             Stage::Complete => None,
         };
         if command.is_none() {
-            self.stage = match self.stage {
-                Stage::Wiring => Stage::Bridge,
-                Stage::Bridge => Stage::Leakage,
-                Stage::Leakage => Stage::Magnetising,
-                Stage::Magnetising | Stage::Complete => Stage::Complete,
-            };
+            self.stage = c.after(self.stage);
             if self.stage == Stage::Complete {
                 self.status = Status::Done;
                 return Ok((Command::Blocked, x.i));

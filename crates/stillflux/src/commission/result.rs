@@ -13,8 +13,14 @@ use super::bridge::{self, BridgeCurve};
 use super::magnetising::{self, Guess, MagnetisingCurve, Reading};
 use super::nameplate::Deviation;
 use super::{Commissioning, Stage};
+use crate::config::DriveParams;
+#[cfg(feature = "enhanced")]
+use crate::config::EnhancedParams;
+use crate::estimate::priors::Priors;
+use crate::page::Ready;
 use crate::params::{Gamma, Inverter, Machine, ParamError, Rating, Saturation};
 use crate::scalar::Real;
+use crate::si::MemorySi;
 
 /// Relative standard deviation that the gains of the current sensors add to every impedance: three channels of 1 %.
 const DEVIATION_GAIN: f64 = 0.006;
@@ -22,6 +28,26 @@ const DEVIATION_GAIN: f64 = 0.006;
 const DEVIATION_LEAKAGE: f64 = 0.02;
 /// Model error of rotor resistance and magnetising inductance.
 const DEVIATION_MODEL: f64 = 0.01;
+
+/// What a value may change after the commissioning, relative: temperature of the winding (38 K), switches, capacitance of
+/// the cables, saturation of leakage paths and iron.
+const LATER: Priors = Priors { r_s: 0.15, loss: 0.02, knee: 0.1, leakage: 0.03, l_m: 0.02 };
+/// Range of a deviation that a prior is made of.
+const PRIOR: (f64, f64) = (0.01, 0.7);
+
+/// Priors of a drive for deviations of the machine and, of the inverter, those of threshold and dead time and of the knee:
+/// what is known well moves little, but may change after the commissioning.
+#[must_use]
+pub fn priors(d: &Deviation, [loss, knee]: [f64; 2]) -> Priors {
+    let with = |found: f64, later: f64| libm::hypot(found.clamp(PRIOR.0, PRIOR.1), later);
+    Priors {
+        r_s: with(d.R_s, LATER.r_s).min(0.5),
+        loss: with(loss, LATER.loss),
+        knee: with(knee, LATER.knee),
+        leakage: with(d.L_sigma, LATER.leakage),
+        l_m: with(d.L_M, LATER.l_m).min(0.5),
+    }
+}
 
 /// What should be looked at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,6 +88,38 @@ pub struct Found {
     pub warnings: Warnings,
 }
 
+impl Found {
+    /// Settings of a drive for what was found: the defaults, with the deviations as priors.
+    #[must_use]
+    pub fn params(&self) -> DriveParams {
+        let params = DriveParams::new(&self.machine, &self.inverter);
+        #[cfg(feature = "enhanced")]
+        let params = {
+            let Priors { r_s, loss, knee, leakage, l_m } = priors(&self.deviation, self.deviation_inverter);
+            let enhanced = EnhancedParams {
+                prior_R_s: r_s,
+                prior_loss: loss,
+                prior_c_out: knee,
+                prior_L_sigma: leakage,
+                prior_L_M: l_m,
+                ..params.enhanced
+            };
+            DriveParams { enhanced, ..params }
+        };
+        params
+    }
+
+    /// Content of a parameter page for what was found ([`crate::page`]), by [`Found::params`]. `full`: full scale of the
+    /// current channels in A and of the dc-link channel in V.
+    ///
+    /// # Errors
+    /// A value found that no drive accepts.
+    pub fn ready<R: Real>(&self, full: (f64, f64)) -> Result<Ready<R>, ParamError> {
+        let memory = MemorySi::of(&self.machine, &self.inverter);
+        Ready::new(&self.machine, &self.inverter, &self.params(), full, &memory)
+    }
+}
+
 impl<R: Real> Commissioning<R> {
     /// Voltage, current and fitted voltage of the levels of the bridge that were read, per unit.
     #[must_use]
@@ -93,26 +151,32 @@ impl<R: Real> Commissioning<R> {
             friction: None,
             bridge: None,
             magnetising: None,
-            warnings: Warnings { incomplete: s.stage < Stage::Complete, ..Warnings::default() },
+            warnings: Warnings::default(),
         };
-        if s.stage <= Stage::Bridge {
-            return Ok(found);
-        }
+        let done = |procedure| c.completed(procedure, s.stage);
+        found.warnings.incomplete = !Stage::PROCEDURES.into_iter().all(done);
         let (u, i) = (s.bridge.u.map(R::to_f64), s.bridge.i.map(R::to_f64));
         // The leakage inductance moves the sampled current against that at the edges: fit, inductance, fit.
-        let mut curve = bridge::fit(&machine, &c.sheet, &u, &i, s.bridge.level)?;
-        if s.stage > Stage::Leakage {
+        let fit = |machine: &Machine| match done(Stage::Bridge) {
+            true => bridge::fit(machine, &c.sheet, &u, &i, s.bridge.level),
+            false => {
+                let (inverter, deviation) = (c.sheet, found.deviation_inverter);
+                Ok(BridgeCurve { inverter, r: pu.r_s + pu.r_r, deviation, residual: 0.0 })
+            }
+        };
+        let mut curve = fit(&machine)?;
+        if done(Stage::Leakage) {
             let l = s.leakage.inductance(curve.r, pu.t_s);
             machine.L_sigma = l * pu.base.l;
             machine.validate()?;
-            curve = bridge::fit(&machine, &c.sheet, &u, &i, s.bridge.level)?;
+            curve = fit(&machine)?;
             found.deviation.L_sigma = libm::hypot(DEVIATION_LEAKAGE, DEVIATION_GAIN);
         }
         found.machine = machine;
         found.inverter = curve.inverter;
         found.deviation_inverter = curve.deviation;
         found.warnings.bridge_fit = curve.residual > 0.1 * (pu.u_th + pu.dead_time * pu.u_dc);
-        found.bridge = Some(curve);
+        found.bridge = done(Stage::Bridge).then_some(curve);
         let levels = s.magnetising.level;
         if levels < 2 {
             return Ok(found);

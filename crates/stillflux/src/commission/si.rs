@@ -83,6 +83,13 @@ impl SiCommissioning {
         Ok(Self { units, arithmetic, shaft, standstill, run: None, refused: false })
     }
 
+    /// One procedure at standstill alone ([`CommissioningConfig::only`]), before its first period.
+    #[must_use]
+    pub fn only(mut self, stage: Stage) -> Self {
+        with!(&mut self.standstill, x => *x = Commissioning::new(x.config().only(stage)));
+        Self { shaft: Shaft::Locked, ..self }
+    }
+
     /// The machine by its nameplate.
     #[must_use]
     pub fn machine(&self) -> &Machine {
@@ -115,7 +122,7 @@ impl SiCommissioning {
         let b = pu.base;
         Some(FreeRun {
             drive,
-            config: InertiaConfig::new(pu.torque_rated, pu.t_s, inv.f_s),
+            config: InertiaConfig::new(pu.torque_rated, pu.t_s, inv.f_c()),
             inertia: Inertia::new(),
             bases: [b.omega_m, b.torque, b.torque / (b.omega_m * b.omega)],
             started: 0,

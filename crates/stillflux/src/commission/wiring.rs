@@ -18,7 +18,7 @@
 //! | channel *j* largest in another direction than *j* | [`Cause::SwappedChannels`] |
 //! | negative in its own direction | [`Cause::InvertedChannel`] |
 //! | more than 15 % from the mean of all channels | [`Cause::ChannelGain`] |
-//! | `L_σ` beyond a factor of five of the nameplate's | [`Cause::WrongMotor`] |
+//! | `L_σ` beyond a factor of five of the nameplate's | [`Cause::WrongMotor`]; star for delta: [`super::bridge`] |
 //!
 //! **Assumes** a shaft at rest and a machine without flux. Swapped motor cables change the direction of rotation only
 //! and are no fault. The loss of the bridge at small currents is estimated by the data sheet; the `L_σ` found here

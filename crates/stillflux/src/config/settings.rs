@@ -3,6 +3,7 @@
 
 use crate::base::Base;
 use crate::estimate::priors::Priors;
+use crate::estimate::temperature::{ALUMINIUM, Temperature};
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::words::Words;
 
@@ -25,7 +26,12 @@ const PERIODS_OVERMODULATED: f64 = 45.0;
 
 /// Largest stator frequency that the loops carry, rad/s.
 fn fastest_field(inverter: &Inverter) -> f64 {
-    core::f64::consts::TAU * inverter.f_s / PERIODS_A_TURN
+    core::f64::consts::TAU * inverter.f_c() / PERIODS_A_TURN
+}
+
+/// What an error says of a setting that is left out of the build.
+fn needs_modes(e: ParamError) -> ParamError {
+    if cfg!(feature = "modes") { e } else { e.with_note("needs the feature `modes`") }
 }
 
 /// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
@@ -240,6 +246,16 @@ pub struct EnhancedParams {
     pub prior_L_sigma: f64,
     /// Of the magnetising inductance, at most 0.5.
     pub prior_L_M: f64,
+    /// Temperature of winding and rotor at which `R_s` and `R_R` hold, -40 to 120 °C: the rotor resistance follows the
+    /// stator's ([`crate::estimate::temperature`]). `None`: it is the parameter. The next three with it only.
+    pub winding_temperature: Option<f64>,
+    /// Constant of the cage's material, 200 to 260 K: 225 for aluminium, 235 for copper.
+    pub cage_constant: f64,
+    /// Rise of the rotor's temperature over that of the winding's, 0.3 to 2.
+    pub rotor_rise: f64,
+    /// Rise of the winding's temperature at rated current in K, 5 to 200, and its time constant in s, 1 to 7200: the
+    /// stator resistance is predicted where it is not measured. `None`: it is held there.
+    pub winding_heat: Option<(f64, f64)>,
 }
 
 impl EnhancedParams {
@@ -257,42 +273,79 @@ impl EnhancedParams {
             prior_c_out: knee,
             prior_L_sigma: leakage,
             prior_L_M: l_m,
+            winding_temperature: None,
+            cage_constant: ALUMINIUM,
+            rotor_rise: 1.0,
+            winding_heat: None,
         }
     }
 
     fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
         check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")?;
-        self.priors().into_iter().try_for_each(|(name, value)| {
-            // Their variances, in units of the filter's scales, have to fit fixed point.
-            let most = if matches!(name, "prior_R_s" | "prior_L_M") { 0.5 } else { 1.0 };
-            check(name, value, 0.002, most, "")
-        })
+        self.priors().into_iter().try_for_each(|(name, value, most)| check(name, value, 0.002, most, ""))?;
+        self.validate_temperature()
     }
 
-    fn priors(&self) -> [(&'static str, f64); 5] {
+    fn validate_temperature(&self) -> Result<(), ParamError> {
+        let Some(winding) = self.winding_temperature else {
+            return self.same_temperature(&self.without_temperature(), "with a winding_temperature only");
+        };
+        check("winding_temperature", winding, -40.0, 120.0, "°C")?;
+        check("cage_constant", self.cage_constant, 200.0, 260.0, "K")?;
+        check("rotor_rise", self.rotor_rise, 0.3, 2.0, "")?;
+        if let Some((rise, time)) = self.winding_heat {
+            check("winding_heat[0]", rise, 5.0, 200.0, "K")?;
+            check("winding_heat[1]", time, 1.0, 7200.0, "s")?;
+        }
+        Ok(())
+    }
+
+    /// The same without temperatures.
+    fn without_temperature(self) -> Self {
+        Self { winding_temperature: None, cage_constant: ALUMINIUM, rotor_rise: 1.0, winding_heat: None, ..self }
+    }
+
+    /// An error for the first setting of the temperatures that is not that of `d`.
+    fn same_temperature(&self, d: &Self, why: &'static str) -> Result<(), ParamError> {
+        let same = |field, value, default| check(field, value, default, default, "").map_err(|e| e.with_note(why));
+        let flag = |x: bool| f64::from(u8::from(x));
+        same("winding_temperature", flag(self.winding_temperature.is_some()), flag(d.winding_temperature.is_some()))?;
+        same("cage_constant", self.cage_constant, d.cage_constant)?;
+        same("rotor_rise", self.rotor_rise, d.rotor_rise)?;
+        same("winding_heat", flag(self.winding_heat.is_some()), flag(d.winding_heat.is_some()))
+    }
+
+    /// What is known of the temperatures.
+    pub(crate) fn temperature(&self) -> Option<Temperature> {
+        let Self { cage_constant: cage, rotor_rise, winding_heat: heat, .. } = *self;
+        self.winding_temperature.map(|winding| Temperature { winding, cage, rotor_rise, heat })
+    }
+
+    /// Name, value and largest admissible value of each prior: its variance, in units of the filter's scale of that
+    /// state, has to fit fixed point.
+    fn priors(&self) -> [(&'static str, f64, f64); 5] {
         [
-            ("prior_R_s", self.prior_R_s),
-            ("prior_loss", self.prior_loss),
-            ("prior_c_out", self.prior_c_out),
-            ("prior_L_sigma", self.prior_L_sigma),
-            ("prior_L_M", self.prior_L_M),
+            ("prior_R_s", self.prior_R_s, 0.5),
+            ("prior_loss", self.prior_loss, 1.0),
+            ("prior_c_out", self.prior_c_out, 1.0),
+            ("prior_L_sigma", self.prior_L_sigma, 1.0),
+            ("prior_L_M", self.prior_L_M, 0.5),
         ]
     }
 
     /// An error for the first field that is not at its default.
     fn refuse_changes(&self, machine: &Machine) -> Result<(), ParamError> {
+        const OTHER: &str = "a setting of the enhanced scheme, and the drive runs the published one";
         let d = Self::new(machine);
-        let same = |field, value, default| {
-            check(field, value, default, default, "")
-                .map_err(|e| e.with_note("a setting of the enhanced scheme, and the drive runs the published one"))
-        };
+        let same = |field, value, default| check(field, value, default, default, "").map_err(|e| e.with_note(OTHER));
         let switch = |field, value, default| same(field, f64::from(u8::from(value)), f64::from(u8::from(default)));
         switch("identify_offset", self.identify_offset, d.identify_offset)?;
         switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;
         switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
         same("omega_s_min", self.omega_s_min, d.omega_s_min)?;
         let mut priors = self.priors().into_iter().zip(d.priors());
-        priors.try_for_each(|((name, value), (_, default))| same(name, value, default))
+        priors.try_for_each(|((name, value, _), (_, default, _))| same(name, value, default))?;
+        self.same_temperature(&d, OTHER)
     }
 }
 
@@ -334,6 +387,10 @@ pub struct DriveParams {
     pub calibrate_offset: bool,
     /// Duration of the reading of the offsets, s.
     pub offset_time: f64,
+    /// Current sensors: 3, or 2 in phases a and b. With two the current of phase c is `-(i_a + i_b)` and its channel is not
+    /// read. The difference of the gains of the two is found in the magnetisation at standstill then, by the enhanced
+    /// scheme, instead of while running, and the monitor of the sum is off. This and `discontinuous_above` need the feature `modes`.
+    pub current_sensors: u32,
     /// Duration of the magnetisation, s.
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
@@ -350,6 +407,9 @@ pub struct DriveParams {
     /// No torque for a moment where the torque is at its limit and the field stands still
     /// ([`crate::control::realign`]). Feature `supervision`.
     pub realignment: bool,
+    /// Discontinuous modulation from this voltage on, in parts of the largest that continuous modulation makes, `u_dc/√3`;
+    /// 0.3 to 1 ([`crate::control::modulator`]); `None`: continuous at every voltage.
+    pub discontinuous_above: Option<f64>,
     /// Lower the flux where the voltage is used up ([`crate::control::weakening`]). Without it the speed ends there.
     pub field_weakening: bool,
     /// Use the voltage between the circle within the hexagon and the hexagon: 5.2 % more for flux and torque, and a current
@@ -398,19 +458,21 @@ impl DriveParams {
             i_range: 2.5 * i_n,
             u_dc_min: 0.6 * inverter.u_dc,
             u_dc_max: 1.45 * inverter.u_dc,
-            current_bandwidth: 0.03 * inverter.f_s,
+            current_bandwidth: 0.03 * inverter.f_c(),
             flux_bandwidth: 5.0,
             speed_bandwidth: 9.0,
             pll_bandwidth: 25.0,
             inverter_model: true,
             calibrate_offset: true,
             offset_time: 0.1,
+            current_sensors: 3,
             magnetise_time: (4.0 * tau_r).max(1.4),
             low_confidence: LowConfidence::Keep,
             fresh_time: 10.0,
             supervision: true,
             stall_time: 0.35,
             realignment: true,
+            discontinuous_above: None,
             field_weakening: true,
             overmodulation: false,
             acceleration: None,
@@ -433,7 +495,7 @@ impl DriveParams {
     /// The first field found outside its range, or changed although it belongs to the scheme that does not run.
     pub fn validate(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
         let i_n = machine.I_N * core::f64::consts::SQRT_2;
-        let f_s = inverter.f_s;
+        let f_s = inverter.f_c();
         let tau_r = machine.L_M / machine.R_R;
         check("psi_ref", self.psi_ref, 0.3, 1.2, "p.u.")?;
         let i_0 = self.psi_ref * Base::new(machine).psi / machine.L_s();
@@ -457,10 +519,19 @@ impl DriveParams {
         // A fifteenth of the rate at which the loop runs.
         check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
+        let modes = cfg!(feature = "modes");
+        check("current_sensors", f64::from(self.current_sensors), if modes { 2.0 } else { 3.0 }, 3.0, "")
+            .map_err(needs_modes)?;
+        check("half_periods", f64::from(inverter.half_periods), if modes { 1.0 } else { 2.0 }, 16.0, "")
+            .map_err(needs_modes)?;
         check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
         check("fresh_time", self.fresh_time, 0.0, 3600.0, "s")?;
         if self.stall_time != 0.0 {
             check("stall_time", self.stall_time, 0.1, 60.0, "s")?;
+        }
+        if let Some(part) = self.discontinuous_above {
+            check("discontinuous_above", part, 0.3, if cfg!(feature = "modes") { 1.0 } else { 0.0 }, "")
+                .map_err(needs_modes)?;
         }
         self.validate_limits(machine, inverter)?;
         self.validate_link(inverter)?;
@@ -499,7 +570,7 @@ impl DriveParams {
             if let Some((current, time)) = body {
                 check(fields[0], current, least, self.i_max / root, "A")?;
                 // Longer than the interval in which it is computed, short enough for fixed point.
-                check(fields[1], time, 1e4 / inverter.f_s, 3600.0, "s")?;
+                check(fields[1], time, 1e4 / inverter.f_c(), 3600.0, "s")?;
             }
         }
         Ok(())

@@ -68,13 +68,13 @@ impl<R: Real> FluxShift<R> {
         self.factor
     }
 
-    /// One call at a speed, a torque reference and the leakage inductance relative to the parameter; returns `κ`, the flux
-    /// reference in units of the rated one.
+    /// One call at a speed, a torque reference, and leakage inductance and rotor resistance relative to the parameters;
+    /// returns `κ`, the flux reference in units of the rated one.
     #[inline(never)]
-    pub fn step(&mut self, c: &ShiftConfig<R>, omega_m: R, torque: R, leakage: R) -> R {
+    pub fn step(&mut self, c: &ShiftConfig<R>, omega_m: R, torque: R, [leakage, rotor]: [R; 2]) -> R {
         let a = c.omega_s_min;
         let load = torque.abs();
-        let slip = c.slip * load;
+        let slip = c.slip * load * rotor;
         let omega_s = slip + if torque < R::ZERO { -omega_m } else { omega_m };
         self.ahead = if self.ahead { omega_s > -a } else { omega_s > -a.half() };
 
@@ -112,9 +112,9 @@ mod tests {
     /// Factor and stator frequency once they stand.
     fn settled(shift: &mut FluxShift<f64>, omega_m: f64, torque: f64) -> (f64, f64) {
         for _ in 0..1000 {
-            shift.step(&CONFIG, omega_m, torque, 1.0);
+            shift.step(&CONFIG, omega_m, torque, [1.0; 2]);
         }
-        let factor = shift.step(&CONFIG, omega_m, torque, 1.0);
+        let factor = shift.step(&CONFIG, omega_m, torque, [1.0; 2]);
         (factor, omega_m + SLIP * torque / (factor * factor))
     }
 
@@ -150,7 +150,7 @@ mod tests {
         let off = ShiftConfig { omega_s_min: 0.0, ..CONFIG };
         let mut shift = FluxShift::default();
         for k in -50..50 {
-            assert_eq!(shift.step(&off, f64::from(k) * 1e-3, 1.0, 1.0), 1.0);
+            assert_eq!(shift.step(&off, f64::from(k) * 1e-3, 1.0, [1.0; 2]), 1.0);
         }
     }
 
@@ -176,7 +176,7 @@ mod tests {
         let mut shift = FluxShift::default();
         let mut last = 1.0;
         for _ in 0..1000 {
-            let factor = shift.step(&wide, -SLIP, 1.0, 1.0);
+            let factor = shift.step(&wide, -SLIP, 1.0, [1.0; 2]);
             assert!(last - factor < CONFIG.step + 1e-12);
             last = factor;
         }
@@ -189,9 +189,9 @@ mod tests {
         for leakage in [1.0, 1.1] {
             let mut shift = FluxShift::default();
             for _ in 0..1000 {
-                shift.step(&near, -SLIP, 1.0, leakage);
+                shift.step(&near, -SLIP, 1.0, [leakage, 1.0]);
             }
-            let factor = shift.step(&near, -SLIP, 1.0, leakage);
+            let factor = shift.step(&near, -SLIP, 1.0, [leakage, 1.0]);
             assert!((factor - (0.8 * leakage).sqrt()).abs() < 1e-9, "{factor}");
         }
     }

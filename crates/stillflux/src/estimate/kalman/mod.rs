@@ -1,4 +1,4 @@
-//! Extended Kalman filter for stator flux, sensor offset, resistance, inverter model and magnetising curve.
+//! Extended Kalman filter for stator flux, sensor offset, resistance, leakage, inverter model and magnetising curve.
 //!
 //! # Equations
 //!
@@ -26,8 +26,8 @@
 //! the converters enters multiplied by `σl_s`.
 //!
 //! Eleven states: `ψ_s` (2), `m`, `b` (2), `r_s`, `v`, knee `k` of the inverter model, leakage `l = σl_s`, `γ`, `c`, each
-//! in units of a typical deviation, so that the covariance fits fixed point. `model` has the discrete model and its derivatives,
-//! `noise` every standard deviation, `schedule` the order of the work, `start` the initial values.
+//! in units of a typical deviation, so that the covariance fits fixed point. `model` has the discrete model and its
+//! derivatives, `noise` every standard deviation, `schedule` the order of the work, `start` the initial values.
 //!
 //! # Observability
 //!
@@ -37,12 +37,11 @@
 //! * an error of `r_s` or `v` moves the flux along the current, one of `b` along a direction fixed in the stator: they
 //!   are separated by the rotation of the field;
 //! * at exactly `ω_s = 0` one direction of the flux error is unobservable. Its variance grows, and the confidence falls
-//!   with it. Under load a drive need not stay there ([`crate::control::shift`]).
-//!
+//!   with it. Under load a drive need not stay there ([`crate::control::shift`]);
 //! * an error `δl` of the leakage turns `ψ_R` by `δl i_q/|ψ_R|` and, by way of `i·n`, shifts the innovation by about
-//!   `l_M δl i_q²/|ψ_R|`: at rated torque ten times as much as `δl i_d`. It is separated from `γ` and `r_s` by changes
-//!   of the load and by the rotation of the current. Taken as known, it was the largest error of the angle under load
-//!   at machines with a low pull-out torque.
+//!   `l_M δl i_q²/|ψ_R|`, which is `(i_q/i_d)²` times its direct effect `δl i_d`. It is separated from `γ` and `r_s` by
+//!   changes of the load and by the rotation of the current. Without this state, an error of the leakage is the largest
+//!   cause of an angle error under load at machines with a low pull-out torque.
 //!
 //! The gain follows from the covariance in all four quadrants; no sign is chosen by quadrant.
 //!
@@ -51,8 +50,9 @@
 //! The flux is integrated in every control period, the rest runs once per block of 1 ms, or of `SLOTS` periods if
 //! that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
 //! the next one, a part in each period. The gain is therefore one block old; the time constants that it depends on are
-//! many blocks. The parameters are corrected one period after flux, `m`, offset and leakage. Above `|ω_s| = 0.2` its part for the flux is turned by the angle that the rotor flux has passed since:
-//! 36° in 1 ms at 100 Hz, without which the correction of a fast field would be a disturbance.
+//! many blocks. Above `|ω_s| = 0.2` the gain of the flux is turned by the angle that the rotor flux has passed since:
+//! 36° in 1 ms at 100 Hz, without which the correction of a fast field would be a disturbance. The parameters are
+//! corrected one period after flux, `m`, offset and leakage.
 //!
 //! # Validity, and what is added to the noise outside it
 //!
@@ -99,6 +99,7 @@ use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
 use crate::estimate::priors::Priors;
+use crate::estimate::temperature::{Temperature, TemperatureConfig};
 use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine};
 #[cfg(feature = "enhanced")]
@@ -150,8 +151,9 @@ pub struct FilterConfig<R: Real> {
     saturation: R,
     /// Whether the innovation corrects anything.
     correct: bool,
+    temperature: TemperatureConfig<R>,
 }
-words!(FilterConfig: t_s, block, inv_block, model, noise, saturation, correct);
+words!(FilterConfig: t_s, block, inv_block, model, noise, saturation, correct, temperature);
 
 impl<R: Real> FilterConfig<R> {
     /// Settings for validated parameters at a flux reference `psi_ref`; `calibrated`: the offsets of the
@@ -175,13 +177,20 @@ impl<R: Real> FilterConfig<R> {
             noise: Noise::new(pu, seconds, calibrated, saturated.known, identified),
             saturation: rounded(saturated.c),
             correct: identified.flux,
+            temperature: TemperatureConfig::new(machine, pu, None, seconds),
         }
+    }
+
+    /// Whether the rotor resistance follows the temperature.
+    #[inline(always)]
+    pub(crate) fn follows_temperature(&self) -> bool {
+        self.temperature.follows()
     }
 
     /// Periods and duration, s, of a block.
     fn block(inverter: &Inverter) -> (u32, f64) {
         let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
-        (block, f64::from(block) / inverter.f_s)
+        (block, f64::from(block) / inverter.f_c())
     }
 
     /// Checks that the current model, integrated once a block, is stable: blocks of a tenth of the rotor time constant
@@ -194,6 +203,12 @@ impl<R: Real> FilterConfig<R> {
         let most = 0.1 * machine.L_M / Self::block(inverter).1;
         check("R_R", machine.R_R, 0.0, most, "ohm")
             .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
+    }
+
+    /// The same with what is known of the temperatures.
+    #[must_use]
+    pub fn with_temperature(self, machine: &Machine, inverter: &Inverter, pu: &PerUnit, known: &Temperature) -> Self {
+        Self { temperature: TemperatureConfig::new(machine, pu, Some(known), Self::block(inverter).1), ..self }
     }
 
     /// The same with other standard deviations of the parameters at the start.
@@ -419,6 +434,23 @@ impl<R: Real> Filter<R> {
     #[inline]
     pub fn r_s(&self) -> R {
         self.r_s.value()
+    }
+
+    /// Prediction of the stator resistance by the current's heat, if that is known.
+    #[inline(always)]
+    fn warm(&mut self, c: &FilterConfig<R>) {
+        if !likely(!c.temperature.predicts()) {
+            let (gain, x) = c.temperature.increment(self.r_s(), self.point.i_s.norm_sq());
+            let r_s = c.model.r_s;
+            self.r_s.add_clamped(gain, x, r_s * R::from_f64(R_S_RANGE.0), r_s * R::from_f64(R_S_RANGE.1));
+        }
+    }
+
+    /// Rotor resistance relative to the parameter, by the temperature that the stator resistance shows
+    /// ([`crate::estimate::temperature`]).
+    #[inline]
+    pub fn rotor_resistance(&self, c: &FilterConfig<R>) -> R {
+        c.temperature.rotor(self.r_s())
     }
 
     /// Offset of the current sensors.

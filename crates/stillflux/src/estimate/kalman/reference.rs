@@ -6,7 +6,7 @@ use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA,
     SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
 };
-use super::schedule::{Holds, OMEGA_HELD, OMEGA_STILL};
+use super::schedule::{Holds, OMEGA_HELD, OMEGA_LEAKAGE_HELD};
 use super::{
     B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, N, NIS_CORNER,
     NIS_THRESHOLD, R_S_RANGE, SIGMA_LOST, V_MAX, noise,
@@ -357,8 +357,8 @@ impl Reference {
         let held = omega > OMEGA_HELD;
         let excess = if held { 0.0 } else { (self.nis - NIS_THRESHOLD).max(0.0) };
         let mut q = Matrix::from_diagonal(&State::from(self.c.noise.walk(excess)));
-        let still = omega <= OMEGA_STILL;
-        for (k, held) in [(RS, held), (V, held), (KNEE, held), (LEAKAGE, still)] {
+        let leakage_held = omega <= OMEGA_LEAKAGE_HELD;
+        for (k, held) in [(RS, held), (V, held), (KNEE, held), (LEAKAGE, leakage_held)] {
             if held {
                 q[(k, k)] = 0.0;
                 let own = p[(k, k)];

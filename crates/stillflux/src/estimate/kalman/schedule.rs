@@ -10,7 +10,7 @@
 //! | period of the block | work |
 //! |---|---|
 //! | 0 | closes the block: mean current, innovation, correction, next operating point ([`Filter`]) |
-//! | 1 | correction of the parameters |
+//! | 1 | correction of the parameters, prediction of the stator resistance ([`crate::estimate::temperature`]) |
 //! | 2 | `F_m P` |
 //! | 3 | row and column of `m` |
 //! | 4, 5 | row and column of a flux component each |
@@ -43,7 +43,7 @@ pub(super) const OMEGA_HELD: f64 = 0.2;
 /// Stator frequency, per unit, below which the leakage is held at its value and variance, without correlation. A steady
 /// load does not show it there, and over minutes the remaining errors of the bridge near current zero would be taken for
 /// it: ten minutes of rated torque at the flux shift's 0.006 moved it by 22 % at 2.2 kW.
-pub(super) const OMEGA_STILL: f64 = 0.008;
+pub(super) const OMEGA_LEAKAGE_HELD: f64 = 0.008;
 
 /// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
 const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
@@ -115,8 +115,8 @@ impl<R: Real> OperatingPoint<R> {
 
     /// Whether the leakage is held.
     #[inline(always)]
-    pub(super) fn still(&self) -> bool {
-        self.omega_s.within(R::from_f64(OMEGA_STILL))
+    pub(super) fn leakage_held(&self) -> bool {
+        self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
     }
 
     /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each;
@@ -150,7 +150,10 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
         match Slot::of(self.period) {
-            Slot::Parameters => self.correct_parameters(c),
+            Slot::Parameters => {
+                self.correct_parameters(c);
+                self.warm(c);
+            }
             Slot::RotorRow => self.rotor(c, false),
             Slot::RotorAdvance => self.rotor(c, true),
             Slot::Flux(second) => self.flux_advance(c, second),
@@ -205,7 +208,7 @@ impl<R: Real> Filter<R> {
             self.p.isolate::<V>();
             self.p.isolate::<KNEE>();
         }
-        if q.still() {
+        if q.leakage_held() {
             walk[LEAKAGE] = R::ZERO;
             self.p.isolate::<LEAKAGE>();
         }

@@ -1,0 +1,124 @@
+//! Self-commissioning on a Cortex-M4F: finds the parameters of the motor on its bridge, and writes the page that the drive's
+//! image starts from.
+//!
+//! `control_isr` is what a product runs before it has parameters: readings in, one period of the commissioning, compare
+//! values out. The fits are made once, at the end, in the main loop and in double precision. As in `drive.rs` the main loop
+//! plays the sampling instants from a file on the host; the page goes to another file, in a product to flash. Without
+//! arguments the commissioning reads the offsets of idle channels, and the image reports its sizes.
+#![no_std]
+#![no_main]
+
+use cortex_m_rt::{entry, exception};
+use stillflux::commission::{Commissioning, Status};
+use stillflux::counts::Counts;
+use stillflux::interrupt::{Command, CountsCommissioning};
+use stillflux::scalar::Real;
+use stillflux::telemetry::SetPoint;
+use stillflux_firmware::board::{self, File, Handover, Mailbox, print};
+use stillflux_firmware::commissioning::{ANSWER, answer, begin, page};
+use stillflux_firmware::exchange::{FRAME, Frame};
+
+#[cfg(feature = "q")]
+type Arithmetic = stillflux::scalar::Q;
+#[cfg(not(feature = "q"))]
+type Arithmetic = f32;
+
+/// The commissioning; nothing until it is set up: the bridge is blocked.
+static CONTROL: Handover<Option<CountsCommissioning<Arithmetic>>> = Handover::new(None);
+static MAILBOX: Handover<Mailbox> = Handover::new(Mailbox::new());
+
+#[exception]
+fn SysTick() {
+    control_isr();
+}
+
+/// The control interrupt.
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn control_isr() {
+    // SAFETY: the main loop touches both only while this interrupt is not pended.
+    unsafe {
+        CONTROL.with(|control| {
+            MAILBOX.with(|mailbox| {
+                let blocked = Command { compare: [0; 3], gates_on: false };
+                let counts = mailbox.readings().counts;
+                mailbox.command(control.as_mut().map_or(blocked, |c| c.period(&counts)));
+            });
+        });
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    match begin() {
+        // SAFETY: the interrupt is not pended yet.
+        Ok(control) => unsafe { CONTROL.with(|c| *c = Some(control)) },
+        Err(why) => {
+            print(format_args!("{}: the bridge stays blocked", why.field));
+            board::exit(false)
+        }
+    }
+    let mut buffer = [0; 512];
+    let mut arguments = board::arguments(&mut buffer).split_whitespace().skip(1);
+    match (arguments.next(), arguments.next(), arguments.next()) {
+        (Some(from), Some(to), Some(found)) => board::exit(replay(from, to) && store(found)),
+        _ => board::exit(idle()),
+    }
+}
+
+/// Feeds the frames of one file to the commissioning and writes its answers to another.
+fn replay(from: &str, to: &str) -> bool {
+    let (Some(mut frames), Some(mut answers)) = (File::open(from, false), File::open(to, true)) else {
+        print(format_args!("cannot open {from} and {to}"));
+        return false;
+    };
+    let mut buffer = [0_u8; 1024 * FRAME];
+    let mut out = [0_u8; 1024 * ANSWER];
+    loop {
+        let n = frames.read(&mut buffer) / FRAME;
+        if n == 0 {
+            return true;
+        }
+        for (bytes, to) in buffer.as_chunks::<FRAME>().0[..n].iter().zip(out.as_chunks_mut::<ANSWER>().0) {
+            *to = period(Frame::from_bytes(bytes));
+        }
+        if !answers.write(&out[..n * ANSWER]) {
+            print(format_args!("cannot write {to}"));
+            return false;
+        }
+    }
+}
+
+/// Writes the page with what was found.
+fn store(to: &str) -> bool {
+    // SAFETY: the interrupt is not pended.
+    let Some(page) = (unsafe { CONTROL.with(|c| c.as_ref().and_then(|c| page(c).ok())) }) else {
+        print(format_args!("nothing that a drive accepts was found"));
+        return false;
+    };
+    let Some(mut file) = File::open(to, true) else { return false };
+    page.words().iter().all(|word| file.write(&word.to_le_bytes()))
+}
+
+/// One sampling instant and what it gave.
+fn period(frame: Frame) -> [u8; ANSWER] {
+    let command = board::sample(&MAILBOX, frame);
+    // SAFETY: the interrupt has run and is not pended.
+    unsafe { CONTROL.with(|c| c.as_ref().map_or([0; ANSWER], |c| answer(c, &command))) }
+}
+
+/// A commissioning on idle readings at its rated dc link: reads the offsets and begins with the pulses.
+fn idle() -> bool {
+    let counts = Counts { i_abc: [0; 3], u_dc: 21_845 };
+    for _ in 0..1100 {
+        period(Frame { counts, set_point: SetPoint::Stop });
+    }
+    // SAFETY: the interrupt is not pended.
+    let running = unsafe { CONTROL.with(|c| c.as_ref().is_some_and(|c| c.commissioning().status() == Status::Running)) };
+    let bytes = size_of::<Commissioning<Arithmetic>>();
+    print(format_args!(
+        "{{\"arithmetic\": \"{}\", \"running\": {running}, \"commissioning_bytes\": {bytes}}}",
+        Arithmetic::NAME
+    ));
+    running
+}

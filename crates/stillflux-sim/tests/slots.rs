@@ -1,0 +1,217 @@
+//! Saturating leakage and slots: limits, the small-signal leakage, harmonics, energy balance.
+#![allow(non_snake_case)]
+
+use std::f64::consts::TAU;
+use stillflux::params::{Inverter, Machine};
+use stillflux_sim::{DeepBar, IronLoss, LeakageSaturation, Mode, Plant, PlantParams, SlotRipple};
+
+const T_S: f64 = 1e-4;
+
+fn params(c_out: f64) -> PlantParams {
+    let mut p = PlantParams::new(Machine::preset_2k2(), Inverter { f_clk: 0.0, c_out, ..Inverter::preset_2k2() });
+    (p.adc.bits, p.adc.u_dc_bits) = (0, 0);
+    p
+}
+
+fn polar(r: f64, a: f64) -> [f64; 2] {
+    [r * a.cos(), r * a.sin()]
+}
+
+fn duties(u: [f64; 2]) -> [f64; 3] {
+    [0.0, 1.0, 2.0].map(|k| 0.5 + (u[0] * (k * TAU / 3.0).cos() + u[1] * (k * TAU / 3.0).sin()) / 540.0)
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+const SLOTS: SlotRipple = SlotRipple { slots: 28, permeance: 0.01, leakage: 0.05 };
+const KNEE: LeakageSaturation = LeakageSaturation { share: 0.25, current: 10.0 };
+
+#[test]
+fn vanishing_amplitudes_are_the_plain_circuit() {
+    for (c_out, saturation) in [(0.0, true), (1e-9, true), (1e-9, false)] {
+        let one = PlantParams { saturation, ..params(c_out) };
+        let two = PlantParams {
+            leakage_saturation: Some(LeakageSaturation { share: 1e-12, current: 10.0 }),
+            slot_ripple: Some(SlotRipple { slots: 28, permeance: 1e-12, leakage: 1e-12 }),
+            ..one
+        };
+        let (mut a, mut b) = (Plant::new(one).unwrap(), Plant::new(two).unwrap());
+        let mut worst = 0.0f64;
+        for k in 0..8000 {
+            let t = k as f64 * T_S;
+            let d = duties(polar(25.0 + 120.0 * t, TAU * 12.0 * t * t));
+            let on = k % 1000 < 950;
+            a.step(d, on, 1.0);
+            b.step(d, on, 1.0);
+            worst = worst.max(distance(a.truth().i_s, b.truth().i_s));
+        }
+        let (a, b) = (a.truth(), b.truth());
+        assert!(worst < 1e-5, "{worst:e} A");
+        assert!((a.omega_m - b.omega_m).abs() < 1e-6 && a.omega_m > 5.0, "{} {}", a.omega_m, b.omega_m);
+        assert!(distance(a.psi_r, b.psi_r) < 1e-7);
+    }
+}
+
+#[test]
+fn energy_is_conserved_while_slots_pass_and_leakage_saturates() {
+    for (c_out, branches, mode) in [
+        (0.0, false, Mode::Switching),
+        (1e-9, false, Mode::Switching),
+        (1e-9, true, Mode::Switching),
+        (0.0, false, Mode::Averaged),
+    ] {
+        let mut p = PlantParams { mode, leakage_saturation: Some(KNEE), slot_ripple: Some(SLOTS), ..params(c_out) };
+        if branches {
+            p.iron_loss = Some(IronLoss { R_fe: 900.0, time_constant: 150e-6 });
+            p.deep_bar = Some(DeepBar { conductance: 0.3, leakage: 0.6 });
+        }
+        p.mechanics.coulomb = 0.3;
+        let mut plant = Plant::new(p).unwrap();
+        plant.track_energy(true);
+        let begin = plant.node_energy();
+        for k in 0..6000 {
+            let t = k as f64 * T_S;
+            plant.step(duties(polar(25.0 + 200.0 * t, TAU * 20.0 * t * t)), k % 700 < 650, 1.0);
+        }
+        let e = *plant.energy().unwrap();
+        let lost = e.copper_s + e.copper_r + e.iron + e.shaft;
+        let machine = e.input - lost - plant.magnetic_energy();
+        assert!(plant.truth().theta_m > TAU, "{}", plant.truth().theta_m);
+        assert!(machine.abs() < 1e-6 * e.input, "{c_out:e} {branches} {mode:?}: {machine:e} {e:?}");
+        if mode == Mode::Switching {
+            let all = e.link - e.conduction - e.charging - lost - plant.magnetic_energy() - plant.node_energy() + begin;
+            assert!(all.abs() < 1e-6 * e.input, "{c_out:e} {branches}: {all:e} {e:?}");
+        }
+    }
+}
+
+/// `u dt/di` of a short voltage pulse along `axis`, without flux in the gap, from the leakage flux `L_l current` along it;
+/// `1/L_l` times `chord` is the leakage's inverse inductance there.
+fn pulse(p: PlantParams, current: f64, chord: f64, axis: f64) -> f64 {
+    let g = p.machine.to_gamma();
+    let mut plant = Plant::new(p).unwrap();
+    // psi_R = psi_s - L_sigma i_s with psi_s = 0 and i_s = psi_l chord/L_l.
+    let psi_R = g.L_l * current * chord / (chord + g.L_l / g.L_s);
+    plant.set_state([0.0; 2], polar(-psi_R, axis), 0.0);
+    let before = plant.truth().i_s;
+    assert!((before[0].hypot(before[1]) - current * chord).abs() < 1e-9);
+    plant.step_voltage(polar(500.0, axis), 1e-7, 0.0);
+    500.0 * 1e-7 / distance(plant.truth().i_s, before)
+}
+
+#[test]
+fn a_pulse_sees_the_differential_leakage() {
+    let base = PlantParams { saturation: false, ..params(0.0) };
+    let mut p = PlantParams { leakage_saturation: Some(KNEE), ..base };
+    p.mechanics.speed = Some(0.0);
+    let g = p.machine.to_gamma();
+    // i = (1 + k psi²) psi/L_l with a quarter of the inductance lost at 10 A.
+    let k = (1.0 / 0.75 - 1.0) / (0.75 * g.L_l * 10.0).powi(2);
+    let mut last = f64::INFINITY;
+    for current in [0.5, 3.0, 6.0] {
+        let x = k * (g.L_l * current).powi(2);
+        let got = pulse(p, current, 1.0 + x, 0.3);
+        // di/dpsi = (1 + 3 k psi²)/L_l, and 1/L_s beside it. The drop at the resistance is 2 % of the pulse at 6 A.
+        let drop = (p.machine.R_s + 2.0 * g.R_r) * current * (1.0 + x) / 500.0;
+        let want = 1.0 / (1.0 / g.L_s + (1.0 + 3.0 * x) / g.L_l);
+        assert!((got / want - 1.0).abs() < 1e-3 + drop, "{current} A: {got} {want}");
+        assert!((pulse(base, current, 1.0, 0.3) * (1.0 / g.L_s + 1.0 / g.L_l) - 1.0).abs() < 1e-3 + drop);
+        assert!(got < last);
+        last = got;
+    }
+}
+
+#[test]
+fn a_pulse_sees_the_saliency_of_the_slots() {
+    let mut p = PlantParams { saturation: false, slot_ripple: Some(SLOTS), ..params(0.0) };
+    p.mechanics.speed = Some(0.0);
+    let g = p.machine.to_gamma();
+    // Along the slots (angle zero) the inverse leakage is larger by 5 %, across smaller, in the gap larger by 1 %.
+    for (axis, sign) in [(0.0, 1.0), (TAU / 4.0, -1.0)] {
+        let want = 1.0 / (1.01 / g.L_s + (1.0 + 0.05 * sign) / g.L_l);
+        let got = pulse(p, 0.0, 1.0, axis);
+        assert!((got / want - 1.0).abs() < 1e-3, "{axis}: {got} {want}");
+    }
+}
+
+/// Amplitude of the current's component at `w`, from samples at `dt` over whole periods.
+fn line(i: &[[f64; 2]], w: f64, dt: f64) -> f64 {
+    let sum = i.iter().enumerate().fold([0.0; 2], |s, (k, i)| {
+        let (sin, cos) = (w * dt * k as f64).sin_cos();
+        [s[0] + i[0] * cos + i[1] * sin, s[1] + i[1] * cos - i[0] * sin]
+    });
+    sum[0].hypot(sum[1]) / i.len() as f64
+}
+
+#[test]
+fn slots_show_at_their_frequencies_and_nowhere_else() {
+    // 25 Hz of the field, the shaft at 11 turns a second with 28 slots: 308 Hz; two pole pairs, slip 3 Hz.
+    let (f, f_m, Z, dt, U) = (25.0, 11.0, 28.0, 20e-6, 165.0);
+    let run = |slot_ripple| {
+        let mut p = PlantParams { saturation: false, slot_ripple, ..params(0.0) };
+        p.mechanics.speed = Some(TAU * f_m);
+        let mut plant = Plant::new(p).unwrap();
+        let mut i = vec![];
+        for k in 0..100_000 {
+            plant.step_voltage(polar(U, TAU * f * (k as f64 + 0.5) * dt), dt, 0.0);
+            if k >= 50_000 {
+                i.push(plant.truth().i_s);
+            }
+        }
+        i
+    };
+    let at = |i: &[[f64; 2]], f: f64| line(i, TAU * f, dt);
+    let plain = run(None);
+    let gap = run(Some(SlotRipple { leakage: 0.0, ..SLOTS }));
+    let leakage = run(Some(SlotRipple { permeance: 0.0, ..SLOTS }));
+    let (up, down) = (Z * f_m + f, f - Z * f_m);
+    // The gap's permeance drives p/(2 L_s) |psi_s| in each side band, less what the rotor shields.
+    let psi = 165.0 / (TAU * f);
+    let drive = 0.5 * 0.01 / Machine::preset_2k2().to_gamma().L_s * psi;
+    for side in [up, down] {
+        assert!(at(&plain, side) < 1e-4 * drive, "{side}: {} without slots", at(&plain, side));
+        let got = at(&gap, side);
+        assert!((0.7..1.01).contains(&(got / drive)), "{side}: {got} of {drive}");
+    }
+    // The leakage's saliency turns the mirrored leakage current: one side band alone, e^{j Z theta} psi_l*.
+    let (one, other) = (at(&leakage, Z * f_m - f), at(&leakage, up));
+    assert!(one > 0.01 && other < 0.05 * one, "{one} {other}");
+}
+
+#[test]
+fn cogging_is_that_of_the_fields_energy() {
+    // Standstill, flux in the gap, no leakage flux: T = 3/4 Z p/L_u |psi|² sin(Z theta).
+    let mut p = PlantParams { saturation: false, slot_ripple: Some(SLOTS), ..params(0.0) };
+    p.mechanics.speed = Some(1.0);
+    let g = p.machine.to_gamma();
+    let mut plant = Plant::new(p).unwrap();
+    for _ in 0..40 {
+        plant.step([0.5; 3], false, 0.0);
+        let k = g.L_s / (g.L_s + g.L_l);
+        plant.set_state([0.9, 0.0], [0.9 * k, 0.0], 1.0);
+        let t = plant.truth();
+        let (cos, sin) = ((28.0 * t.theta_m).cos(), (28.0 * t.theta_m).sin());
+        // psi_R = psi_s - L_sigma i_s; what the slots add to the current leaves some leakage flux.
+        let want = 0.75 * 28.0 * 0.01 / g.L_s * 0.81 * sin;
+        assert!((t.torque - want).abs() < 0.03 * 0.75 * 28.0 * 0.01 / g.L_s * 0.81, "{} {want} {cos}", t.torque);
+    }
+}
+
+#[test]
+fn bad_slots_are_named() {
+    let field = |leakage_saturation, slot_ripple| match Plant::new(PlantParams {
+        leakage_saturation,
+        slot_ripple,
+        ..params(0.0)
+    }) {
+        Err(e) => e.field,
+        Ok(_) => "",
+    };
+    assert_eq!(field(Some(LeakageSaturation { share: 0.7, ..KNEE }), None), "leakage_saturation share");
+    assert_eq!(field(Some(LeakageSaturation { current: 0.0, ..KNEE }), None), "leakage_saturation current");
+    assert_eq!(field(None, Some(SlotRipple { slots: 0, ..SLOTS })), "slot_ripple slots");
+    assert_eq!(field(None, Some(SlotRipple { leakage: 0.4, ..SLOTS })), "slot_ripple leakage");
+    assert_eq!(field(Some(KNEE), Some(SLOTS)), "");
+}
