@@ -106,7 +106,8 @@ def _flux(result: Result) -> float:
     """At the end, over that of the circle without load: 0.97 of the voltage over the speed."""
     base, scenario = result.scenario.motor.base, result.scenario
     circle = 0.97 * 0.98 / np.sqrt(3.0) * scenario.inverter.u_dc / base["u"] / _TOP
-    return float(np.abs(result.window(scenario.duration - 0.3)["psi_s"]).mean()) / base["psi"] / circle
+    end = result.window(scenario.duration - 0.3)
+    return float(np.abs(end["psi_s"]).mean() / base["psi"] / circle)
 
 
 def _check_overmodulated(result: Result) -> list[Claim]:
@@ -144,5 +145,7 @@ OPERATIONS = (
         _overmodulated,
         _check_overmodulated,
         Control("overmodulation", lambda s: s.with_settings(overmodulation=False), _within_circle),
+        # Refused at 160 kW, whose 4 kHz leave 40 control periods to a turn of the field at 2 pu.
+        machines=tuple(machine for machine in DRIVES if machine != "160kW"),
     ),
 )
