@@ -77,11 +77,11 @@ function onGrid(x, step) {
 class StripChart extends Drawing {
     static MARGIN = { left: 46, right: 8, top: 8, bottom: 20 };
 
-    /** lines: [{of(history, k), colour, dash, width}], NaN leaves a gap; band: a half width about zero, likewise;
-     *  least: smallest range that is shown; fixed: the range; marks: levels drawn dashed. */
-    constructor(canvas, { lines, band = null, least, fixed = null, marks = [] }) {
+    /** lines: [{of(history, k), colour, dash, width}], NaN leaves a gap; band: a half width about zero, likewise,
+     *  for which the range grows up to `room`; least: smallest range that is shown; fixed: the range; marks: levels drawn dashed. */
+    constructor(canvas, { lines, band = null, room = 0, least, fixed = null, marks = [] }) {
         super(canvas);
-        Object.assign(this, { lines, band, least, fixed, marks });
+        Object.assign(this, { lines, band, room, least, fixed, marks });
     }
 
     draw(history, span) {
@@ -114,7 +114,11 @@ class StripChart extends Drawing {
         });
         if (this.band) {
             for (let k = first; k < history.end; k += rows) {
-                bands.push(x(history.at("t", k)), this.band(history, k));
+                const half = this.band(history, k);
+                bands.push(x(history.at("t", k)), half);
+                const room = Math.min(half, this.room);
+                if (room > high) high = room;
+                if (-room < low) low = -room;
             }
         }
 
@@ -193,7 +197,7 @@ class FluxPlot extends Drawing {
             this.context.globalAlpha = 0.55;
             this.line(points, colour, { width: 1.5 });
             this.context.globalAlpha = 1;
-            if (!Number.isNaN(points.at(-1))) this.#arrow(centre, points.slice(-2), colour, always ? 4.5 : 2.5);
+            if (!Number.isNaN(points.at(-1))) this.#arrow(centre, points.slice(-2), colour, always ? 6 : 2.5);
         }
     }
 

@@ -3,6 +3,11 @@
 //!
 //! Each drive runs on its own plant (switching model, current offsets, 12-bit converters) and is judged by
 //! that plant's truth: nothing ties the absolute angle of a field at standstill, so the three paths part.
+//!
+//! The bridge is the one of the paper's figures, whose nodes have no capacitance, and there is no noise: the angle keeps
+//! within 0.1°, so that a difference between arithmetics shows. With the 1 nF of the preset the legs' edges at current
+//! zero leave a voltage that the offset estimator found at 1 Hz and that is another one at rest: 6.6° rms and 7.8° at the
+//! end of the minute, in each arithmetic.
 
 use std::borrow::Cow;
 use std::error::Error;
@@ -35,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// rms and worst angle error in degrees, rms speed error (estimate against truth) per unit.
 fn run(arithmetic: Arithmetic) -> Result<(f64, f64, f64), Box<dyn Error>> {
-    let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+    let (machine, inverter) = (Machine::preset_2k2(), Inverter { c_out: 0.0, ..Inverter::preset_2k2() });
     let base = Base::new(&machine);
     let mut s = Scenario::new(machine, inverter, TO);
     s.arithmetic = arithmetic;

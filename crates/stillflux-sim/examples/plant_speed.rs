@@ -30,7 +30,7 @@ fn main() {
             p.calls = Calls { missed: 1e-3, doubled: 1e-3 };
             p.adc.noise = 0.02;
             (p.mechanics.coulomb, p.mechanics.stribeck) = (0.2, 0.1);
-            p.thermal = Some(Thermal { time_constant: 600.0, rise: 80.0, alpha: 0.0039 });
+            p.thermal = Some(Thermal { time_constant: 600.0, rise: 80.0, alpha: 0.0039, alpha_R: 0.0 });
             skewed(p);
         }),
     ];

@@ -140,7 +140,7 @@ fn stray_rate(m: &Machine, inv: &Inverter) -> f64 {
 fn fastest_rate(p: &PlantParams, circuit: &Circuit) -> f64 {
     // Saturated leakage raises the stray rate. A branch carries a small part of the current: its time constant may be met
     // by fewer steps.
-    let stray = stray_rate(&p.machine, &p.inverter) * (1.0 + 3.0 * p.leakage_saturation.map_or(0.0, |l| l.excess()));
+    let stray = stray_rate(&p.machine, &p.inverter) * (1.0 + p.leakage_saturation.map_or(0.0, |l| l.excess()));
     stray + 0.15 * circuit.branch_rate() + 1.5 * p.machine.omega_sR()
 }
 
@@ -217,6 +217,8 @@ pub struct Plant {
     /// Instants within the period at which channels are sampled ahead of its end, else infinite, and what they saw.
     instants: [f64; 3],
     seen: [f64; 3],
+    /// Whether there are such channels.
+    skewed: bool,
     /// `∫ i_s dt` since the period began.
     int_i: V2,
     /// Band of the average model, A.
@@ -293,6 +295,7 @@ impl Plant {
             preload: [0.5; 3],
             instants: params.adc.skew.map(|s| if s > 0.0 { period - s } else { f64::INFINITY }),
             seen: [0.0; 3],
+            skewed: params.adc.skew.iter().any(|s| *s > 0.0),
             int_i: [0.0; 2],
             band: average_band(&m, &inv),
             stale: false,

@@ -254,9 +254,8 @@ fn others() -> [(Machine, Inverter); 8] {
         u_th,
         r_d,
         dead_time,
-        f_clk: 170e6,
         c_out: 3e-9,
-        half_periods: 2,
+        ..Inverter::preset_2k2()
     };
     let traction =
         Machine::from_t_model(t_model(0.013, 0.01, 60e-6, 1.5e-3), rating(2, 0.02, 34.0, 120.0, 100.0, 16.0));

@@ -386,7 +386,7 @@ def page(path: Path, command: str, outcomes: Sequence[Outcome], stopped: str = "
     """Writes the page."""
     import html
 
-    from stillflux.evidence.report.page import STYLE, svg
+    from stillflux.evidence.report.page import HEAD, STYLE, svg
 
     rows = "".join(
         f"<tr><td>{html.escape(c.text)}</td><td>{html.escape(c.measured)}</td><td>{_verdict(c)}</td></tr>"
@@ -394,7 +394,7 @@ def page(path: Path, command: str, outcomes: Sequence[Outcome], stopped: str = "
     )
     title = "Commissioning of motors and bridges drawn at random"
     path.write_text(
-        f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
+        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{title}</title>"
         f"<style>{STYLE}</style></head>\n<body><h1>{title}</h1>\n"
         f"<p>Made by <code>{html.escape(command)}</code>. {html.escape(stopped)}</p>"
         f"<table><tr><th>claim</th><th>measured</th><th></th></tr>{rows}</table>"

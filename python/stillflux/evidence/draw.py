@@ -37,6 +37,7 @@ __all__ = [
     "record",
     "recorder",
     "recording",
+    "side_by_side",
     "spaced",
     "until_fault",
     "wide",
@@ -85,6 +86,8 @@ class Strip:
     limits: tuple[float, float] | None = None
     level: float | None = None
     """A level worth a line."""
+    unit: str = "pu"
+    """Empty: a ratio."""
 
 
 def recorder(
@@ -105,8 +108,12 @@ def recorder(
             colours = (TRUE,) if len(strip.traces) == 1 else (ESTIMATE, TRUE, THIRD)
             for (name, values), colour in zip(strip.traces, colours, strict=False):
                 line = ":" if name == "reference" else "-"
-                panel.plot(*thin_to(t, values, 900), line, linewidth=0.9, color=colour, label=name)
-            panel.set_ylabel(strip.label, rotation=0, ha="right", va="center")
+                # Wide and beneath, so that an estimate that coincides with it is seen.
+                width, order = (1.8, 1.9) if name == "true" else (0.9, 2.0)
+                shown = thin_to(t, values, 900)
+                panel.plot(*shown, line, linewidth=width, zorder=order, color=colour, label=name)
+            label = f"{strip.label}, {strip.unit}" if strip.unit else strip.label
+            panel.set_ylabel(label, rotation=0, ha="right", va="center")
             if strip.limits is not None:
                 panel.set_ylim(*strip.limits)
                 _tell_beyond(panel, strip)
@@ -122,28 +129,44 @@ def recorder(
                 panel.axvspan(loss, max(loss, float(t[-1])), color=LOST, alpha=0.12, linewidth=0)
         panels[0].set_xlim(t[0], t[-1])
         panels[-1].set_xlabel(f"t, {unit}")
-        _name(panels[0], t, [*events, *([(loss, LOST_TEXT)] if loss is not None else [])])
+        rows = _name(panels[0], t, [*events, *([(loss, LOST_TEXT)] if loss is not None else [])])
         if title:
-            panels[0].set_title(title, fontsize=9, pad=14 if events or loss is not None else None)
+            panels[0].set_title(title, fontsize=9, pad=6.0 + _ROW * rows)
 
 
-def _name(panel: Axes, t: NDArray[Any], events: Events) -> None:
-    """Names above the uppermost panel."""
-    for time, name in events:
-        if t[0] <= time <= t[-1]:
-            is_loss = name == LOST_TEXT
-            panel.annotate(
-                name,
-                (time, 1.0),
-                # A loss often follows at the heels of an event: its name stands within the panel.
-                (2, -2) if is_loss else (0, 2),
-                xycoords=("data", "axes fraction"),
-                textcoords="offset points",
-                fontsize=7,
-                ha="left" if time - t[0] < 0.85 * (t[-1] - t[0]) else "right",
-                va="top" if is_loss else "bottom",
-                color=LOST if is_loss else "#444",
-            )
+_ROW, _LETTER = 8.0, 3.7
+"""Height of a row of names and width of a letter, points."""
+
+
+def _name(panel: Axes, t: NDArray[Any], events: Events) -> int:
+    """Names above the uppermost panel, in two rows where one would run into the next; how many rows."""
+    # Panels take about two thirds of the width of their figure.
+    points = 0.66 * 72.0 * panel.figure.bbox.width / panel.figure.dpi / float(t[-1] - t[0])
+    ends = [-np.inf, -np.inf]
+    rows = 0
+    for time, name in sorted(events):
+        if not t[0] <= time <= t[-1]:
+            continue
+        is_loss = name == LOST_TEXT
+        to_right = time - t[0] < 0.85 * (t[-1] - t[0])
+        begin, length = points * (time - t[0]), _LETTER * len(name)
+        row = 0 if is_loss or begin - (0.0 if to_right else length) > ends[0] else 1
+        if not is_loss:
+            ends[row] = begin + (length if to_right else 0.0)
+            rows = max(rows, row + 1)
+        panel.annotate(
+            name,
+            (time, 1.0),
+            # A loss often follows at the heels of an event: its name stands within the panel.
+            (2, -2) if is_loss else (0, 2 + _ROW * row),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            fontsize=7,
+            ha="left" if to_right else "right",
+            va="top" if is_loss else "bottom",
+            color=LOST if is_loss else "#444",
+        )
+    return rows
 
 
 def _tell_beyond(panel: Axes, strip: Strip) -> None:
@@ -213,17 +236,17 @@ class PerUnit:
         estimate, true = self.result["estimate.R_s"] / nominal, (self.result["R_s"] + r_d) / nominal
         least, most = min(estimate.min(), true.min()), max(estimate.max(), true.max())
         limits = min(limits[0], least - 0.02), max(limits[1], most + 0.02)
-        return Strip(r"$r_s/r_{sN}$", [("estimated", estimate), ("true", true)], limits)
+        return Strip(r"$r_s/r_{sN}$", [("estimated", estimate), ("true", true)], limits, unit="")
 
     def angle(self, limit: float = 15.0) -> Strip:
         """Field angle error, within ±180°."""
-        error = angle(self.result)
-        span = min(max(limit, 1.1 * float(np.abs(error).max())), 180.0)
-        return Strip("$\\hat\\delta-\\delta$, °", [("", error)], (-1.05 * span, 1.05 * span))
+        error = np.where(metrics.faulted(self.result), np.nan, angle(self.result))
+        span = min(max(limit, 1.1 * float(np.nanmax(np.abs(error)))), 180.0)
+        return Strip(r"$\hat\delta-\delta$", [("", error)], (-1.05 * span, 1.05 * span), unit="°")
 
     def confidence(self) -> Strip:
         """The drive's confidence in its field angle, and the level below which 15° must be expected."""
-        return Strip("confidence", [("", self.result["estimate.confidence"])], (-0.05, 1.05), CONFIDENT)
+        return Strip("confidence", [("", self.result["estimate.confidence"])], (-0.05, 1.05), CONFIDENT, "")
 
     def i_q(self) -> Strip:
         """Torque-producing current."""
@@ -245,7 +268,7 @@ class PerUnit:
     def delta(self) -> Strip:
         """Estimated field angle."""
         angle = np.degrees(np.angle(self.result["estimate.psi_s"]))
-        return Strip(r"$\hat\delta$, °", [("", angle)], (-190.0, 190.0))
+        return Strip(r"$\hat\delta$", [("", angle)], (-190.0, 190.0), unit="°")
 
 
 def until_fault(result: Result) -> Result:
@@ -297,6 +320,22 @@ def record(
         events=[(t - begin, name) for t, name in events if begin <= t <= last],
         loss=max(loss - begin, 0.0) if loss < last else None,
     )
+
+
+def side_by_side(
+    results: Sequence[Result],
+    titles: Sequence[str],
+    strips: Callable[[PerUnit], Sequence[Strip]],
+    begin: float,
+    end: float = float("inf"),
+    events: Events = (),
+    height: float = 5.4,
+) -> Figure:
+    """Several runs of one course, a recorder each, under their titles."""
+    figure = figure_of(2.0 + 3.6 * len(results), height)
+    for part, result, title in zip(parts(figure, 1, len(results)), results, titles, strict=True):
+        record(part, result, strips, begin, end, events, title)
+    return figure
 
 
 def spaced(z: NDArray[Any], points: int = 1500) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -83,6 +83,7 @@ impl<R: Real> PaperConfig<R> {
                 gain: r(t_slow * (p.paper.resistance_gain / pu.base.omega)),
                 i_q_min: r(0.15 * pu.torque_rated / p.psi_ref),
                 i_q_high: r(0.6 * pu.torque_rated / p.psi_ref),
+                swing_slope: r((pu.tau_r * 2.0 / 75.0 * p.psi_ref / pu.torque_rated).min(100.0)),
                 omega_min: r(0.004),
                 omega_max: r(0.1),
                 transient: r(0.05),
@@ -111,9 +112,11 @@ impl<R: Real> PaperConfig<R> {
                 l_s: r(pu.l_s),
                 sigma_l_s: r(pu.sigma_l_s),
                 corner: r(t_slow * pu.hz(2.0)),
-                // Time constant of 0.5 s at the current without load.
-                gain: r(t_slow / (0.5 * pu.base.omega) * (pu.l_s / p.psi_ref) * (pu.l_s / p.psi_ref)),
-                settle: inverter.periods(0.4 / f64::from(SLOW_PERIODS)),
+                // Time constant of 10 τ_r at the current without load (see its module).
+                gain: r(t_slow / (10.0 * pu.tau_r) * (pu.l_s / p.psi_ref) * (pu.l_s / p.psi_ref)),
+                half_period: r(0.5 * t_s),
+                // The flux of the machine has settled after a change of load or speed.
+                settle: inverter.periods(5.0 * pu.tau_r / pu.base.omega / f64::from(SLOW_PERIODS)),
                 omega_min: r(0.03),
                 omega_max: r(0.2),
             }),

@@ -38,7 +38,7 @@ use crate::estimate::kalman::{Filter, Input, Learned};
 use crate::estimate::pair::{HALF_MAX, Pair};
 use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
-use crate::scalar::{Real, clamp_seldom};
+use crate::scalar::{Real, clamp_seldom, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Speed, per unit, above which a machine counts as rotating at the start.
@@ -133,8 +133,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     knee: Knee<R>,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
-    /// Rotor resistance at its temperature.
-    r_r: R,
+    /// Rotor resistance at its temperature, relative to the parameter.
+    rotor: R,
 }
 
 impl<R: Real> EnhancedEstimators<R> {
@@ -157,7 +157,7 @@ impl<R: Real> EnhancedEstimators<R> {
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
             torque_ref: R::ZERO,
-            r_r: c.speed.r_r,
+            rotor: R::ONE,
         }
     }
 
@@ -302,7 +302,8 @@ impl<R: Real> EnhancedEstimators<R> {
         let before = self.speed.psi_r;
         // The current has risen after a fifth of the search.
         if stage > probe_periods / 5 {
-            self.search.numerator += before.cross(&(*psi_r - before)) - c.t_s * self.r_r * psi_r.cross(i_s);
+            self.search.numerator +=
+                before.cross(&(*psi_r - before)) - c.t_s * (c.speed.r_r * self.rotor) * psi_r.cross(i_s);
             self.search.denominator += c.t_s * psi_r.norm_sq();
         }
         self.speed.psi_r = *psi_r;
@@ -368,7 +369,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             }
-            6 => self.knee = c.inverter.knee(self.filter.knee()),
+            6 => {
+                self.knee = c.inverter.knee(self.filter.knee());
+                if !likely(!c.enhanced.filter.follows_temperature()) {
+                    self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
+                }
+            }
             _ => {}
         }
         let (mut field, mut complete) = (self.filter.field(), false);
@@ -401,15 +407,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(never)]
     fn update_speed(&mut self, c: &DriveConfig<R>) {
         let (psi_r, i_s) = (self.filter.rotor_flux(&c.enhanced.filter), self.filter.i_s());
-        self.speed = self.speed_estimator.step(&SpeedConfig { r_r: self.r_r, ..c.speed }, &psi_r, &i_s);
+        self.speed = self.speed_estimator.step(&SpeedConfig { r_r: c.speed.r_r * self.rotor, ..c.speed }, &psi_r, &i_s);
     }
 
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
-        let warm = self.filter.rotor_resistance(&c.enhanced.filter);
-        self.r_r = c.speed.r_r * warm;
-        let of_parameters = [self.filter.leakage(), warm];
+        let of_parameters = [self.filter.leakage(), self.rotor];
         self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, of_parameters);
     }
 
@@ -501,6 +505,5 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
         self.knee = c.inverter.knee(self.filter.knee());
-        self.r_r = c.speed.r_r * self.filter.rotor_resistance(&c.enhanced.filter);
     }
 }

@@ -122,11 +122,12 @@ impl<R: Real> PaperEstimators<R> {
 
     /// Where |i_q| is too small for (15): the method of [9] beyond its smallest frequency, the radius at rest.
     #[cfg(feature = "variants")]
-    fn adapt_at_light_load(&mut self, c: &PaperConfig<R>, resistance: &ResistanceConfig<R>, i_q: R, omega_s: R) {
+    fn adapt_at_light_load(&mut self, c: &PaperConfig<R>, resistance: &ResistanceConfig<R>, i_dq: &Dq<R>, omega_s: R) {
+        let i_q = i_dq.im();
         let light = self.resistance.is_light(resistance, i_q);
         if let Some(config) = &c.light_load {
-            let u_i = self.flux.estimate().u_i;
-            if let Some(error) = self.light_load.step(config, &u_i, &self.i_s, omega_s, i_q, light) {
+            let u_i = self.flux.field().to_field(&self.flux.estimate().u_i);
+            if let Some(error) = self.light_load.step(config, &u_i, i_dq, omega_s, i_q, light) {
                 self.resistance.follow(config.gain, error);
             }
         }
@@ -195,7 +196,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         if let (Some(resistance), true) = (&c.resistance, known) {
             self.resistance.step(resistance, self.flux.magnitude(), i_dq, omega_s, omega_m);
             #[cfg(feature = "variants")]
-            self.adapt_at_light_load(c, resistance, i_dq.im(), omega_s);
+            self.adapt_at_light_load(c, resistance, i_dq, omega_s);
         }
         let corrected = (self.flux.offset.updates() > 0).then(|| self.flux.offset.last_correction());
         self.confidence.step(&c.confidence, omega_s, self.flux.effort(), corrected);

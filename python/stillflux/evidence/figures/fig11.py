@@ -139,7 +139,7 @@ def draw(*results: Result) -> Figure:
         part.set(xlim=(0.0, most), ylim=(-most, most), title="enlarged; points: plant, lines: closed form")
         whole.set(aspect="equal", title="the circles")
         for panel in (whole, part):
-            panel.set(xlabel="$i_d$", ylabel="$i_q$")
+            panel.set(xlabel="$i_d$, pu", ylabel="$i_q$, pu")
             panel.title.set_fontsize(9)
         part.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

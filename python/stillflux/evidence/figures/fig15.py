@@ -62,7 +62,7 @@ def scenario(
 
 
 def claims(result: Result) -> list[Claim]:
-    """Round circle, right angle, offset found."""
+    """The trajectory is a circle, the field angle is right, the offset is found."""
     if result.status != "running":
         return [runs_to_the_end(result)]
     settled = result.window(SETTLED)
@@ -80,7 +80,7 @@ def draw(result: Result, *others: Result) -> Figure:
 
     del others
     result = until_fault(result)
-    figure = figure_of(9.5, 6.2)
+    figure = figure_of(9.5, 7.0)
     left, right = parts(figure, 1, 2, width_ratios=(2, 3))
     begin = min(SETTLED, max(0.0, float(result.t[-1]) - 3.0))
     pu = from_time(result, begin, begin + 3.0)
@@ -89,7 +89,7 @@ def draw(result: Result, *others: Result) -> Figure:
         panel = left.subplots()
         panel.plot(*spaced(psi), color=ESTIMATE, linewidth=0.9, label="estimated")
         panel.plot(*spaced(true), color=TRUE, linewidth=0.9, label="true")
-        panel.set(aspect="equal", xlabel=r"$\psi_\alpha$", ylabel=r"$\psi_\beta$", title="(a)")
+        panel.set(aspect="equal", xlabel=r"$\psi_\alpha$, pu", ylabel=r"$\psi_\beta$, pu", title="(a)")
         panel.legend(loc="center")
     estimated_speed = pu.omega_m("estimate.omega_m")
     strips = [
@@ -98,12 +98,13 @@ def draw(result: Result, *others: Result) -> Figure:
         pu.angle(5.0),
         pu.i_alpha(),
         Strip("$i_q$", pu.i_q().traces, wide(pu.i("estimate.i_dq").imag, 0.1)),
-        Strip("$T/T_N$", [("", pu.torque())], wide(pu.torque(), 0.1)),
+        Strip("$T/T_N$", [("", pu.torque())], wide(pu.torque(), 0.1), unit=""),
         Strip(
             r"$\omega$",
-            [("estimated", estimated_speed), ("true", pu.omega_m())],
+            pu.speed().traces,
             wide(estimated_speed, 0.005),
         ),
+        pu.confidence(),
     ]
     recorder(right, pu.t, strips, title="(b) above, (c) below")
     return figure

@@ -62,7 +62,7 @@ def draw(result: Result) -> Figure:
         result,
         lambda pu: [
             pu.speed(),
-            Strip("$T/T_N$", [("load", pu.torque("load_torque")), ("motor", pu.torque())]),
+            Strip("$T/T_N$", [("load", pu.torque("load_torque")), ("motor", pu.torque())], unit=""),
             pu.i_q(),
             pu.i_alpha(),
             pu.angle(5.0),

@@ -94,7 +94,7 @@ def draw(*runs: Waveforms) -> Figure:
                 rasterized=True,
                 label=r"$u_{av}$",
             )
-            panel.set(aspect="equal", xlabel=r"$u_\alpha$", ylabel=r"$u_\beta$")
+            panel.set(aspect="equal", xlabel=r"$u_\alpha$, pu", ylabel=r"$u_\beta$, pu")
             panel.set_title(rf"({part}) $\omega_s$ = {run.run.omega_s:g}", fontsize=9)
             panel.legend(loc="upper right", markerscale=8)
     return figure

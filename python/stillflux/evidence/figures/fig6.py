@@ -63,7 +63,7 @@ def draw(run: Waveforms) -> Figure:
     with mpl.rc_context(STYLE):
         left, right = bottom.subplots(1, 2)
         left.plot(1e3 * run.t[near], i_abc[near, 0], ".", markersize=2, color=TRUE)
-        left.set(xlabel="t, ms", ylabel="$i_a$ at the carrier peak")
+        left.set(xlabel="t, ms", ylabel="$i_a$ at the carrier peak, pu")
         leg = run.distortion.real[near] / (2 / 3 * run.threshold)
         right.plot(1e3 * run.t[near], leg, linewidth=0.9, color=TRUE)
         right.set(xlabel="t, ms", ylabel="voltage lost in leg a\nover its full value", ylim=(-1.3, 1.3))

@@ -41,7 +41,7 @@ def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
 
 
 def claims(result: Result) -> list[Claim]:
-    """Round circle, right angle."""
+    """The trajectory stays a circle; the field angle and the speed stay right."""
     if result.status != "running":
         return [runs_to_the_end(result)]
     settled = result.window(_SETTLED)
@@ -54,7 +54,7 @@ def claims(result: Result) -> list[Claim]:
 
 
 def draw(result: Result) -> Figure:
-    """A second of the steady state."""
+    """Two seconds of the steady state."""
     return recording(
         result,
         lambda pu: [pu.speed(), pu.i_q(), pu.i_alpha(), pu.angle(5.0)],

@@ -13,7 +13,7 @@ import numpy as np
 
 from stillflux import metrics
 from stillflux.evidence.claims import Claim, at_least, at_most, holds, reported
-from stillflux.evidence.draw import figure_of, parts, record
+from stillflux.evidence.draw import side_by_side
 from stillflux.evidence.figure import Control, Experiment, fields
 from stillflux.evidence.figures import fig13b
 from stillflux.evidence.judge import lost
@@ -71,18 +71,14 @@ def claims(*results: Result) -> list[Claim]:
 
 def draw(*results: Result) -> Figure:
     """The three loads side by side."""
-    figure = figure_of(12.0, 5.4)
-    for part, result, load in zip(parts(figure, 1, len(LOADS)), results, LOADS, strict=True):
-        record(
-            part,
-            result,
-            lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(15.0)],
-            fig13b.CHANGE - 1.0,
-            fig13b.CHANGE + 4.0,
-            events=[(fig13b.CHANGE, "r_s + 25 %")],
-            title=f"{100 * load:.0f} % load",
-        )
-    return figure
+    return side_by_side(
+        results,
+        [f"{100 * load:.0f} % load" for load in LOADS],
+        lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(15.0)],
+        fig13b.CHANGE - 1.0,
+        fig13b.CHANGE + 4.0,
+        [(fig13b.CHANGE, "$r_s$ + 25 %")],
+    )
 
 
 EXPERIMENTS = (

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from stillflux.evidence.claims import Claim, at_least, at_most, reported
-from stillflux.evidence.draw import figure_of, parts, record
+from stillflux.evidence.draw import side_by_side
 from stillflux.evidence.figure import Control, Experiment, settings
 from stillflux.evidence.figures import fig13b
 from stillflux.evidence.machines import scaled
@@ -55,18 +55,14 @@ def claims(*results: Result) -> list[Claim]:
 
 def draw(*results: Result) -> Figure:
     """The three speeds side by side."""
-    figure = figure_of(12.0, 5.4)
-    for part, result, omega in zip(parts(figure, 1, len(_SPEEDS)), results, _SPEEDS, strict=True):
-        record(
-            part,
-            result,
-            lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(5.0)],
-            fig13b.CHANGE - 0.5,
-            fig13b.CHANGE + 2.0,
-            events=[(fig13b.CHANGE, "r_s + 25 %")],
-            title=f"ω = {omega:g}",
-        )
-    return figure
+    return side_by_side(
+        results,
+        [f"ω = {omega:g}" for omega in _SPEEDS],
+        lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(5.0)],
+        fig13b.CHANGE - 0.5,
+        fig13b.CHANGE + 2.0,
+        [(fig13b.CHANGE, "$r_s$ + 25 %")],
+    )
 
 
 EXPERIMENTS = (

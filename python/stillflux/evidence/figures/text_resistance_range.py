@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stillflux.evidence.claims import Claim, at_most
-from stillflux.evidence.draw import figure_of, parts, record
+from stillflux.evidence.draw import side_by_side
 from stillflux.evidence.figure import Control, Experiment, settings
 from stillflux.evidence.machines import motor_of, step
 from stillflux.evidence.paper import (
@@ -81,18 +81,13 @@ def _named(claim: Claim, which: str) -> Claim:
 
 def draw(*results: Result) -> Figure:
     """Both runs side by side."""
-    figure = figure_of(10.0, 5.4)
-    events = [(HOLD, "30 % load"), (_WARMING, "temperature changes"), (_WARM, "kept")]
-    for part, result, error in zip(parts(figure, 1, 2), results, _ERRORS, strict=True):
-        record(
-            part,
-            result,
-            lambda pu: [pu.speed(), pu.r_s((0.4, 1.6)), pu.i_q(), pu.angle(15.0)],
-            HOLD - 1.0,
-            events=events,
-            title=f"winding {100 * error:+.0f} %",
-        )
-    return figure
+    return side_by_side(
+        results,
+        [f"winding {100 * error:+.0f} %" for error in _ERRORS],
+        lambda pu: [pu.speed(), pu.r_s((0.4, 1.6)), pu.i_q(), pu.angle(15.0)],
+        HOLD - 1.0,
+        events=[(HOLD, "30 % load"), (_WARMING, "temperature changes"), (_WARM, "kept")],
+    )
 
 
 EXPERIMENTS = (

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from stillflux.evidence.registry import experiments
-from stillflux.evidence.report.page import STYLE, finite
+from stillflux.evidence.report.page import HEAD, STYLE, finite
 from stillflux.evidence.reproduce import Outcome
 
 __all__ = ["table", "to_json", "write"]
@@ -95,7 +95,7 @@ def write(
     if sensitivity:
         intro += " <a href='#sensitivity'>How far parameters may be off.</a>"
     path.write_text(
-        f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
+        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{title}</title>"
         f"<style>{STYLE}</style></head>\n<body><h1>{title}</h1>\n"
         f"<p>{intro}</p>\n<table><tr><th>fig.</th><th>machine</th><th>claim</th><th>measured</th><th>verdict</th>"
         f"<th>negative control</th></tr>{index}</table>\n{beyond}\n"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from stillflux.evidence.operate import Performed
 from stillflux.evidence.registry import operations
-from stillflux.evidence.report.page import STYLE, svg
+from stillflux.evidence.report.page import HEAD, STYLE, svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +46,7 @@ def write(path: Path, command: str, found: Sequence[Performed], stopped: str = "
         )
     title = "Operations: what was asked, what happened"
     path.write_text(
-        f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
+        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{title}</title>"
         f"<style>{STYLE}</style></head>\n<body><h1>{title}</h1>"
         f"<p>Made by <code>{escape(command)}</code>. {escape(stopped)}</p>{''.join(sections)}"
         "</body></html>\n",

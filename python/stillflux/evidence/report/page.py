@@ -16,12 +16,14 @@ from stillflux.result import Result
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["STYLE", "Section", "conditions", "finite", "svg", "table", "write"]
+__all__ = ["HEAD", "STYLE", "Section", "conditions", "finite", "svg", "table", "write"]
 
+HEAD = "<meta charset='utf-8'><meta name='viewport' content='width=device-width, initial-scale=1'>"
+"""What every page says of its text and of small screens."""
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222 }
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
-table { border-collapse: collapse; margin: 1rem 0 }
+table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto }
 td, th { padding: .25rem .8rem; border-bottom: 1px solid #ddd }
 th { text-align: left } .ok { color: #176f2c } .failed { color: #b3261e; font-weight: 600 }
 .limit { color: #8a5a00 } .control { color: #35516b } td { vertical-align: top } figure { margin: 1rem 0 }
@@ -79,7 +81,7 @@ def write(path: Path, title: str, command: str, sections: Sequence[Section]) -> 
     path.parent.mkdir(parents=True, exist_ok=True)
     body = "\n".join(_section(section, path.parent) for section in sections)
     path.write_text(
-        f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{html.escape(title)}</title>"
+        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{html.escape(title)}</title>"
         f"<style>{STYLE}</style></head>\n<body><h1>{html.escape(title)}</h1>\n"
         f"<p>Made by <code>{html.escape(command)}</code>. Every figure in the tables is the plant's truth, "
         f"not the drive's opinion.</p>\n{body}\n</body></html>\n",

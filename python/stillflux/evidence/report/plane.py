@@ -12,7 +12,7 @@ from stillflux.evidence.beyond import Row, Summary, summaries
 from stillflux.evidence.points import POINTS
 from stillflux.evidence.registry import targets
 from stillflux.evidence.report import maps
-from stillflux.evidence.report.page import STYLE, svg
+from stillflux.evidence.report.page import HEAD, STYLE, svg
 from stillflux.evidence.target import Target
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def write(path: Path, command: str, rows: Sequence[Row], interrupted: str = "") 
     title = "Beyond the paper"
     note = f"<p class='failed'>{html.escape(interrupted)}</p>" if interrupted else ""
     path.write_text(
-        f"<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
+        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{title}</title>"
         f"<style>{STYLE}</style></head>\n<body>\n<p>Made by <code>{html.escape(command)}</code>.</p>{note}\n"
         f"{section(rows, path.parent)}\n</body></html>\n",
         encoding="utf-8",

@@ -181,6 +181,12 @@ impl<R: Real> FilterConfig<R> {
         }
     }
 
+    /// Whether the rotor resistance follows the temperature.
+    #[inline(always)]
+    pub(crate) fn follows_temperature(&self) -> bool {
+        self.temperature.follows()
+    }
+
     /// Periods and duration, s, of a block.
     fn block(inverter: &Inverter) -> (u32, f64) {
         let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
