@@ -61,13 +61,20 @@ pub struct Inverter {
     dead_time: f64,
     f_clk: f64,
     c_out: f64,
-    half_periods: u32,
+    half_periods: f64,
 }
 
 impl Inverter {
     /// Validated parameters.
     pub fn params(&self) -> PyResult<params::Inverter> {
         let Self { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods } = *self;
+        if half_periods.fract() != 0.0 {
+            return Err(PyValueError::new_err(format!(
+                "half_periods = {half_periods} is not a whole number from 1 to 16"
+            )));
+        }
+        check("half_periods", half_periods, 1.0, 16.0, "").map_err(value_error)?;
+        let half_periods = half_periods as u32;
         let inverter = params::Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods };
         inverter.validate().map_err(value_error)?;
         Ok(inverter)
