@@ -240,11 +240,8 @@ def _unknown(seed: int) -> str:
     made = commissioning.draw(seed)
 
     def table(title: str, fields: Any) -> str:
-        lines = [
-            f"{key} = {list(value) if isinstance(value, tuple) else value}"
-            for key, value in fields.items()
-            if value is not None
-        ]
+        values = {key: np.asarray(value).tolist() for key, value in fields.items() if value is not None}
+        lines = [f"{key} = {value}" for key, value in values.items()]
         return "\n".join([f"[{title}]", *lines, ""])
 
     parts = {

@@ -26,6 +26,8 @@ from stillflux.options import DriveSettings
         ("braking", "2.2kW"),
         ("chopper", "4kW"),
         ("supply-dip", "11kW"),
+        ("temperature-regenerating", "45kW"),
+        ("temperature-torque", "11kW"),
     ],
 )
 def test_operation_succeeds_and_its_control_fails_for_its_reason(name: str, machine: str) -> None:

@@ -6,6 +6,7 @@ const FLUX_SPAN = 1.5; // s of trajectory
 const RECORD_EVERY = 20; // control periods from row to row
 const BUDGET = 20; // ms of computation in one frame, at most
 const REDRAW = 40; // ms from one drawing to the next
+const AFTER = 2; // s for which a lost run goes on: what happened stays in view
 
 const DEGREES = 180 / Math.PI;
 const R_MIN = 60 / (2 * Math.PI);
@@ -291,9 +292,10 @@ class Page {
         }
         const rows = this.core.run(periods);
         this.done += rows.count * RECORD_EVERY;
-        this.over = !rows.count;
         this.history.append(rows);
         this.verdict.judge(rows, () => this.core.fault());
+        const { lost } = this.verdict;
+        this.over = !rows.count || (lost !== null && this.done > (lost.t + AFTER) * f_s);
     }
 
     #frame(now) {
@@ -327,7 +329,9 @@ class Page {
         const seconds = (now - this.reached.wall) / 1000;
         if (seconds > 0.4) {
             const rate = this.reached.simulated / seconds;
-            byId("rate-reached").textContent = this.paused || this.over ? "" : `Running at ${rate.toFixed(1)} × real time.`;
+            byId("rate-reached").textContent = this.over
+                ? "The run has ended: Restart, or change one of them."
+                : this.paused ? "" : `Running at ${rate.toFixed(1)} × real time.`;
             this.reached = { wall: now, simulated: 0 };
         }
         const running = h.last("status") === STATUS.RUNNING;

@@ -197,7 +197,7 @@ class FluxPlot extends Drawing {
             this.context.globalAlpha = 0.55;
             this.line(points, colour, { width: 1.5 });
             this.context.globalAlpha = 1;
-            if (!Number.isNaN(points.at(-1))) this.#arrow(centre, points.slice(-2), colour, always ? 4.5 : 2.5);
+            if (!Number.isNaN(points.at(-1))) this.#arrow(centre, points.slice(-2), colour, always ? 6 : 2.5);
         }
     }
 

@@ -147,7 +147,13 @@ def _task(source: str) -> _Task:
         raise ValueError(f"{path}: give one of the tables [nameplate] and [motor]")
     sheet = Inverter(**{**asdict(typical_inverter(plate.motor())), **data.get("inverter", {})})
     inverter = sheet.replace(**changes)
-    return _Task(str(data.get("name", path.stem)), plate, sheet, motor, inverter, plant)
+    options = {key: _tuples(value) for key, value in plant.items()}
+    return _Task(str(data.get("name", path.stem)), plate, sheet, motor, inverter, options)
+
+
+def _tuples(value: Any) -> Any:
+    """Arrays of a TOML file as the options of a plant have them."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _rows(task: _Task, found: Commissioned) -> Iterator[tuple[str, str, str, str]]:

@@ -46,6 +46,10 @@ class DriveSettings(TypedDict, total=False):
     """Read the current offsets before each start, and R_s while magnetising."""
     offset_time: float
     """Duration of the reading of the offsets, s."""
+    current_sensors: int
+    """3, or 2 in phases a and b: the current of phase c is -(i_a + i_b) then, and its channel is not read.
+    The enhanced scheme finds the difference of their gains in the magnetisation at standstill instead of while
+    running; the monitor of the sum of the currents is off."""
     magnetise_time: float
     """Duration of the magnetisation, s."""
     low_confidence: Literal["keep", "limit", "fault"]
@@ -60,6 +64,9 @@ class DriveSettings(TypedDict, total=False):
     """Time for which the torque may be at its limit at low speed without the speed approaching its
     reference, s, 0.1 to 60; 0: any."""
 
+    discontinuous_above: float | None
+    """Discontinuous modulation (60° clamp) from this voltage on, in parts of u_dc/√3, 0.3 to 1; None: continuous
+    at every voltage."""
     field_weakening: bool
     """Lower the flux where the voltage is used up; without it the speed ends there."""
     overmodulation: bool

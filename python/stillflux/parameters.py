@@ -177,7 +177,7 @@ class Inverter:
     u_dc: float = 540.0
     """Rated dc-link voltage, V."""
     f_s: float = 10e3
-    """Switching and control frequency, Hz."""
+    """Switching frequency, Hz; also that of the control with `half_periods` = 2."""
     u_th: float = 1.0
     """Threshold voltage of switches and diodes, V."""
     r_d: float = 0.2
@@ -189,10 +189,18 @@ class Inverter:
     c_out: float = 1e-9
     """Total capacitance of one leg's node against the dc link (switches, motor cable, machine), F, from 0 to
     10 nF. During the dead time the phase current has to charge it; 0: the node follows at once."""
+    half_periods: int = 2
+    """Half periods of the carrier in a control period: 2, the duties are updated once per carrier period; 1, at
+    both of its extremes, with samples at both; 4, 6 … 16: in every second, third … eighth carrier period."""
 
     def __post_init__(self) -> None:
         _plain_numbers(self)
         _core.validate_inverter(self)
+
+    @property
+    def f_c(self) -> float:
+        """Control frequency, Hz: samples and updates of the duties per second."""
+        return 2.0 * self.f_s / self.half_periods
 
     @classmethod
     def preset(cls, name: str) -> Self:

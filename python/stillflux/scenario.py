@@ -85,7 +85,7 @@ class Scenario:
             raise ValueError(
                 f"omega_ref = {self.omega_ref} and torque_ref = {self.torque_ref}: give only one"
             )
-        rows = self.duration * self.inverter.f_s / max(self.record_every, 1)
+        rows = self.duration * self.inverter.f_c / max(self.record_every, 1)
         names = _core.signals() if self.signals is None else self.signals
         size = 16.0 * rows * (1 + len(names))
         if size > _RECORD_LIMIT:

@@ -14,7 +14,7 @@ static const stillflux_machine machine = {
     .U_N = 400.0, .I_N = 5.0, .f_N = 50.0, .T_N = 14.6, .L_u = 0.34, .a = 0.84, .S = 7.0,
 };
 static const stillflux_inverter inverter = {
-    .u_dc = 540.0, .f_s = 10e3, .u_th = 1.0, .r_d = 0.2, .dead_time = 2e-6, .f_clk = 170e6, .c_out = 1e-9,
+    .u_dc = 540.0, .f_s = 10e3, .u_th = 1.0, .r_d = 0.2, .dead_time = 2e-6, .f_clk = 170e6, .c_out = 1e-9, .half_periods = 2, .current_sensors = 3,
     .i_full = 17.7, .u_full = 810.0,
 };
 

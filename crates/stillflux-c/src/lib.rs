@@ -204,7 +204,7 @@ pub struct stillflux_machine {
 pub struct stillflux_inverter {
     /// Rated dc-link voltage, V.
     pub u_dc: f64,
-    /// Switching frequency = control frequency, Hz.
+    /// Switching frequency, Hz.
     pub f_s: f64,
     /// Threshold voltage of switches and diodes, V.
     pub u_th: f64,
@@ -216,6 +216,10 @@ pub struct stillflux_inverter {
     pub f_clk: f64,
     /// Capacitance of one leg's node, F.
     pub c_out: f64,
+    /// Half periods of the carrier in a control period: 2; 1 for an update at each of its extremes; 4, 6 to 16.
+    pub half_periods: u32,
+    /// Current sensors: 3, or 2 in phases a and b.
+    pub current_sensors: u32,
     /// Current that a current channel reads as full scale, A.
     pub i_full: f64,
     /// Voltage that the dc-link channel reads as full scale, V.
@@ -576,6 +580,7 @@ pub unsafe extern "C" fn stillflux_page(
         flux_bandwidth: s.flux_bandwidth,
         speed_bandwidth: s.speed_bandwidth,
         pll_bandwidth: s.pll_bandwidth,
+        current_sensors: inverter.current_sensors,
         offset_time: s.offset_time,
         magnetise_time: s.magnetise_time,
         ..DriveParams::new(&m, &i)
@@ -610,8 +615,8 @@ fn machine_of(m: &stillflux_machine) -> Machine {
 }
 
 fn inverter_of(i: &stillflux_inverter) -> Inverter {
-    let &stillflux_inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, .. } = i;
-    Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out }
+    let &stillflux_inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, .. } = i;
+    Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods }
 }
 
 /// Unreachable from every function of the header.

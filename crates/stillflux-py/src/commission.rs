@@ -172,7 +172,7 @@ impl CommissioningCore {
         let arithmetic = self::arithmetic(arithmetic)?;
         let inner =
             SiCommissioning::new(&plate.plate(), &inverter, self::shaft(shaft)?, arithmetic).map_err(value_error)?;
-        Ok(Self { inner, f_s: inverter.f_s, gates_on: false })
+        Ok(Self { inner, f_s: inverter.f_c(), gates_on: false })
     }
 
     /// One control period.
@@ -256,7 +256,7 @@ impl CommissioningRun {
         let wiring = Wiring { channels, gain };
         let run = sim::CommissioningRun::new(&plate.plate(), &inverter, shaft, arithmetic, plant, wiring)
             .map_err(value_error)?;
-        Ok(Self { run, f_s: inverter.f_s })
+        Ok(Self { run, f_s: inverter.f_c() })
     }
 
     /// Runs at most `periods` further control periods; False when the commissioning is over.

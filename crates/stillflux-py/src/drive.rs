@@ -263,7 +263,7 @@ impl Drive {
         Ok(Self {
             drive,
             settings: settings_dict(py, &params)?.unbind(),
-            f_s: inverter.f_s,
+            f_s: inverter.f_c(),
             duty: [0.5; 3],
             gates_on: false,
         })

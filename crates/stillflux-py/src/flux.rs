@@ -112,7 +112,7 @@ impl FluxEstimator {
             psi_ref: params.psi_ref,
             r_s: if modelled { pu.r_s } else { machine.R_s / pu.base.z },
             u_dc: pu.u_dc,
-            f_s: inverter.f_s,
+            f_s: inverter.f_c(),
             base: pu.base,
         })
     }

@@ -61,13 +61,14 @@ pub struct Inverter {
     dead_time: f64,
     f_clk: f64,
     c_out: f64,
+    half_periods: u32,
 }
 
 impl Inverter {
     /// Validated parameters.
     pub fn params(&self) -> PyResult<params::Inverter> {
-        let Self { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out } = *self;
-        let inverter = params::Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out };
+        let Self { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods } = *self;
+        let inverter = params::Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods };
         inverter.validate().map_err(value_error)?;
         Ok(inverter)
     }
@@ -129,7 +130,7 @@ pub fn inverter_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, 
 
 /// Fields of an inverter.
 pub fn inverter_dict<'py>(py: Python<'py>, inverter: &params::Inverter) -> PyResult<Bound<'py, PyDict>> {
-    Ok(dict!(py, inverter; u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out))
+    Ok(dict!(py, inverter; u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods))
 }
 
 /// No part of a conversion between equivalent circuits depends on the rating.
@@ -232,8 +233,8 @@ drive_settings! {
     common:
     psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
-    inverter_model, calibrate_offset, offset_time, magnetise_time, fresh_time, supervision, stall_time,
-    field_weakening, overmodulation, acceleration, jerk, torque_limits, speed_limits, machine_overload, bridge_overload,
+    inverter_model, calibrate_offset, offset_time, current_sensors, magnetise_time, fresh_time, supervision, stall_time,
+    discontinuous_above, field_weakening, overmodulation, acceleration, jerk, torque_limits, speed_limits, machine_overload, bridge_overload,
     u_dc_brake, u_dc_buffer, u_dc_chopper;
     paper:
     offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation, resistance_gain,

@@ -131,7 +131,7 @@ impl Run {
     #[new]
     fn new(scenario: Scenario<'_>) -> PyResult<Self> {
         let scenario = scenario.build()?;
-        let f_s = scenario.inverter.f_s;
+        let f_s = scenario.inverter.f_c();
         Ok(Self { run: sim::Run::new(Cow::Owned(scenario)).map_err(value_error)?, f_s })
     }
 

@@ -137,13 +137,38 @@ impl Leg {
             self.edge(centre - half, true, dead_time);
             self.edge(centre + half, false, dead_time);
         }
-        if self.turn_on < period {
+        self.take_turn_on(period);
+    }
+
+    /// The pending turn-on, if it is within this stretch of length `length`.
+    #[inline(always)]
+    fn take_turn_on(&mut self, length: f64) {
+        if self.turn_on < length {
             self.push(self.turn_on, if self.level { HIGH } else { LOW });
             self.turn_on = f64::INFINITY;
         } else {
-            self.turn_on -= period;
+            self.turn_on -= length;
         }
         self.t[self.n] = f64::INFINITY;
+    }
+
+    /// The same for half a period of length `length`: with a rising edge `half` before its end, or a falling one `half`
+    /// after its beginning.
+    fn load_half(&mut self, half: f64, length: f64, dead_time: f64, rising: bool) {
+        let carried = self.next..self.n;
+        (self.n, self.next) = (0, 0);
+        for k in carried {
+            self.push(self.t[k] - length, self.to[k]);
+        }
+        let (none, full) = (half <= 0.0, half >= length);
+        let at_first = if rising { full } else { !none };
+        if self.level != at_first {
+            self.edge(0.0, at_first, dead_time);
+        }
+        if !none && !full {
+            self.edge(if rising { length - half } else { half }, rising, dead_time);
+        }
+        self.take_turn_on(length);
     }
 
     /// Time of the next change that matters to a leg with current of this sign: a positive current sees only
@@ -235,8 +260,9 @@ impl Bridge {
         if half < centre * (1.0 - 1e-9) { half } else { centre }
     }
 
-    /// Prepares one period. Blocking acts at once, unblocking turns the lower switches on at once.
-    pub fn load(&mut self, duty: [f64; 3], on: bool) {
+    /// Prepares one period, or the half of it with the rising or the falling edges. Blocking acts at once, unblocking turns
+    /// the lower switches on at once.
+    pub fn load(&mut self, duty: [f64; 3], on: bool, rising: Option<bool>) {
         if !on {
             self.legs = self.legs.map(|leg| leg.at_rest(OFF));
         } else {
@@ -245,7 +271,10 @@ impl Bridge {
             }
             for k in 0..3 {
                 let half = self.half_width(duty[k]);
-                self.legs[k].load(half, self.period, self.dead_time);
+                match rising {
+                    None => self.legs[k].load(half, self.period, self.dead_time),
+                    Some(rising) => self.legs[k].load_half(half, 0.5 * self.period, self.dead_time, rising),
+                }
             }
         }
         self.on = on;
@@ -455,6 +484,34 @@ mod tests {
     fn pulse_is_centred_and_turn_on_is_delayed() {
         let mut leg = Leg { gate: LOW, ..Leg::BLOCKED };
         assert_eq!(gates(&mut leg, 20e-6, 2e-6), [(30.0, OFF), (32.0, HIGH), (70.0, OFF), (72.0, LOW)]);
+    }
+
+    #[test]
+    fn the_halves_of_a_period_are_the_period() {
+        for half in [0.0, 0.5e-6, 20e-6, 49.5e-6, 50e-6] {
+            let mut whole = Leg { gate: LOW, ..Leg::BLOCKED };
+            let mut halves = whole;
+            let edges = |leg: &mut Leg, begin: f64, length: f64| {
+                let list: Vec<_> = (0..leg.n).map(|k| (begin + leg.t[k], leg.to[k])).collect();
+                while leg.t[leg.next] <= length {
+                    leg.gate = leg.to[leg.next];
+                    leg.next += 1;
+                }
+                list.into_iter().filter(|(t, _)| *t < begin + length).collect::<Vec<_>>()
+            };
+            for _ in 0..3 {
+                whole.load(half, T, 2e-6);
+                let want = edges(&mut whole, 0.0, T);
+                halves.load_half(half, 0.5 * T, 2e-6, true);
+                let mut got = edges(&mut halves, 0.0, 0.5 * T);
+                halves.load_half(half, 0.5 * T, 2e-6, false);
+                got.extend(edges(&mut halves, 0.5 * T, 0.5 * T));
+                assert_eq!(want.len(), got.len(), "{half}: {want:?} {got:?}");
+                for (w, g) in want.iter().zip(&got) {
+                    assert!(w.1 == g.1 && (w.0 - g.0).abs() < 1e-15, "{half}: {want:?} {got:?}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -87,7 +87,7 @@ impl Link {
     pub fn advance(&mut self, u: f64, bridge: f64, dt: f64) -> f64 {
         let DcLink { C, R_supply, R_chopper, .. } = self.params;
         let fed = (u * u - 2.0 * bridge / C).max(0.0).sqrt();
-        let chopped = fed * libm::exp(-self.chopper * dt / (R_chopper * C));
+        let chopped = if self.chopper > 0.0 { fed * libm::exp(-self.chopper * dt / (R_chopper * C)) } else { fed };
         let e = &mut self.energy;
         let charged = if let Some(rectifier) = &mut self.rectifier {
             rectifier.advance(self.supply, chopped, dt, e)

@@ -95,13 +95,22 @@ impl Shaft {
         (self.stuck, self.inv_J, self.dir) = (false, 1.0 / self.J, (torque - self.load).signum());
     }
 
+    /// Whether a segment that ends at this torque and speed may hold an event of the shaft.
+    #[inline(always)]
+    pub fn restless(&self, torque: f64, omega: f64) -> bool {
+        if self.stuck { (torque - self.load).abs() >= self.breakaway() } else { self.dir * omega < 0.0 }
+    }
+
     #[inline(always)]
     pub fn accel(&self, torque: f64, omega: f64) -> f64 {
         let m = &self.mechanics;
         let mut dry = m.coulomb;
-        if m.stribeck > 0.0 {
+        if m.stribeck > 0.0 && self.dir != 0.0 {
             let r = omega / m.stribeck_speed;
-            dry += m.stribeck * libm::exp(-r * r);
+            // Beyond, the exponential is 3e-20.
+            if r * r < 45.0 {
+                dry += m.stribeck * libm::exp(-r * r);
+            }
         }
         self.inv_J * torque - self.inv_J * (self.load + m.viscous * omega + self.dir * dry)
     }

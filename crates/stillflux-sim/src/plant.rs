@@ -1,4 +1,4 @@
-//! The plant: machine, bridge, sensors and shaft, one PWM period at a time ([`period`]), exact at every event
+//! The plant: machine, bridge, sensors and shaft, one control period at a time ([`period`]), exact at every event
 //! ([`events`]).
 #![allow(non_snake_case)]
 
@@ -112,7 +112,7 @@ impl PlantParams {
         self.mechanics.validate()?;
         self.adc.validate()?;
         for skew in self.adc.skew {
-            check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s, "s")?;
+            check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s.max(self.inverter.f_c()), "s")?;
         }
         self.iron_loss.map_or(Ok(()), |l| l.validate(&self.machine))?;
         self.deep_bar.map_or(Ok(()), |b| b.validate())?;
@@ -140,7 +140,7 @@ fn stray_rate(m: &Machine, inv: &Inverter) -> f64 {
 fn fastest_rate(p: &PlantParams, circuit: &Circuit) -> f64 {
     // Saturated leakage raises the stray rate. A branch carries a small part of the current: its time constant may be met
     // by fewer steps.
-    let stray = stray_rate(&p.machine, &p.inverter) * (1.0 + 3.0 * p.leakage_saturation.map_or(0.0, |l| l.excess()));
+    let stray = stray_rate(&p.machine, &p.inverter) * (1.0 + p.leakage_saturation.map_or(0.0, |l| l.excess()));
     stray + 0.15 * circuit.branch_rate() + 1.5 * p.machine.omega_sR()
 }
 
@@ -202,7 +202,12 @@ pub struct Plant {
     x: State,
     f: Field,
     t: f64,
+    /// Length of the stretch whose edges are listed together: a carrier period, or half of one with a double update.
     period: f64,
+    /// Such stretches in a control period.
+    stretches: u32,
+    /// With a double update: whether the next half period has the rising edges.
+    rising: Option<bool>,
     h_max: f64,
     /// Up to this length a segment takes a Taylor step. Zero without node capacitance.
     h_taylor: f64,
@@ -212,6 +217,8 @@ pub struct Plant {
     /// Instants within the period at which channels are sampled ahead of its end, else infinite, and what they saw.
     instants: [f64; 3],
     seen: [f64; 3],
+    /// Whether there are such channels.
+    skewed: bool,
     /// `∫ i_s dt` since the period began.
     int_i: V2,
     /// Band of the average model, A.
@@ -245,6 +252,7 @@ impl Plant {
     pub fn new(params: PlantParams) -> Result<Self, ParamError> {
         params.validate()?;
         let PlantParams { machine: m, inverter: inv, .. } = params;
+        let period = 1.0 / inv.f_s.max(inv.f_c());
         let circuit = Circuit::new(
             &m,
             inv.r_d,
@@ -271,7 +279,9 @@ impl Plant {
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
             f: Field::default(),
             t: 0.0,
-            period: 1.0 / inv.f_s,
+            period,
+            stretches: (inv.half_periods / 2).max(1),
+            rising: (inv.half_periods == 1).then_some(true),
             h_max: (0.05 / rate).min(60e-6).min(0.2 / slots),
             h_taylor,
             tol: Tolerance {
@@ -283,8 +293,9 @@ impl Plant {
                 near: 2e-3 * i_n,
             },
             preload: [0.5; 3],
-            instants: params.adc.skew.map(|s| if s > 0.0 { 1.0 / inv.f_s - s } else { f64::INFINITY }),
+            instants: params.adc.skew.map(|s| if s > 0.0 { period - s } else { f64::INFINITY }),
             seen: [0.0; 3],
+            skewed: params.adc.skew.iter().any(|s| *s > 0.0),
             int_i: [0.0; 2],
             band: average_band(&m, &inv),
             stale: false,
@@ -301,7 +312,8 @@ impl Plant {
         Ok(plant)
     }
 
-    /// Runs one PWM period and returns the reading at its end, the carrier peak.
+    /// Runs one control period and returns the reading at its end: the carrier peak, in the middle of the lower zero
+    /// vector, and with a double update in turn the middle of the upper one, which comes first.
     ///
     /// `duty` (high share of each leg, clamped to 0…1, NaN as 0) goes to the modulator's preload register and
     /// acts in the *next* period; this one runs with the duties given the period before. `gates_on` acts at
@@ -311,21 +323,25 @@ impl Plant {
         let begin = self.begin(load_torque);
         let taken = self.taken();
         let averaged = self.params.mode == Mode::Averaged && gates_on;
-        match (averaged, self.circuit.kind()) {
-            (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
-            (false, SATURATING) => self.switched::<SATURATING>(active, gates_on),
-            (false, BRANCHED) => self.switched::<BRANCHED>(active, gates_on),
-            (false, _) => self.switched::<FULL>(active, gates_on),
-            (true, LINEAR) => self.averaged::<LINEAR>(active),
-            (true, SATURATING) => self.averaged::<SATURATING>(active),
-            (true, BRANCHED) => self.averaged::<BRANCHED>(active),
-            (true, _) => self.averaged::<FULL>(active),
+        for _ in 0..self.stretches {
+            match (averaged, self.circuit.kind()) {
+                (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
+                (false, SATURATING) => self.switched::<SATURATING>(active, gates_on),
+                (false, BRANCHED) => self.switched::<BRANCHED>(active, gates_on),
+                (false, _) => self.switched::<FULL>(active, gates_on),
+                (true, LINEAR) => self.averaged::<LINEAR>(active),
+                (true, SATURATING) => self.averaged::<SATURATING>(active),
+                (true, BRANCHED) => self.averaged::<BRANCHED>(active),
+                (true, _) => self.averaged::<FULL>(active),
+            }
         }
+        self.rising = self.rising.map(|rising| !rising);
+        let length = f64::from(self.stretches) * self.period;
         let drawn = self.taken() - taken;
         if let Some(link) = &mut self.link {
-            self.bridge.u_dc = link.advance(self.bridge.u_dc, drawn, self.period);
+            self.bridge.u_dc = link.advance(self.bridge.u_dc, drawn, length);
         }
-        self.finish(begin, self.period);
+        self.finish(begin, length);
         let mut i = self.phase_currents();
         for k in 0..3 {
             if self.instants[k].is_finite() {

@@ -141,7 +141,7 @@ impl Replay {
         Ok(Self {
             base: pu.base,
             r_s: pu.r_s,
-            f_s: inverter.f_s,
+            f_s: inverter.f_c(),
             estimators,
             speed_estimator: SpeedEstimator::default(),
             speed: SpeedEstimate::default(),

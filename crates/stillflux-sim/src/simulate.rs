@@ -274,8 +274,10 @@ impl<'s> Run<'s> {
         let s = &*scenario;
         check("duration", s.duration, 0.0, 1e5, "s")?;
         check("record_every", f64::from(s.record_every), 1.0, 1e9, "periods")?;
-        let f_s = s.inverter.f_s;
+        let (f_s, half_periods) = (s.inverter.f_s, f64::from(s.inverter.half_periods));
         check("plant inverter.f_s", s.plant.inverter.f_s, f_s, f_s, "Hz")?;
+        let real = f64::from(s.plant.inverter.half_periods);
+        check("plant inverter.half_periods", real, half_periods, half_periods, "")?;
         let mut last = 0.0;
         for &(t, _) in &s.changes {
             check("changes time", t, last, 1e9, "s")?;
@@ -304,7 +306,7 @@ impl<'s> Run<'s> {
                 })
                 .collect::<Result<_, _>>()?,
         };
-        let periods = (s.duration * f_s).round() as u64;
+        let periods = (s.duration * s.inverter.f_c()).round() as u64;
         // A run that goes on for long has its record taken as it goes.
         let rows = (periods / u64::from(s.record_every) + 1).min(MOST_ROWS) as usize;
         let mut run = Self {
@@ -351,7 +353,7 @@ impl<'s> Run<'s> {
     #[must_use]
     #[allow(clippy::cast_precision_loss)]
     pub fn time(&self) -> f64 {
-        self.period as f64 / self.scenario.inverter.f_s
+        self.period as f64 / self.scenario.inverter.f_c()
     }
 
     /// The plant.
@@ -463,7 +465,7 @@ impl<'s> Run<'s> {
     /// `∫ û_i dt - ψ_s` since the drive runs: its slope is the offset voltage the drive really has to find.
     fn book_drift(&mut self) {
         let Some(u_i) = self.drive.induced_voltage() else { return };
-        let t_s = 1.0 / self.scenario.inverter.f_s;
+        let t_s = 1.0 / self.scenario.inverter.f_c();
         self.psi_begin.get_or_insert(self.plant.truth().psi_s);
         for k in 0..2 {
             self.u_i_integral[k] += u_i[k] * t_s;

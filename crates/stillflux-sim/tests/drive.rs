@@ -248,8 +248,15 @@ fn f32_and_fixed_point_stay_with_f64_over_a_minute_at_zero_frequency() {
 fn others() -> [(Machine, Inverter); 8] {
     let rating = |n_p, j, u, i, f, t| Rating { n_p, J: j, U_N: u, I_N: i, f_N: f, T_N: t };
     let t_model = |r_s, r_r, l_l, l_m| TModel { R_s: r_s, R_r: r_r, L_ls: l_l, L_lr: l_l, L_m: l_m };
-    let inverter =
-        |u_dc, f_s, u_th, r_d, dead_time| Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk: 170e6, c_out: 3e-9 };
+    let inverter = |u_dc, f_s, u_th, r_d, dead_time| Inverter {
+        u_dc,
+        f_s,
+        u_th,
+        r_d,
+        dead_time,
+        c_out: 3e-9,
+        ..Inverter::preset_2k2()
+    };
     let traction =
         Machine::from_t_model(t_model(0.013, 0.01, 60e-6, 1.5e-3), rating(2, 0.02, 34.0, 120.0, 100.0, 16.0));
     let large = Machine::from_t_model(t_model(0.03, 0.018, 0.26e-3, 14e-3), rating(2, 0.9, 400.0, 135.0, 50.0, 480.0));

@@ -123,6 +123,47 @@ fn a_channel_that_fails_is_found_before_the_current_does_harm() {
     }
 }
 
+/// Time of an event after a start with two sensors, which may be longer, s.
+const LATER: f64 = 3.8;
+
+/// 0.3 per unit under half of rated torque from 3.4 s on.
+fn later(machine: (Machine, Inverter)) -> Scenario {
+    let mut s = scenario(machine, 0.0, 0.0, LATER + 0.4);
+    let w = 0.3 * Base::new(&machine.0).omega_m;
+    s.reference = ReferenceProfile::Speed(Profile::new(vec![(0.0, 0.0), (2.8, 0.0), (3.2, w)]).unwrap());
+    s.load = Profile::new(vec![(0.0, 0.0), (3.3, 0.0), (3.4, 0.5 * machine.0.T_N)]).unwrap();
+    s
+}
+
+/// With two sensors there is no sum. What is left is the current control: a channel that fails makes currents that do not
+/// follow, and with the third current it shows.
+#[test]
+fn a_channel_of_two_that_fails_is_found_too_and_that_of_phase_c_is_none() {
+    for machine in machines() {
+        let faults = [
+            ("held", 1, ChannelFault::Held),
+            ("broken", 0, ChannelFault::Gain(0.0)),
+            ("inverted", 1, ChannelFault::Gain(-1.0)),
+            ("saturated", 0, ChannelFault::Stuck(1e9)),
+        ];
+        for (name, k, channel) in faults {
+            let mut s = later(machine);
+            s.drive.current_sensors = 2;
+            s.changes = vec![(LATER, Change::Channel(k, channel))];
+            let (fault, t) = fault(s).unwrap_or_else(|| panic!("{name}: no fault"));
+            println!("{name}: {} after {:.1} ms", fault.cause, 1e3 * (t - LATER));
+            assert!(fault.cause != Fault::CurrentSum && t - LATER < 0.1, "{name}: {fault:?} after {}", t - LATER);
+        }
+        let c_stuck = |sensors| {
+            let mut s = later(machine);
+            s.drive.current_sensors = sensors;
+            s.changes = vec![(LATER, Change::Channel(2, ChannelFault::Stuck(0.5)))];
+            fault(s).map(|(fault, _)| fault.cause)
+        };
+        assert_eq!((c_stuck(2), c_stuck(3)), (None, Some(Fault::CurrentSum)));
+    }
+}
+
 #[test]
 fn one_bad_sample_is_bridged_and_two_in_a_row_are_a_fault() {
     for machine in machines() {

@@ -94,7 +94,7 @@ pub struct PerUnit {
     pub t_s: f64,
     /// Threshold voltage.
     pub u_th: f64,
-    /// Dead-time voltage loss per volt of dc link, `T_d / T_s`.
+    /// Dead-time voltage loss per volt of dc link, `T_d / T_s` with the period of the carrier.
     pub dead_time: f64,
     /// Largest change of a phase current within the dead time, `2/3 u_dc T_d / (sigma L_s)`.
     pub dead_time_swing: f64,
@@ -104,6 +104,8 @@ pub struct PerUnit {
     pub torque_rated: f64,
     /// Rated dc-link voltage.
     pub u_dc: f64,
+    /// The duties are updated at both extremes of the carrier.
+    pub double_update: bool,
 }
 
 impl PerUnit {
@@ -127,7 +129,7 @@ impl PerUnit {
         within("T_N", machine.T_N, b.torque, (0.05, 2.0), "N m")?;
         // u_b is proportional to U_N.
         within("U_N", machine.U_N, inverter.u_dc * machine.U_N / b.u, (1.0 / 8.0, 1.0 / 0.2), "V")?;
-        within("f_s", inverter.f_s, machine.f_N, (20.0, 1e3 * core::f64::consts::TAU), "Hz")?;
+        within("f_s", inverter.f_c(), machine.f_N, (20.0, 1e3 * core::f64::consts::TAU), "Hz")?;
         Ok(Self {
             base: b,
             r_s: (machine.R_s + inverter.r_d) / b.z,
@@ -137,7 +139,7 @@ impl PerUnit {
             r_r: machine.R_R / b.z,
             tau_r: machine.L_M / machine.R_R * b.omega,
             j: machine.J * b.omega_m * b.omega / b.torque,
-            t_s: b.omega / inverter.f_s,
+            t_s: b.omega / inverter.f_c(),
             u_th: inverter.u_th / b.u,
             dead_time: inverter.dead_time * inverter.f_s,
             dead_time_swing: 2.0 / 3.0 * inverter.u_dc * inverter.dead_time / machine.L_sigma / b.i,
@@ -148,6 +150,7 @@ impl PerUnit {
             },
             torque_rated: machine.T_N / b.torque,
             u_dc: inverter.u_dc / b.u,
+            double_update: inverter.half_periods == 1,
         })
     }
 

@@ -97,6 +97,11 @@ pub struct DriveConfig<R: Real> {
     pub(crate) t_s: R,
     pub(crate) inverter: InverterModel<R>,
     pub(crate) timer: Option<Timer>,
+    #[cfg(feature = "modes")]
+    double_update: bool,
+    /// Square of the voltage, over the dc link, from which a leg is held at a rail; `None`: continuous modulation.
+    #[cfg(feature = "modes")]
+    discontinuous_sq: Option<R>,
     pub(crate) scheme: Scheme,
     #[cfg(feature = "paper")]
     pub(crate) paper: PaperConfig<R>,
@@ -139,6 +144,9 @@ pub struct DriveConfig<R: Real> {
     /// Periods after a sample that could not be used in which another one is a fault.
     pub(crate) bridged_periods: u32,
     pub(crate) calibrate_offset: bool,
+    /// The current of phase c is computed from the other two.
+    #[cfg(feature = "modes")]
+    two_sensors: bool,
     pub(crate) offset_periods: u32,
     pub(crate) inv_offset_periods: R,
     pub(crate) magnetise_periods: u32,
@@ -146,14 +154,19 @@ pub struct DriveConfig<R: Real> {
 }
 words! {
     DriveConfig:
-    t_s, inverter, timer, scheme,
+    t_s, inverter, timer,
+    #[cfg(feature = "modes")] double_update,
+    #[cfg(feature = "modes")] discontinuous_sq,
+    scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
     i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "dclink")] dclink,
     fresh_periods, i_quick,
-    bridged_periods, calibrate_offset, offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
+    bridged_periods, calibrate_offset,
+    #[cfg(feature = "modes")] two_sensors,
+    offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
 impl<R: Real> DriveConfig<R> {
@@ -230,6 +243,33 @@ impl<R: Real> DriveConfig<R> {
         &self.enhanced.balance
     }
 
+    /// Whether the current of phase c is computed from the other two.
+    #[inline(always)]
+    pub(crate) fn two_sensors(&self) -> bool {
+        #[cfg(feature = "modes")]
+        return self.two_sensors;
+        #[cfg(not(feature = "modes"))]
+        false
+    }
+
+    /// Whether the duties are updated at both extremes of the carrier.
+    #[inline(always)]
+    pub(crate) fn double_update(&self) -> bool {
+        #[cfg(feature = "modes")]
+        return self.double_update;
+        #[cfg(not(feature = "modes"))]
+        false
+    }
+
+    /// Square of the voltage, over the dc link, from which a leg is held at a rail.
+    #[inline(always)]
+    pub(crate) fn discontinuous_sq(&self) -> Option<R> {
+        #[cfg(feature = "modes")]
+        return self.discontinuous_sq;
+        #[cfg(not(feature = "modes"))]
+        None
+    }
+
     /// Magnetising current of the start-up: boosted until the flux has built up, then held.
     pub(crate) fn magnetising_current(&self, stage: u32) -> Dq<R> {
         let i_d = self.flux_control.feedforward(self.flux_control.psi_rated, R::ZERO);
@@ -266,7 +306,7 @@ impl<R: Real> DriveConfig<R> {
         let (torque_least, torque_most) = p.torque_limits.unwrap_or((-p.torque_max, p.torque_max));
         let (omega_least, omega_most) = p.speed_limits.unwrap_or((-p.omega_max, p.omega_max));
         let torque_max = torque_most.max(-torque_least) / b.torque;
-        let slow = f64::from(SLOW_PERIODS) / inverter.f_s;
+        let slow = f64::from(SLOW_PERIODS) / inverter.f_c();
 
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
         let (u_limit, u_use) =
@@ -322,6 +362,10 @@ impl<R: Real> DriveConfig<R> {
             t_s: r(t_s),
             inverter: if p.inverter_model { InverterModel::new(&pu) } else { InverterModel::ideal() },
             timer: inverter.timer()?,
+            #[cfg(feature = "modes")]
+            double_update: pu.double_update,
+            #[cfg(feature = "modes")]
+            discontinuous_sq: p.discontinuous_above.map(|part| r(part * part / 3.0)),
             scheme: p.scheme,
             #[cfg(feature = "paper")]
             paper: PaperConfig::new(&pu, inverter, p, magnetise_periods),
@@ -381,10 +425,14 @@ impl<R: Real> DriveConfig<R> {
                     calls_zero: watched(0.008),
                 },
                 #[cfg(feature = "supervision")]
-                channels: ChannelConfig { limit: r(0.05 * i_range + 0.08), calls: watched(0.004) },
+                channels: ChannelConfig {
+                    limit: r(0.05 * i_range + 0.08),
+                    // A computed current makes the sum zero.
+                    calls: if p.current_sensors == 2 { u32::MAX } else { watched(0.004) },
+                },
                 #[cfg(feature = "supervision")]
                 innovation: InnovationConfig {
-                    gain: r(if p.supervision { f64::from(SLOW_PERIODS) / inverter.f_s / LOST_FIELD } else { 0.0 }),
+                    gain: r(if p.supervision { f64::from(SLOW_PERIODS) / inverter.f_c() / LOST_FIELD } else { 0.0 }),
                 },
                 #[cfg(feature = "supervision")]
                 stall: StallConfig { calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX } },
@@ -434,6 +482,8 @@ impl<R: Real> DriveConfig<R> {
             i_quick: r(0.9 * i_max),
             bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
+            #[cfg(feature = "modes")]
+            two_sensors: p.current_sensors == 2,
             offset_periods: periods(p.offset_time),
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),
             magnetise_periods,

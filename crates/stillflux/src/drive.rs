@@ -192,7 +192,7 @@ impl<R: Real> Common<R> {
             bridged = instead;
             &bridged
         };
-        let (i_abc, i_s) = self.sequence.currents(measured);
+        let (i_abc, i_s) = self.sequence.currents(c, measured, estimators);
         let mut start_up = None;
         if !(likely(matches!(self.sequence.status(), Status::Running)) && likely(reference.is_admissible())) {
             start_up = self.prepare(c, estimators, measured, reference, i_s);

@@ -230,7 +230,7 @@ impl Machine {
 pub struct Inverter {
     /// Rated dc-link voltage, V.
     pub u_dc: f64,
-    /// Switching frequency = control frequency, Hz.
+    /// Switching frequency, Hz: that of the carrier.
     pub f_s: f64,
     /// Threshold voltage of switches and diodes, V.
     pub u_th: f64,
@@ -243,6 +243,9 @@ pub struct Inverter {
     /// Total capacitance of one leg's node against the dc link, F: switches, motor cable and machine.
     /// Zero: the node follows its current at once.
     pub c_out: f64,
+    /// Half periods of the carrier in a control period: 2, one update of the duties per carrier period; 1, one at each of
+    /// its extremes, with samples at both; 4, 6 … 16: in every second, third … eighth carrier period.
+    pub half_periods: u32,
 }
 
 impl Inverter {
@@ -250,7 +253,16 @@ impl Inverter {
     /// each leg's node (devices, some metres of cable, motor).
     #[must_use]
     pub const fn preset_2k2() -> Self {
-        Self { u_dc: 540.0, f_s: 10e3, u_th: 1.0, r_d: 0.2, dead_time: 2e-6, f_clk: 170e6, c_out: 1e-9 }
+        Self {
+            u_dc: 540.0,
+            f_s: 10e3,
+            u_th: 1.0,
+            r_d: 0.2,
+            dead_time: 2e-6,
+            f_clk: 170e6,
+            c_out: 1e-9,
+            half_periods: 2,
+        }
     }
 
     /// As [`Inverter::preset_2k2`] with the larger devices' 0.05 Ω and 2 nF.
@@ -271,10 +283,16 @@ impl Inverter {
         Timer::new((self.f_clk / (2.0 * self.f_s) + 0.5) as u32).map(Some)
     }
 
+    /// Control frequency, Hz: samples and updates of the duties per second.
+    #[must_use]
+    pub fn f_c(&self) -> f64 {
+        2.0 * self.f_s / f64::from(self.half_periods)
+    }
+
     /// Control periods in a time, s, to the nearest.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub(crate) fn periods(&self, time: f64) -> u32 {
-        (time * self.f_s + 0.5) as u32
+        (time * self.f_c() + 0.5) as u32
     }
 
     /// Checks every field against its admissible range.
@@ -292,7 +310,13 @@ impl Inverter {
             let (least, most) = (2.0 * f64::from(Timer::MIN) * self.f_s, 2.0 * f64::from(Timer::MAX) * self.f_s);
             check("f_clk", self.f_clk, least, most.min(1e10), "Hz")?;
         }
-        check("c_out", self.c_out, 0.0, 10e-9, "F")
+        check("c_out", self.c_out, 0.0, 10e-9, "F")?;
+        check("half_periods", f64::from(self.half_periods), 1.0, 16.0, "")?;
+        if self.half_periods != 1 && self.half_periods % 2 != 0 {
+            let (value, around) = (f64::from(self.half_periods), f64::from(self.half_periods - 1));
+            return check("half_periods", value, around, around, "").map_err(|e| e.with_note("1, or an even number"));
+        }
+        Ok(())
     }
 }
 

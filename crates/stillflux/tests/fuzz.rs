@@ -93,6 +93,7 @@ fn hardware(rng: &mut Rng) -> (Machine, Inverter) {
         dead_time: if rng.chance(5) { 0.0 } else { rng.ratio(1e-4, 0.1) / f_s },
         f_clk: if rng.chance(8) { 0.0 } else { rng.ratio(200.0, 8e6) * f_s },
         c_out: if rng.chance(3) { 0.0 } else { rng.ratio(1e-12, 10e-9) },
+        half_periods: [if cfg!(feature = "modes") { 1 } else { 2 }, 2, 2, 4, 6, 16][rng.bits() as usize % 6],
     };
     (machine, inverter)
 }
@@ -170,12 +171,14 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         pll_bandwidth: rng.ratio(2.0, (0.03 * inverter.f_s).min(100.0)),
         inverter_model: !rng.chance(5),
         calibrate_offset: !rng.chance(3),
+        current_sensors: if cfg!(feature = "modes") { 2 + rng.bits() as u32 % 2 } else { 3 },
         offset_time: 12.0 / inverter.f_s,
         magnetise_time: (3.0 * tau_r).max(1e-6),
         low_confidence: [LowConfidence::Keep, LowConfidence::LimitTorque, LowConfidence::Fault]
             [(rng.bits() % 3) as usize],
         fresh_time: rng.within(0.0, 3600.0),
         supervision: !rng.chance(4),
+        discontinuous_above: (cfg!(feature = "modes") && rng.chance(3)).then(|| rng.within(0.3, 1.0)),
         field_weakening: !rng.chance(4),
         overmodulation: rng.chance(4),
         acceleration,

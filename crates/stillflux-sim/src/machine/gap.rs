@@ -2,7 +2,7 @@
 //! torque. `e^{j Z theta}` is carried as [`State::slot`] and turned by each step's small angle.
 #![allow(non_snake_case)]
 
-use super::{Circuit, FULL, State, Tangent, V2, axpy, dot};
+use super::{Circuit, FULL, State, Tangent, V2, axpy, dot, turned};
 use crate::slots::{LeakageSaturation, SlotRipple};
 use stillflux::params::Machine;
 
@@ -88,17 +88,15 @@ impl Gap {
     /// [`Self::slot`] once the shaft has turned on by `dtheta`.
     #[inline(always)]
     pub fn turn(&self, slot: V2, dtheta: f64) -> V2 {
+        turned(slot, self.slots * dtheta)
+    }
+
+    /// The same for what acceleration adds within a step, some 1e-5 rad.
+    #[inline(always)]
+    pub fn nudge(&self, slot: V2, dtheta: f64) -> V2 {
         let d = self.slots * dtheta;
-        let (sin, cos) = if d.abs() < 0.3 {
-            // The series' next terms are 1e-14.
-            let x = d * d;
-            let sin = 1.0 - x * (1.0 / 6.0) * (1.0 - x * 0.05 * (1.0 - x * (1.0 / 42.0) * (1.0 - x * (1.0 / 72.0))));
-            let late = 1.0 - x * (1.0 / 30.0) * (1.0 - x * (1.0 / 56.0));
-            (d * sin, 1.0 - x * 0.5 * (1.0 - x * (1.0 / 12.0) * late))
-        } else {
-            libm::sincos(d)
-        };
-        [slot[0] * cos - slot[1] * sin, slot[0] * sin + slot[1] * cos]
+        let c = 1.0 - 0.5 * d * d;
+        [c * slot[0] - d * slot[1], c * slot[1] + d * slot[0]]
     }
 
     #[inline(always)]

@@ -102,14 +102,19 @@ impl Circuit {
         let branches = |p: [V2; 2], k: f64, d: &[V2; 2]| {
             if KIND >= BRANCHED { [axpy(p[0], k, d[0]), axpy(p[1], k, d[1])] } else { p }
         };
-        let turn = |dtheta: f64| if KIND == FULL { self.gap.turn(x.slot, dtheta) } else { x.slot };
-        let at = |k: f64, s: V2, f: &Field, a: f64, w: f64| State {
+        // The slots' angle halfway and at the end at constant speed.
+        let half = if KIND == FULL { self.gap.turn([1.0, 0.0], 0.5 * h * x.omega) } else { [1.0, 0.0] };
+        let by = |v: V2, r: V2| if KIND == FULL { [v[0] * r[0] - v[1] * r[1], v[0] * r[1] + v[1] * r[0]] } else { v };
+        let middle = by(x.slot, half);
+        let end = by(middle, half);
+        let nudge = |slot: V2, dtheta: f64| if KIND == FULL { self.gap.nudge(slot, dtheta) } else { slot };
+        let at = |k: f64, s: V2, f: &Field, a: f64, slot: V2| State {
             psi_s: axpy(x.psi_s, k, s),
             psi_r: axpy(x.psi_r, k, f.dpsi_r),
             psi_x: branches(x.psi_x, k, &f.dpsi_x),
             omega: x.omega + k * a,
             theta: x.theta,
-            slot: turn(k * w),
+            slot,
         };
         let near = if KIND != LINEAR { self.near(x.psi_s, f1.b) } else { Near { x: 0.0, c: [0.0; 5] } };
         let field = |x: &State| {
@@ -118,13 +123,13 @@ impl Circuit {
             self.field_at::<KIND>(x, b)
         };
         let (s1, a1) = (dpsi_s(x, f1), shaft.accel(f1.torque, x.omega));
-        let x2 = at(0.5 * h, s1, f1, a1, x.omega);
+        let x2 = at(0.5 * h, s1, f1, a1, middle);
         let f2 = field(&x2);
         let (s2, a2) = (dpsi_s(&x2, &f2), shaft.accel(f2.torque, x2.omega));
-        let x3 = at(0.5 * h, s2, &f2, a2, x2.omega);
+        let x3 = at(0.5 * h, s2, &f2, a2, nudge(middle, 0.25 * h * h * a1));
         let f3 = field(&x3);
         let (s3, a3) = (dpsi_s(&x3, &f3), shaft.accel(f3.torque, x3.omega));
-        let x4 = at(h, s3, &f3, a3, x3.omega);
+        let x4 = at(h, s3, &f3, a3, nudge(end, 0.5 * h * h * a2));
         let f4 = field(&x4);
         let (s4, a4) = (dpsi_s(&x4, &f4), shaft.accel(f4.torque, x4.omega));
         let k = h * (1.0 / 6.0);
@@ -142,7 +147,7 @@ impl Circuit {
                 ),
                 omega: x.omega + k * (a1 + 2.0 * (a2 + a3) + a4),
                 theta: x.theta + dtheta,
-                slot: turn(dtheta),
+                slot: nudge(end, h * k * (a1 + a2 + a3)),
             },
             int_i: [k * i[0], k * i[1]],
         }

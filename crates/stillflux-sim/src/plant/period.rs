@@ -21,13 +21,16 @@ impl Plant {
     /// The next instant after `t` at which a channel is sampled ahead of the period's end.
     #[inline(always)]
     pub(super) fn next_instant(&self, t: f64) -> f64 {
+        if !self.skewed {
+            return f64::INFINITY;
+        }
         self.instants.into_iter().filter(|s| *s > t).fold(f64::INFINITY, f64::min)
     }
 
     /// Samples the channels whose instant is `t`.
     #[inline(always)]
     pub(super) fn look(&mut self, t: f64) {
-        if self.instants.contains(&t) {
+        if self.skewed && self.instants.contains(&t) {
             let i = self.phase_currents();
             for k in 0..3 {
                 if self.instants[k] == t {
@@ -55,7 +58,7 @@ impl Plant {
         if stale {
             self.bridge.set_signs(self.f.i, self.tol.current);
         }
-        self.bridge.load(duty, gates_on);
+        self.bridge.load(duty, gates_on, self.rising);
         if let Some(nodes) = self.nodes {
             return self.capacitive::<KIND>(nodes, stale);
         }
@@ -149,7 +152,7 @@ impl Plant {
             // A floating leg has sign 0 and is near.
             (s[0] * i[0]).min(s[1] * i[1]).min(s[2] * i[2]) < self.tol.near
         };
-        if near || self.shaft.stuck || self.shaft.dir * step.x.omega < 0.0 {
+        if near || self.shaft.restless(f.torque, step.x.omega) {
             return self.eventful::<KIND, BRIDGE>(feed, h, step, f, blind);
         }
         self.commit::<KIND>(feed, h, step, f);
@@ -187,7 +190,7 @@ impl Plant {
         let f = c.field::<KIND>(&step.x);
         // The usual course: one node has come to its diode, no current is near zero or has turned.
         let (i0, i1, mut plain) =
-            (phases(self.f.i), phases(f.i), !blind && !self.shaft.stuck && self.shaft.dir * step.x.omega >= 0.0);
+            (phases(self.f.i), phases(f.i), !blind && !self.shaft.restless(f.torque, step.x.omega));
         for k in 0..3 {
             let b = &self.bridge;
             plain &= if b.sign[k] == 0.0 {
@@ -276,7 +279,6 @@ impl Plant {
     }
 
     /// What the legs take from the link in a segment, and what their thresholds do.
-    #[inline(never)]
     fn draw(&mut self, step: &Step) {
         let (b, q) = (&self.bridge, phases(step.int_i));
         if let Some(e) = &mut self.energy {

@@ -225,7 +225,7 @@ impl<R: Real> CommissioningConfig<R> {
         let (machine, deviation) = plate.machine()?;
         let pu = PerUnit::new(&machine, sheet)?;
         let r = rounded::<R>;
-        let f_s = sheet.f_s;
+        let f_s = sheet.f_c();
         let u_max = 0.95 * pu.u_dc / libm::sqrt(3.0);
         let omega_c = pu.hz(BANDWIDTH * f_s);
         let k_p = omega_c * pu.sigma_l_s;

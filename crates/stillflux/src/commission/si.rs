@@ -122,7 +122,7 @@ impl SiCommissioning {
         let b = pu.base;
         Some(FreeRun {
             drive,
-            config: InertiaConfig::new(pu.torque_rated, pu.t_s, inv.f_s),
+            config: InertiaConfig::new(pu.torque_rated, pu.t_s, inv.f_c()),
             inertia: Inertia::new(),
             bases: [b.omega_m, b.torque, b.torque / (b.omega_m * b.omega)],
             started: 0,

@@ -39,10 +39,16 @@ pub(crate) struct EnhancedConfig<R: Real> {
     /// What one control period takes off the logarithm of a free rotor flux, times 64.
     pub decay: R,
     pub probe_periods: u32,
+    /// The gains of two current sensors are compared in the second half of the magnetisation: reciprocal of its periods;
+    /// 0 with three sensors.
+    #[cfg(feature = "modes")]
+    pub pair_weight: R,
     /// Least `Σ |ψ_R|² dτ` of the speed search.
     pub probe_floor: R,
 }
-words!(EnhancedConfig: filter, balance, shift, catch, decay, probe_periods, probe_floor);
+words!(EnhancedConfig: filter, balance, shift, catch, decay, probe_periods,
+    #[cfg(feature = "modes")] pair_weight,
+    probe_floor);
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
@@ -70,10 +76,11 @@ impl<R: Real> EnhancedConfig<R> {
         let catch_block = inverter.periods(CATCH_BLOCK).max(libm::ceil(0.0125 / pu.t_s) as u32);
         Self {
             filter,
-            balance: BalanceConfig {
+            balance: {
+                // Nothing to fit where the third current is computed.
+                let on = if p.current_sensors == 3 { f64::from(BALANCE_PERIODS) / inverter.f_c() } else { 0.0 };
                 // The state is a third of the difference of the gains.
-                step: rounded(BALANCE_RATE / 3.0 * f64::from(BALANCE_PERIODS) / inverter.f_s),
-                step_offset: rounded(BALANCE_OFFSET_RATE * f64::from(BALANCE_PERIODS) / inverter.f_s),
+                BalanceConfig { step: rounded(BALANCE_RATE / 3.0 * on), step_offset: rounded(BALANCE_OFFSET_RATE * on) }
             },
             shift: ShiftConfig {
                 omega_s_min: rounded(p.enhanced.omega_s_min / pu.base.omega),
@@ -83,7 +90,7 @@ impl<R: Real> EnhancedConfig<R> {
                 // A tenth of the torque that the current allows is kept in reserve.
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
-                step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_s),
+                step: rounded(SHIFT_RATE * f64::from(SLOW_PERIODS) / inverter.f_c()),
             },
             catch: CatchConfig {
                 block: catch_block,
@@ -94,6 +101,12 @@ impl<R: Real> EnhancedConfig<R> {
             },
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
             probe_periods: inverter.periods(PROBE_TIME),
+            #[cfg(feature = "modes")]
+            pair_weight: if p.current_sensors == 2 {
+                rounded(2.0 / f64::from(inverter.periods(p.magnetise_time)))
+            } else {
+                R::ZERO
+            },
             probe_floor: rounded(PROBE_FLOOR * built_up * built_up * tau / 3.0),
         }
     }

@@ -23,7 +23,12 @@ const PERIODS_A_TURN: f64 = 30.0;
 
 /// Largest stator frequency that the loops carry, rad/s.
 fn fastest_field(inverter: &Inverter) -> f64 {
-    core::f64::consts::TAU * inverter.f_s / PERIODS_A_TURN
+    core::f64::consts::TAU * inverter.f_c() / PERIODS_A_TURN
+}
+
+/// What an error says of a setting that is left out of the build.
+fn needs_modes(e: ParamError) -> ParamError {
+    if cfg!(feature = "modes") { e } else { e.with_note("needs the feature `modes`") }
 }
 
 /// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
@@ -379,6 +384,10 @@ pub struct DriveParams {
     pub calibrate_offset: bool,
     /// Duration of the reading of the offsets, s.
     pub offset_time: f64,
+    /// Current sensors: 3, or 2 in phases a and b. With two the current of phase c is `-(i_a + i_b)` and its channel is not
+    /// read. The difference of the gains of the two is found in the magnetisation at standstill then, by the enhanced
+    /// scheme, instead of while running, and the monitor of the sum is off. This and `discontinuous_above` need the feature `modes`.
+    pub current_sensors: u32,
     /// Duration of the magnetisation, s.
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
@@ -392,6 +401,9 @@ pub struct DriveParams {
     /// Time for which the torque may be at its limit at low speed without the speed approaching its reference, s, 0.1 to
     /// 60; 0: any ([`crate::supervision::stall`]).
     pub stall_time: f64,
+    /// Discontinuous modulation from this voltage on, in parts of the largest that continuous modulation makes, `u_dc/√3`;
+    /// 0.3 to 1 ([`crate::control::modulator`]); `None`: continuous at every voltage.
+    pub discontinuous_above: Option<f64>,
     /// Lower the flux where the voltage is used up ([`crate::control::weakening`]). Without it the speed ends there.
     pub field_weakening: bool,
     /// Use the voltage between the circle within the hexagon and the hexagon: 7.6 % more fundamental, and a current with
@@ -439,18 +451,20 @@ impl DriveParams {
             i_range: 2.5 * i_n,
             u_dc_min: 0.6 * inverter.u_dc,
             u_dc_max: 1.45 * inverter.u_dc,
-            current_bandwidth: 0.03 * inverter.f_s,
+            current_bandwidth: 0.03 * inverter.f_c(),
             flux_bandwidth: 5.0,
             speed_bandwidth: 9.0,
             pll_bandwidth: 25.0,
             inverter_model: true,
             calibrate_offset: true,
             offset_time: 0.1,
+            current_sensors: 3,
             magnetise_time: (4.0 * tau_r).max(1.4),
             low_confidence: LowConfidence::Keep,
             fresh_time: 10.0,
             supervision: true,
             stall_time: 0.35,
+            discontinuous_above: None,
             field_weakening: true,
             overmodulation: false,
             acceleration: None,
@@ -473,7 +487,7 @@ impl DriveParams {
     /// The first field found outside its range, or changed although it belongs to the scheme that does not run.
     pub fn validate(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
         let i_n = machine.I_N * core::f64::consts::SQRT_2;
-        let f_s = inverter.f_s;
+        let f_s = inverter.f_c();
         let tau_r = machine.L_M / machine.R_R;
         check("psi_ref", self.psi_ref, 0.3, 1.2, "p.u.")?;
         let i_0 = self.psi_ref * Base::new(machine).psi / machine.L_s();
@@ -493,10 +507,19 @@ impl DriveParams {
         // A fifteenth of the rate at which the loop runs.
         check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
+        let modes = cfg!(feature = "modes");
+        check("current_sensors", f64::from(self.current_sensors), if modes { 2.0 } else { 3.0 }, 3.0, "")
+            .map_err(needs_modes)?;
+        check("half_periods", f64::from(inverter.half_periods), if modes { 1.0 } else { 2.0 }, 16.0, "")
+            .map_err(needs_modes)?;
         check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
         check("fresh_time", self.fresh_time, 0.0, 3600.0, "s")?;
         if self.stall_time != 0.0 {
             check("stall_time", self.stall_time, 0.1, 60.0, "s")?;
+        }
+        if let Some(part) = self.discontinuous_above {
+            check("discontinuous_above", part, 0.3, if cfg!(feature = "modes") { 1.0 } else { 0.0 }, "")
+                .map_err(needs_modes)?;
         }
         self.validate_limits(machine, inverter)?;
         self.validate_link(inverter)?;
@@ -535,7 +558,7 @@ impl DriveParams {
             if let Some((current, time)) = body {
                 check(fields[0], current, least, self.i_max / root, "A")?;
                 // Longer than the interval in which it is computed, short enough for fixed point.
-                check(fields[1], time, 1e4 / inverter.f_s, 3600.0, "s")?;
+                check(fields[1], time, 1e4 / inverter.f_c(), 3600.0, "s")?;
             }
         }
         Ok(())

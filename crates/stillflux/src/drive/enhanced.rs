@@ -21,7 +21,8 @@
 //!    makes torque on a free shaft. After half of the magnetisation time the filter is initialised at the settled flux.
 //!    In the second half it identifies the sum of the voltages of resistance and inverter; two reduced currents, 0.7 of
 //!    the magnetising current from 9/16 to 11/16 and 0.4 from 11/16 to 12/16 of the time, separate resistance, `v` and
-//!    knee.
+//!    knee. With two current sensors they also show the difference of their gains ([`crate::estimate::pair`]); where it is
+//!    a new one the last three quarters are repeated, since everything identified in them was falsified by it.
 //!
 //! A machine that begins to turn during a pause with its flux left, below 0.06 pu, is not covered.
 
@@ -33,9 +34,11 @@ use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{BLOCKS, Catch};
 use crate::estimate::kalman::{Filter, Input, Learned};
+#[cfg(feature = "modes")]
+use crate::estimate::pair::{HALF_MAX, Pair};
 use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
-use crate::scalar::{Real, clamp_seldom};
+use crate::scalar::{Real, clamp_seldom, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Speed, per unit, above which a machine counts as rotating at the start.
@@ -49,6 +52,10 @@ const CROSSING: f64 = 0.0025;
 /// Reduced currents that separate resistance, inverter error and knee, relative to the magnetising current.
 const REDUCED: f64 = 0.7;
 const SMALL: f64 = 0.4;
+
+/// Difference of the gains of two current sensors below which nothing is repeated.
+#[cfg(feature = "modes")]
+const KNOWN_DIFFERENCE: f64 = 1e-3;
 
 /// The two sums of the speed search; after it, the speed over one.
 #[derive(Clone, Copy, Debug)]
@@ -108,6 +115,14 @@ enum Start<R: Real> {
 pub(super) struct EnhancedEstimators<R: Real> {
     filter: Filter<R>,
     balance: Balance<R>,
+    #[cfg(feature = "modes")]
+    pair: Pair<R>,
+    /// Half of the difference of the gains of two current sensors.
+    #[cfg(feature = "modes")]
+    half_difference: R,
+    /// Periods by which the start-up has gone back after such a difference was found.
+    #[cfg(feature = "modes")]
+    gone_back: u32,
     shift: FluxShift<R>,
     speed_estimator: SpeedEstimator<R>,
     speed: SpeedEstimate<R>,
@@ -118,8 +133,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     knee: Knee<R>,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
-    /// Rotor resistance at its temperature.
-    r_r: R,
+    /// Rotor resistance at its temperature, relative to the parameter.
+    rotor: R,
 }
 
 impl<R: Real> EnhancedEstimators<R> {
@@ -128,6 +143,12 @@ impl<R: Real> EnhancedEstimators<R> {
         Self {
             filter: Filter::new(&c.enhanced.filter),
             balance: Balance::default(),
+            #[cfg(feature = "modes")]
+            pair: Pair::default(),
+            #[cfg(feature = "modes")]
+            half_difference: R::ZERO,
+            #[cfg(feature = "modes")]
+            gone_back: 0,
             shift: FluxShift::default(),
             speed_estimator: SpeedEstimator::default(),
             speed: SpeedEstimate::default(),
@@ -136,7 +157,7 @@ impl<R: Real> EnhancedEstimators<R> {
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
             torque_ref: R::ZERO,
-            r_r: c.speed.r_r,
+            rotor: R::ONE,
         }
     }
 
@@ -249,13 +270,40 @@ impl<R: Real> EnhancedEstimators<R> {
         (field, field.to_field(&i_s), at.stage >= periods)
     }
 
+    /// Gains of two current sensors, in the last three quarters of the magnetisation at standstill; whether this is a
+    /// period of them. The current is controlled without the filter's offset then: as that moves, the flux would.
+    #[cfg(feature = "modes")]
+    #[cold]
+    #[inline(never)]
+    fn compare_gains(&mut self, c: &DriveConfig<R>, x: &PeriodInput<'_, R>, i_ref: R, stage: u32) -> bool {
+        let begin = c.magnetise_periods / 2;
+        if stage <= begin / 2 || self.start != Start::Unknown || self.search.found_rotation() {
+            self.pair = Pair::default();
+            return false;
+        }
+        let by_knee = x.u_loss.by_knee();
+        let u = x.u_s.re() + by_knee[1].abs() + by_knee[2].abs();
+        self.pair.add(c.enhanced.pair_weight, [i_ref, u, x.u_s.im()], stage > begin);
+        // Once in a start: what the repetition identifies is right for this difference.
+        if stage == c.magnetise_periods && self.gone_back == 0 {
+            let left = self.pair.difference();
+            if !left.within(R::from_f64(KNOWN_DIFFERENCE)) {
+                self.half_difference = (self.half_difference + left.half()).limit(R::from_f64(HALF_MAX));
+                self.gone_back = c.magnetise_periods - begin / 2;
+                self.pair = Pair::default();
+            }
+        }
+        true
+    }
+
     /// One period of the speed search.
     fn search_speed(&mut self, c: &DriveConfig<R>, psi_r: &AlphaBeta<R>, i_s: &AlphaBeta<R>, stage: u32) {
         let probe_periods = c.enhanced.probe_periods;
         let before = self.speed.psi_r;
         // The current has risen after a fifth of the search.
         if stage > probe_periods / 5 {
-            self.search.numerator += before.cross(&(*psi_r - before)) - c.t_s * self.r_r * psi_r.cross(i_s);
+            self.search.numerator +=
+                before.cross(&(*psi_r - before)) - c.t_s * (c.speed.r_r * self.rotor) * psi_r.cross(i_s);
             self.search.denominator += c.t_s * psi_r.norm_sq();
         }
         self.speed.psi_r = *psi_r;
@@ -284,6 +332,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             Start::Fresh(psi_r)
         });
         self.search = SpeedSearch::new();
+        #[cfg(feature = "modes")]
+        {
+            self.gone_back = 0;
+        }
         self.shift = FluxShift::default();
         self.torque_ref = R::ZERO;
         self.speed = SpeedEstimate::default();
@@ -299,6 +351,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
+        #[cfg(feature = "modes")]
+        let start_up = start_up.map(|at| StartUp { stage: at.stage - self.gone_back });
         if let Some(at) = start_up {
             let i_s = x.i_s;
             *i_dq_ref = self.prepare(c, &i_s, at.stage);
@@ -315,7 +369,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             }
-            6 => self.knee = c.inverter.knee(self.filter.knee()),
+            6 => {
+                self.knee = c.inverter.knee(self.filter.knee());
+                if !likely(!c.enhanced.filter.follows_temperature()) {
+                    self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
+                }
+            }
             _ => {}
         }
         let (mut field, mut complete) = (self.filter.field(), false);
@@ -328,6 +387,14 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             let i;
             (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods });
             i_dq = Dq::new(i.re(), i.im());
+            #[cfg(feature = "modes")]
+            if c.two_sensors() {
+                let gone_back = self.gone_back;
+                if self.compare_gains(c, x, i_ref.re(), at.stage - catch_periods) {
+                    i_dq = Dq::new(i_m.re(), i_m.im());
+                    complete &= self.gone_back == gone_back;
+                }
+            }
         }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete }
@@ -340,15 +407,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(never)]
     fn update_speed(&mut self, c: &DriveConfig<R>) {
         let (psi_r, i_s) = (self.filter.rotor_flux(&c.enhanced.filter), self.filter.i_s());
-        self.speed = self.speed_estimator.step(&SpeedConfig { r_r: self.r_r, ..c.speed }, &psi_r, &i_s);
+        self.speed = self.speed_estimator.step(&SpeedConfig { r_r: c.speed.r_r * self.rotor, ..c.speed }, &psi_r, &i_s);
     }
 
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
-        let warm = self.filter.rotor_resistance(&c.enhanced.filter);
-        self.r_r = c.speed.r_r * warm;
-        let of_parameters = [self.filter.leakage(), warm];
+        let of_parameters = [self.filter.leakage(), self.rotor];
         self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, of_parameters);
     }
 
@@ -395,6 +460,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         (R::ONE + self.filter.v(), &self.knee)
     }
 
+    #[cfg(feature = "modes")]
+    #[inline(always)]
+    fn half_difference(&self) -> R {
+        self.half_difference
+    }
+
     #[inline(always)]
     fn nis(&self) -> R {
         self.filter.nis()
@@ -434,6 +505,5 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
         self.knee = c.inverter.knee(self.filter.knee());
-        self.r_r = c.speed.r_r * self.filter.rotor_resistance(&c.enhanced.filter);
     }
 }

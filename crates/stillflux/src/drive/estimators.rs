@@ -105,6 +105,12 @@ pub(super) trait Estimators<R: Real> {
     /// Part of the rated flux that the scheme asks for at a torque reference, every fourth period.
     fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R;
 
+    /// Half of the difference of the gains of two current sensors, as far as it is identified.
+    #[inline(always)]
+    fn half_difference(&self) -> R {
+        R::ZERO
+    }
+
     /// Speed and frequencies.
     fn speed(&self) -> &SpeedEstimate<R>;
 

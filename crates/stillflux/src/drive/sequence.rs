@@ -1,8 +1,10 @@
 //! Sequence and measurement checks: the state of a drive, the offsets of its current sensors at standstill, and the
 //! faults that block the bridge.
 
+use super::estimators::Estimators;
 use super::interface::{Measurement, Reference, Status};
 use crate::config::{DriveConfig, I_OFF_MAX};
+use crate::estimate::pair::equalised;
 use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::space::AlphaBeta;
 use crate::supervision::{Fault, FaultReport, Trip};
@@ -91,17 +93,19 @@ impl<R: Real> Sequence<R> {
         self.period = self.period.wrapping_add(1);
     }
 
-    /// Phase currents less their offsets.
+    /// Phase currents less their offsets; with two sensors, whose gains differ by twice `half`, the third is computed from
+    /// the other two.
     #[inline(always)]
-    fn without_offset(&self, m: &Measurement<R>) -> [R; 3] {
-        let ([a, b, c], off) = (m.i_abc, &self.i_off);
-        [a - off[0], b - off[1], c - off[2]]
+    fn without_offset(&self, c: &DriveConfig<R>, m: &Measurement<R>, half: impl FnOnce() -> R) -> [R; 3] {
+        let ([i_a, i_b, i_c], off) = (m.i_abc, &self.i_off);
+        let (i_a, i_b) = (i_a - off[0], i_b - off[1]);
+        if likely(!c.two_sensors()) { [i_a, i_b, i_c - off[2]] } else { equalised([i_a, i_b], half()) }
     }
 
     /// Whether a measurement can be used as it is.
     #[inline(always)]
     pub fn accepts(&self, c: &DriveConfig<R>, m: &Measurement<R>) -> bool {
-        let i = self.without_offset(m);
+        let i = self.without_offset(c, m, || R::ZERO);
         // One comparison for four: no channel near its range, the vector below the trip level. Written so that
         // NaN fails it.
         let sum = i[0] * i[0] + i[1] * i[1] + i[2] * i[2];
@@ -110,8 +114,13 @@ impl<R: Real> Sequence<R> {
 
     /// Phase currents without their offsets, and the current vector.
     #[inline(always)]
-    pub fn currents(&self, m: &Measurement<R>) -> ([R; 3], AlphaBeta<R>) {
-        let i = self.without_offset(m);
+    pub fn currents<E: Estimators<R>>(
+        &self,
+        c: &DriveConfig<R>,
+        m: &Measurement<R>,
+        estimators: &E,
+    ) -> ([R; 3], AlphaBeta<R>) {
+        let i = self.without_offset(c, m, || estimators.half_difference());
         (i, AlphaBeta::from_phases(i))
     }
 
@@ -119,13 +128,14 @@ impl<R: Real> Sequence<R> {
     #[cold]
     #[inline(never)]
     fn examine(&self, c: &DriveConfig<R>, m: &Measurement<R>) -> Option<Trip<R>> {
-        let i_s = AlphaBeta::<R>::from_phases(self.without_offset(m));
+        let i_s = AlphaBeta::<R>::from_phases(self.without_offset(c, m, || R::ZERO));
         // Written so that NaN is not readable.
         let readable =
             |k: usize| if k < 3 { m.i_abc[k].abs() < c.i_range } else { m.u_dc.abs() < R::from_f64(U_DC_RANGE) };
+        let unused = |k: usize| k == 2 && c.two_sensors();
         // Constants of the arithmetic: a conversion here would be one in software.
         let numbers = [R::ONE, R::TWO, R::from_f64(3.0), R::from_f64(4.0)];
-        if let Some((_, number)) = (0..4).zip(numbers).find(|&(k, _)| !readable(k)) {
+        if let Some((_, number)) = (0..4).zip(numbers).find(|&(k, _)| !readable(k) && !unused(k)) {
             Some(Trip::new(Fault::Measurement, number, R::ZERO))
         } else if m.u_dc < c.u_dc_min {
             Some(Trip::new(Fault::UnderVoltage, m.u_dc, c.u_dc_min))
@@ -197,8 +207,9 @@ impl<R: Real> Sequence<R> {
     /// Mean of the current samples while no current can flow.
     #[inline(never)]
     fn read_offset(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> Action {
-        if c.calibrate_offset {
-            for k in 0..3 {
+        // The period that enters this state is none of the `offset_periods`.
+        if c.calibrate_offset && self.stage > 0 {
+            for k in 0..if c.two_sensors() { 2 } else { 3 } {
                 self.offset_mean[k].add(c.inv_offset_periods, m.i_abc[k]);
             }
         }

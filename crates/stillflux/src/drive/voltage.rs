@@ -10,10 +10,13 @@
 //! the loss `u_l` of the inverter model. A dc link that changes within two periods is not resolved.
 
 use crate::config::DriveConfig;
-use crate::control::modulator::{Duty, applied, modulate};
+use crate::control::modulator::{Duty, applied, clamped_leg, modulate, modulate_clamped};
 use crate::inverter::{Distortion, Knee};
-use crate::scalar::Real;
+use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
+
+/// Part of the squared voltage from which discontinuous modulation begins, at which it ends.
+const HYSTERESIS: f64 = 0.9;
 
 /// A period's voltage.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -37,6 +40,8 @@ pub(super) struct Voltage<R: Real> {
     pub loss: Distortion<R>,
     /// `1/u_dc` of the latest period.
     inv_u_dc: R,
+    /// A leg was held at a rail in the latest period.
+    discontinuous: bool,
     /// Voltage applied between the last two current samples.
     pub u_s: AlphaBeta<R>,
 }
@@ -48,6 +53,7 @@ impl<R: Real> Voltage<R> {
             commanded: [Commanded::default(); 2],
             loss: Distortion::default(),
             inv_u_dc: R::ZERO,
+            discontinuous: false,
             u_s: AlphaBeta::default(),
         }
     }
@@ -73,6 +79,21 @@ impl<R: Real> Voltage<R> {
         self.u_s
     }
 
+    /// Leg that discontinuous modulation holds at a rail, if the voltage is large enough for it; it has no dead time then.
+    #[cold]
+    #[inline(never)]
+    fn clamp(&mut self, c: &DriveConfig<R>, u_ref: &AlphaBeta<R>, u: &[R; 3]) -> Option<(usize, bool)> {
+        let least = c.discontinuous_sq()?;
+        let part = *u_ref * self.inv_u_dc;
+        let least = if self.discontinuous { least * R::from_f64(HYSTERESIS) } else { least };
+        self.discontinuous = part.norm_sq() >= least;
+        self.discontinuous.then(|| {
+            let leg = clamped_leg(u);
+            self.loss = self.loss.without_edges(leg.0);
+            leg
+        })
+    }
+
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
     /// will flow then: it is free from noise. `gain` and `knee`: estimated factor and curve of the model.
     #[inline(always)]
@@ -86,9 +107,24 @@ impl<R: Real> Voltage<R> {
         (gain, knee): (R, &Knee<R>),
     ) -> Duty<R> {
         self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
-        let (u, e) = (u_ref.to_phases(), &self.loss.phases);
-        let duty = modulate([u[0] + e[0], u[1] + e[1], u[2] + e[2]], self.inv_u_dc, c.timer.as_ref());
-        self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: self.loss.vector() };
+        let (u, mut clamped) = (u_ref.to_phases(), None);
+        if !likely(c.discontinuous_sq().is_none()) {
+            clamped = self.clamp(c, u_ref, &u);
+        }
+        // With an update at each extreme of the carrier: the first call is in the lower zero vector, its duties act in the
+        // falling half.
+        let e = if likely(!c.double_update()) {
+            self.loss.phases
+        } else {
+            self.loss.of_half(period & 1 == 0, clamped.map(|(leg, _)| leg))
+        };
+        let phases = [u[0] + e[0], u[1] + e[1], u[2] + e[2]];
+        let timer = c.timer.as_ref();
+        let duty = match clamped {
+            None => modulate(phases, self.inv_u_dc, timer),
+            Some(leg) => modulate_clamped(phases, leg, self.inv_u_dc, timer),
+        };
+        self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: AlphaBeta::from_phases(e) };
         duty
     }
 }

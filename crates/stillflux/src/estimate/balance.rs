@@ -16,7 +16,9 @@
 //!
 //! which is taken off. The state is `x/3`. Gains change with temperature: the image is removed in every period, the fit
 //! takes a sample in every eighth one. At low stator frequency that image is what an offset is elsewhere: it moves with the
-//! field, too slowly to be told from it. With two sensors and a computed third the sum is zero and so is `x`.
+//! field, too slowly to be told from it.
+//!
+//! With two sensors and a computed third the sum is zero and nothing is fitted: `pair` has what replaces it.
 
 use crate::scalar::{QuickIntegrator, Real};
 use crate::space::AlphaBeta;

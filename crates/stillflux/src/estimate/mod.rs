@@ -17,6 +17,7 @@ pub mod limiter;
 #[cfg(feature = "variants")]
 pub mod lowpass;
 pub mod offset;
+pub mod pair;
 pub mod priors;
 pub mod regeneration;
 pub mod resistance;

@@ -8,8 +8,8 @@
 //! is stuck, saturated, inverted or has lost its gain shows as soon as its phase's current changes. The limit is above
 //! what gain errors of 5 % make of the largest current.
 //!
-//! Validity: three channels. Where the third current is computed from two the sum is always zero, and swapped channels
-//! leave it zero: both show in [`super::phases`].
+//! Validity: three channels. Where the third current is computed from two the sum is always zero and the monitor is off;
+//! swapped channels leave it zero. Both show in [`super::phases`].
 
 use super::fault::{Fault, Trip};
 use super::leaky::LeakyCounter;

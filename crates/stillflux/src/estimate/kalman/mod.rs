@@ -181,10 +181,16 @@ impl<R: Real> FilterConfig<R> {
         }
     }
 
+    /// Whether the rotor resistance follows the temperature.
+    #[inline(always)]
+    pub(crate) fn follows_temperature(&self) -> bool {
+        self.temperature.follows()
+    }
+
     /// Periods and duration, s, of a block.
     fn block(inverter: &Inverter) -> (u32, f64) {
         let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
-        (block, f64::from(block) / inverter.f_s)
+        (block, f64::from(block) / inverter.f_c())
     }
 
     /// Checks that the current model, integrated once a block, is stable: blocks of a tenth of the rotor time constant
