@@ -32,7 +32,7 @@ def _plain_numbers(of: Motor | Inverter) -> None:
         if one.name == "saturation":
             continue
         value = number(one.name, getattr(of, one.name))
-        whole = one.name == "n_p" and value.is_integer()
+        whole = one.name in ("n_p", "half_periods") and value.is_integer()
         object.__setattr__(of, one.name, int(value) if whole else value)
 
 
