@@ -28,30 +28,32 @@ def main() -> dict[str, sf.Result]:
 
 def animate(runs: dict[str, sf.Result], path: str) -> None:
     """True and estimated flux vector of each run, five pictures a second of the run."""
-    figure = Figure(figsize=(7.0, 3.8), layout="constrained")
+    figure = Figure(figsize=(7.2, 4.2), layout="constrained")
     panels, lines = figure.subplots(1, 2), []
     for panel, scheme in zip(panels, runs, strict=True):
-        panel.set(xlim=(-1.5, 1.5), ylim=(-1.5, 1.5), aspect="equal", title=f'scheme="{scheme}"')
+        panel.set(xlim=(-1.5, 1.5), ylim=(-1.5, 1.5), aspect="equal", title=f'scheme="{scheme}"\n')
         panel.grid(alpha=0.3)
         lines.append(
             [panel.plot([], [], color=c, label=n)[0] for c, n in (("C0", "true"), ("C1", "estimated"))]
         )
         panel.set_xlabel("α, V·s")
+    panels[0].set_ylabel("β, V·s")
     panels[0].legend(loc="upper left", fontsize="small")
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     length = min(len(result.t) for result in runs.values())
 
     def show(k: int) -> None:
-        for panel, pair, result in zip(panels, lines, runs.values(), strict=True):
+        for panel, pair, (scheme, result) in zip(panels, lines, runs.items(), strict=True):
             path = slice(max(0, k - 400), k + 1)
             for line, name in zip(pair, ("psi_s", "estimate.psi_s"), strict=True):
                 psi = result[name][path]
                 line.set_data(np.append(psi.real, 0.0), np.append(psi.imag, 0.0))
-            panel.set_ylabel(f"t = {result.t[k]:.1f} s, {np.degrees(abs(result['angle_error'][k])):.0f}° off")
+            off = np.degrees(abs(result["angle_error"][k]))
+            panel.set_title(f'scheme="{scheme}"\nt = {result.t[k]:.1f} s, field angle {off:.0f}° off')
 
     frames = range(4000, length, 200)
-    FuncAnimation(figure, show, frames=frames).save(path, writer=PillowWriter(fps=8), dpi=60)
+    FuncAnimation(figure, show, frames=frames).save(path, writer=PillowWriter(fps=8), dpi=80)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import stillflux as sf
 from stillflux import parallel
 from stillflux.cli import main
-from stillflux.evidence import beyond, conditions, judge, points
+from stillflux.evidence import beyond, conditions, judge, plane_points, points
 from stillflux.evidence.claims import at_most, holds
 from stillflux.evidence.conditions import REACHED, SCHEMES
 from stillflux.evidence.errors import MISMATCHES
@@ -507,7 +507,7 @@ def test_summary_counts_runs_and_shows_the_worst() -> None:
 
 def test_pictures_of_partial_maps_and_the_section() -> None:
     rows = rows_of()
-    assert len(maps.plane(rows).axes) == 3
+    assert len(maps.plane(plane_points.points_of(rows)).axes) == 3
     text = plane.section(rows)
     assert text.count("<svg") == 1
     assert "stillflux beyond plane-ramps --machine 2.2kW" in text

@@ -85,7 +85,7 @@ def test_report_is_self_contained(scenario: sf.Scenario, tmp_path: Path) -> None
     path = tmp_path / "sub" / "report.html"
     page.write(path, "Title", "stillflux demo", [section])
     text = path.read_text(encoding="utf-8")
-    assert text.count("<svg") == 2
+    assert text.count("<svg") == 3
     assert "A &lt; B" in text
     assert "failed" in text
     # No file or address is loaded: the only addresses are the names of XML namespaces and metadata.

@@ -108,8 +108,9 @@ def test_registry_finds_every_file() -> None:
     of_figures = {p.stem for p in (PACKAGE / "evidence" / "figures").glob("*.py")} - {"__init__"}
     named = [x.name for m in of_figures for x in import_module(f"stillflux.evidence.figures.{m}").EXPERIMENTS]
     assert sorted(named) == sorted(registry.experiments())
-    of_plane = {p.stem.replace("_", "-") for p in (PACKAGE / "evidence" / "plane").glob("*.py")}
-    assert set(registry.targets()) == of_plane - {"--init--"}
+    of_plane = {p.stem for p in (PACKAGE / "evidence" / "plane").glob("*.py")} - {"__init__"}
+    named = [x.name for m in of_plane for x in import_module(f"stillflux.evidence.plane.{m}").TARGETS]
+    assert sorted(named) == sorted(registry.targets())
     assert registry.figures()[:7] == ("2", "5", "6", "8", "9", "9-known", "10")
 
 

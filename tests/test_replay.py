@@ -3,7 +3,6 @@ named."""
 
 from __future__ import annotations
 
-import runpy
 from pathlib import Path
 from typing import Any
 
@@ -71,8 +70,8 @@ def test_the_log_of_a_simulation_comes_back(run: sf.Result, scheme: Scheme) -> N
         expected = np.degrees(run["estimate.angle_deviation"])
         assert (error < 2.0 * expected + 0.3)[under_load].all()
     else:
-        # At zero stator frequency the published estimator integrates what is left of the voltage's error: that of R_s,
-        # which the last lines bound, over the time there.
+        # At zero stator frequency the published estimator integrates what is left of the voltage's error:
+        # that of R_s, which the last lines bound, over the time there.
         turning = np.abs(run["estimate.omega_s"]) > 0.01 * MOTOR.base["omega"]
         slow = under_load & ~turning
         rate = 0.02 * MOTOR.R_s * np.abs(run["i_s"][slow]) / np.abs(run["psi_s"][slow])
@@ -296,15 +295,6 @@ def test_the_command_writes_estimates_and_plot(
     assert "log.csv" in capsys.readouterr().err
 
 
-def test_the_example_of_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    example = Path(__file__).resolve().parents[1] / "examples" / "replay_log.py"
-    found = runpy.run_path(str(example), run_name="example")["main"]()
-    assert found.voltage == "bridge"
-    assert found.omega_m[-1] == pytest.approx(20.0, rel=0.03)
-    assert found.R_s[-1] == pytest.approx(MOTOR.R_s + INVERTER.r_d, rel=0.03)
-
-
 def test_files_of_instruments_and_of_this_package_are_read(run: sf.Result, tmp_path: Path) -> None:
     expected = sf.replay(run, MOTOR, INVERTER)
     drawn = {"i_s": run["measured.i_s"], "u_s": run["estimate.u_s"]}
@@ -321,9 +311,7 @@ def test_files_of_instruments_and_of_this_package_are_read(run: sf.Result, tmp_p
     path = tmp_path / "log.csv"
     path.write_text(text, encoding="utf-16")
     found = sf.replay(path, MOTOR, INVERTER, voltage="compensated")
-    path.write_text(
-        text.replace("t [s]", "note µ").replace("note µ", "t [s]", 1) + "\n# °C", encoding="cp1252"
-    )
+    path.write_text(f"# 25 °C\n{text}", encoding="cp1252")
     again = sf.replay(path, MOTOR, INVERTER, voltage="compensated")
     assert np.array_equal(found.R_s, again.R_s)
     assert found._repr_html_().startswith("<pre>")

@@ -48,7 +48,7 @@ def validate_inverter(inverter: Inverter) -> None:
 def motor_preset(name: str) -> dict[str, Any]:
     """Fields of a preset motor."""
 
-def inverter_preset(name: str) -> dict[str, float]:
+def inverter_preset(name: str) -> dict[str, Any]:
     """Fields of a preset inverter."""
 
 def from_gamma(R_s: float, R_r: float, L_l: float, L_s: float) -> dict[str, float]:

@@ -31,7 +31,6 @@ from __future__ import annotations
 
 import argparse
 import html
-import io
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -41,6 +40,7 @@ import numpy as np
 
 from stillflux.commissioning import Commissioned, CommissioningInterrupted
 from stillflux.commissioning import commission as run_commissioning
+from stillflux.html_page import page, svg
 from stillflux.machine_file import load_machine, part, read_toml, typical_inverter
 from stillflux.nameplate import Nameplate
 from stillflux.parameters import PRESETS, Inverter, Motor
@@ -225,12 +225,8 @@ def figure(found: Commissioned) -> Figure:
 
 def report(name: str, found: Commissioned, rows: Iterator[tuple[str, str, str, str]]) -> str:
     """A page with the values and their deviations, the warnings, the curves, and the motor file."""
-    svg = io.StringIO()
-    figure(found).savefig(svg, format="svg")
-    picture = svg.getvalue()
-    picture = picture[picture.index("<svg") :]
     cells = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>\n" for row in rows
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
     warnings = "".join(f"<li>{html.escape(text)}</li>" for text in found.warnings) or "<li>none</li>"
     limits = ""
@@ -239,17 +235,12 @@ def report(name: str, found: Commissioned, rows: Iterator[tuple[str, str, str, s
             f"<p>Largest phase current {found.extremes[0]:.2f} of the rated peak; the shaft turned by "
             f"{np.degrees(found.extremes[1]):.3f}° electrical in the procedures at standstill.</p>"
         )
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>Commissioning: {html.escape(name)}</title>
-<style>body {{ font: 15px/1.5 sans-serif; max-width: 64em; margin: 2em auto; padding: 0 1em }}
-td, th {{ padding: 0.2em 1em 0.2em 0; text-align: left }} svg {{ max-width: 100%; height: auto }}
-</style></head>
-<body><h1>Commissioning: {html.escape(name)}</h1>
-<p>{html.escape(found.status)}, {found.duration:.1f} s</p>
-<table><tr><th>quantity</th><th>found</th><th>deviation (1σ)</th><th>error on the plant</th></tr>
-{cells}</table>
-<h2>Warnings</h2><ul>{warnings}</ul>{limits}
-<h2>Curves</h2>{picture}
-<h2>Motor file</h2><pre>{html.escape(found.to_toml(name=name))}</pre>
-</body></html>
-"""
+    return page(
+        f"Commissioning: {name}",
+        f"<p>{html.escape(found.status)}, {found.duration:.1f} s</p>"
+        "<h2>Values</h2><table><tr><th>quantity</th><th>found</th><th>deviation (1σ)</th>"
+        f"<th>error on the plant</th></tr>{cells}</table>"
+        f"<h2>Warnings</h2><ul>{warnings}</ul>{limits}"
+        f"<h2>Curves</h2><figure>{svg(figure(found))}</figure>"
+        f"<h2>Motor file</h2><pre>{html.escape(found.to_toml(name=name))}</pre>",
+    )

@@ -32,7 +32,7 @@ def _plain_numbers(of: Motor | Inverter) -> None:
         if one.name == "saturation":
             continue
         value = number(one.name, getattr(of, one.name))
-        whole = one.name == "n_p" and value.is_integer()
+        whole = one.name in ("n_p", "half_periods") and value.is_integer()
         object.__setattr__(of, one.name, int(value) if whole else value)
 
 
@@ -190,8 +190,9 @@ class Inverter:
     """Total capacitance of one leg's node against the dc link (switches, motor cable, machine), F, from 0 to
     10 nF. During the dead time the phase current has to charge it; 0: the node follows at once."""
     half_periods: int = 2
-    """Half periods of the carrier in a control period: 2, the duties are updated once per carrier period; 1, at
-    both of its extremes, with samples at both; 4, 6 … 16: in every second, third … eighth carrier period."""
+    """Half periods of the carrier in a control period: 2, the duties are updated once per carrier period; 1,
+    at both of its extremes, with samples at both; 4, 6 … 16: in every second, third … eighth carrier
+    period."""
 
     def __post_init__(self) -> None:
         _plain_numbers(self)

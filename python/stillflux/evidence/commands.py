@@ -141,7 +141,7 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    from stillflux.evidence import beyond, reproduce, sensitivity
+    from stillflux.evidence import beyond, plane_points, reproduce, sensitivity
     from stillflux.evidence.conditions import SCHEMES
     from stillflux.evidence.journal import Journal
     from stillflux.evidence.registry import choose_figures, choose_targets
@@ -162,7 +162,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     margins = []
     if options.sensitivity:
         margins = sensitivity.run_all(figures, machines, arithmetic, sensitivity.progress, runner=runner)
-    section, found = "", []
+    section, found, rows = "", [], []
     if options.beyond:
         wanted = _machines(options, ALL_MACHINES)
         rows = beyond.run_all(choose_targets(()), wanted, SCHEMES, arithmetic, beyond.progress, runner=runner)
@@ -170,6 +170,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     if options.metrics:
         fresh = [of_outcome(x) for x in outcomes] + [of_margin(x) for x in margins]
         update(options.metrics, [*fresh, *map(of_summary, found)])
+        plane_points.update(options.metrics.with_name(plane_points.FILE), rows)
     as_json = report.to_json(outcomes)
     if options.json == "-":
         print(as_json)
@@ -191,7 +192,7 @@ def _reproduce(options: argparse.Namespace) -> int:
 
 
 def _beyond(options: argparse.Namespace) -> int:
-    from stillflux.evidence import beyond
+    from stillflux.evidence import beyond, plane_points
     from stillflux.evidence.conditions import SCHEMES
     from stillflux.evidence.journal import Journal
     from stillflux.evidence.registry import choose_targets
@@ -225,6 +226,7 @@ def _beyond(options: argparse.Namespace) -> int:
     print(plane.table(found))
     if options.metrics and not stopped:
         update(options.metrics, map(of_summary, found))
+        plane_points.update(options.metrics.with_name(plane_points.FILE), rows)
     options.out.mkdir(parents=True, exist_ok=True)
     if options.json:
         data = page.finite(plane.to_rows(rows))
@@ -456,9 +458,11 @@ _ONLY_WITH: Mapping[str, tuple[str, ...]] = {
 
 
 def _docs(options: argparse.Namespace) -> int:
-    from stillflux.evidence.documents import update
+    from stillflux.evidence import plane_points
+    from stillflux.evidence.documents import draw_plane, update
     from stillflux.evidence.table import Table
 
-    for path in update(options.root, Table.read(options.metrics)):
+    drawn = draw_plane(options.root, options.metrics.with_name(plane_points.FILE))
+    for path in [*update(options.root, Table.read(options.metrics)), *drawn]:
         print(f"updated: {path}")
     return 0

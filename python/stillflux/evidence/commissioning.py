@@ -386,18 +386,16 @@ def page(path: Path, command: str, outcomes: Sequence[Outcome], stopped: str = "
     """Writes the page."""
     import html
 
-    from stillflux.evidence.report.page import HEAD, STYLE, svg
+    from stillflux import html_page
 
     rows = "".join(
         f"<tr><td>{html.escape(c.text)}</td><td>{html.escape(c.measured)}</td><td>{_verdict(c)}</td></tr>"
         for c in claims(outcomes)
     )
-    title = "Commissioning of motors and bridges drawn at random"
-    path.write_text(
-        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{title}</title>"
-        f"<style>{STYLE}</style></head>\n<body><h1>{title}</h1>\n"
+    html_page.write(
+        path,
+        "Commissioning of motors and bridges drawn at random",
         f"<p>Made by <code>{html.escape(command)}</code>. {html.escape(stopped)}</p>"
-        f"<table><tr><th>claim</th><th>measured</th><th></th></tr>{rows}</table>"
-        f"<figure>{svg(figure(outcomes))}</figure></body></html>\n",
-        encoding="utf-8",
+        f"<table><tr><th>claim</th><th>measured</th><th>verdict</th></tr>{rows}</table>"
+        f"<figure>{html_page.svg(figure(outcomes))}</figure>",
     )

@@ -21,6 +21,7 @@ from typing import cast, get_args
 
 import numpy as np
 
+from stillflux.evidence import plane_points
 from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
@@ -32,7 +33,7 @@ from stillflux.evidence.sensitivity import LESS, MORE, Margin
 from stillflux.evidence.table import LOST_AFTER, Group, Kind, Line, Table
 from stillflux.evidence.tolerance import EXCURSIONS, MISSES, NEEDLESS, interval, rerun
 
-__all__ = ["DOCUMENTS", "TABLES", "rendered", "tests_named", "update"]
+__all__ = ["DOCUMENTS", "PLANE", "TABLES", "draw_plane", "drawn_from", "rendered", "tests_named", "update"]
 
 DOCUMENTS = (
     Path("README.md"),
@@ -44,6 +45,9 @@ DOCUMENTS = (
 )
 """The files that hold tables, from the root of the project."""
 
+PLANE = Path("docs/plane.png")
+"""The map in the README, drawn from `plane_points.FILE`."""
+README_MACHINES = MACHINES
 _TABLE = re.compile(r"(<!-- table: (?P<name>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
 _VALUE = re.compile(r"(<!-- value: (?P<group>[^:>]*): (?P<quantity>[^>]*?) -->).*?(<!-- end -->)", re.DOTALL)
 _SIGNS = {"at most": "≤", "at least": "≥", "equal": "="}
@@ -82,6 +86,28 @@ def update(root: Path, table: Table) -> list[Path]:
             path.write_text(fresh, encoding="utf-8")
             stale.append(document)
     return stale
+
+
+def draw_plane(root: Path, points: Path) -> list[Path]:
+    """Draws the maps of `README_MACHINES` below `root` from the committed points, as far as there are any,
+    unless the picture there is of the same; returns what was drawn."""
+    from stillflux.evidence.report import maps
+
+    chosen = [point for point in plane_points.read(points) if point.machine in README_MACHINES]
+    path = root / PLANE
+    digest = plane_points.digest(points) if chosen else ""
+    if not chosen or (path.exists() and drawn_from(path) == digest):
+        return []
+    maps.plane(chosen).savefig(path, dpi=90, metadata={"Description": digest, "Software": None})
+    return [PLANE]
+
+
+def drawn_from(path: Path) -> str:
+    """The digest of the points that a picture was drawn from."""
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return str(image.info.get("Description", ""))
 
 
 # Cells.
@@ -189,7 +215,7 @@ def _limits(table: Table) -> str:
     for name in figures():
         for machine_reason in dict.fromkeys(limit.reason for limit in experiments()[name].limits.values()):
             texts.append(f"**Fig. {name}.** {machine_reason}")
-    return "\n\n".join(texts)
+    return "\n\n".join(texts) or "None: every claim holds at both machines, under each realisation."
 
 
 def _margins(machine: str, table: Table) -> str:

@@ -21,8 +21,9 @@ from stillflux.evidence.journal import Runner
 from stillflux.evidence.openloop import Line, VoltageFed, Waveforms
 from stillflux.evidence.paper import OFFSET_FOUND
 from stillflux.evidence.registry import experiments
-from stillflux.evidence.report.page import conditions, svg
+from stillflux.evidence.report.page import conditions
 from stillflux.evidence.seeds import BESIDE, SEEDS
+from stillflux.html_page import svg
 from stillflux.parallel import run_jobs
 
 __all__ = ["Outcome", "Run", "jobs", "judge", "outcomes", "progress", "run", "run_all"]

@@ -1,7 +1,7 @@
 """The plane with two current sensors, whose gains and offsets are drawn for every point.
 
-Gains 1 + 0.5 % g and offsets 0.7 % g of rated peak current for each of the two channels, `g` normal and cut at
-±2.5, as an installation is drawn (`evidence.draws`); what the channel of phase c holds is not read.
+Gains 1 + 0.5 % g and offsets 0.7 % g of rated peak current for each of the two channels, `g` normal and cut
+at ±2.5, as an installation is drawn (`evidence.draws`); what the channel of phase c holds is not read.
 """
 
 from __future__ import annotations

@@ -9,8 +9,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from stillflux import html_page
 from stillflux.evidence.registry import experiments
-from stillflux.evidence.report.page import HEAD, STYLE, finite
+from stillflux.evidence.report import diagram
+from stillflux.evidence.report.page import finite
 from stillflux.evidence.reproduce import Outcome
 
 __all__ = ["table", "to_json", "write"]
@@ -85,22 +87,24 @@ def write(
         "J. Quan, <i>Drift- and parameter-compensated flux estimator for persistent zero-stator-frequency "
         "operation of sensorless-controlled induction motors</i>. Every verdict is on what the motor does, "
         "not on what the drive believes; every number is the worst over several realisations of noise and "
-        "direction of the offset. "
-        "<i>limit</i>: the published scheme falls short of the paper's figure here, measured and explained; "
-        "every claim that the explanation does not cover holds. Each negative control has to fail, after the "
-        "moment from which the mechanism is needed."
+        "direction of the offset. Each negative control has to fail, after the moment from which the "
+        "mechanism is needed."
     )
+    if any(o.verdict == "limit" for o in outcomes):
+        intro += (
+            " <i>limit</i>: the published scheme falls short of the paper's figure here, measured and "
+            "explained; every claim that the explanation does not cover holds."
+        )
     if beyond:
         intro += " <a href='#beyond'>Beyond the paper.</a>"
     if sensitivity:
         intro += " <a href='#sensitivity'>How far parameters may be off.</a>"
-    path.write_text(
-        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{title}</title>"
-        f"<style>{STYLE}</style></head>\n<body><h1>{title}</h1>\n"
-        f"<p>{intro}</p>\n<table><tr><th>fig.</th><th>machine</th><th>claim</th><th>measured</th><th>verdict</th>"
+    html_page.write(
+        path,
+        title,
+        f"<p>{intro}</p>\n<figure>{diagram.drive()}</figure>\n<h2>Overview</h2><table><tr><th>fig.</th><th>machine</th><th>claim</th><th>measured</th><th>verdict</th>"
         f"<th>negative control</th></tr>{index}</table>\n{beyond}\n"
-        f"{sensitivity}\n{''.join(sections)}\n</body></html>\n",
-        encoding="utf-8",
+        f"{sensitivity}\n{''.join(sections)}",
     )
 
 

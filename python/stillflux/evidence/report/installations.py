@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stillflux import html_page
 from stillflux.evidence import draws
 from stillflux.evidence.consistency import REGIONS, Consistency, Sample, by_claim
 from stillflux.evidence.courses import COURSES
-from stillflux.evidence.report.page import HEAD, STYLE, finite, svg
+from stillflux.evidence.report.page import finite
 from stillflux.evidence.tolerance import LOST_ANGLE, Outcome, interval, rates, rerun
+from stillflux.html_page import svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,14 +83,12 @@ def to_json(found: Sequence[Outcome]) -> str:
 
 
 def _page(path: Path, title: str, command: str, body: str, stopped: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     note = f"<p class='failed'>{html.escape(stopped)}</p>" if stopped else ""
-    path.write_text(
-        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{title}</title>"
-        f"<style>{STYLE} pre {{ white-space: pre-wrap }}</style></head>\n<body><h1>{title}</h1>\n"
-        f"<p>Made by <code>{html.escape(command)}</code>. All verdicts are on the plant's truth.</p>{note}\n"
-        f"{body}\n</body></html>\n",
-        encoding="utf-8",
+    html_page.write(
+        path,
+        title,
+        f"<p>Made by <code>{html.escape(command)}</code>. All verdicts are on the plant's truth.</p>"
+        f"{note}\n{body}",
     )
 
 

@@ -12,15 +12,18 @@ from stillflux.evidence.conditions import SCHEMES, line_speed
 from stillflux.evidence.draw import ESTIMATE, STYLE, THIRD, TRUE, figure_of
 from stillflux.evidence.judge import EXCURSION
 from stillflux.evidence.machines import motor_of
+from stillflux.evidence.plane_points import PlanePoint
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
 __all__ = ["courses", "plane", "rest", "schemes_of", "worst_by_point"]
 
 COLOURS = {"paper": TRUE, "enhanced": ESTIMATE}
 _LOW, _HIGH = 0.1, 90.0
+_LOST = "#b3261e"
 _MOST = 6
 
 
@@ -39,51 +42,71 @@ def worst_by_point(rows: Sequence[Row]) -> dict[tuple[float, float], Row]:
     return found
 
 
-def plane(rows: Sequence[Row]) -> Figure:
-    """Maps of the angle error over speed and torque at one machine, one for each scheme.
+def plane(points: Sequence[PlanePoint]) -> Figure:
+    """Maps of the angle error over speed and torque: a row for each machine, a column for each scheme.
 
     The line is ω_s = 0, dashed where 15° are allowed; a cross is a lost point, a circle one that falls short.
     """
     import matplotlib as mpl
+    from matplotlib.lines import Line2D
+
+    machines = list(dict.fromkeys(point.machine for point in points))
+    found = {point.scheme for point in points}
+    schemes = [scheme for scheme in SCHEMES if scheme in found]
+    figure = figure_of(1.2 + 4.3 * len(schemes), 0.5 + 3.9 * len(machines))
+    with mpl.rc_context(STYLE):
+        panels = figure.subplots(len(machines), len(schemes), sharex=True, sharey=True, squeeze=False)
+        image = None
+        for machine, line in zip(machines, panels, strict=True):
+            for scheme, panel in zip(schemes, line, strict=True):
+                mine = [x for x in points if (x.machine, x.scheme) == (machine, scheme)]
+                image = _map(panel, machine, mine)
+                held = sum(point.met for point in mine)
+                panel.set_title(f"{machine}, {scheme}: {held} of {len(mine)} points met", fontsize=9)
+            line[0].set_ylabel("$T/T_N$")
+        for panel in panels[-1]:
+            panel.set_xlabel(r"$\omega$")
+        assert image is not None
+        bar = figure.colorbar(image, ax=panels, label="largest angle error, °")
+        bar.ax.set_yticks([0.1, 0.3, 1, 3, 10, 30, 90], labels=["0.1", "0.3", "1", "3", "10", "30", "90"])
+        figure.legend(
+            handles=[
+                Line2D([], [], color=_LOST, marker="x", linestyle="", label="lost"),
+                Line2D([], [], color="grey", marker="o", fillstyle="none", linestyle="", label="not met"),
+                Line2D([], [], color="grey", label=r"$\omega_s = 0$ at rated flux"),
+                Line2D([], [], color="grey", linestyle="--", label=r"$\pm 0.01$, where 15° are allowed"),
+            ],
+            loc="outside lower center",
+            ncols=4,
+            fontsize=8,
+        )
+    return figure
+
+
+def _map(panel: Axes, machine: str, points: Sequence[PlanePoint]) -> QuadMesh:
+    """The map of one machine and scheme."""
     from matplotlib.colors import LogNorm
 
-    schemes = schemes_of(rows)
-    figure = figure_of(1.2 + 4.3 * len(schemes), 4.2)
-    motor = motor_of(rows[0].machine)
-    speeds, torques = (sorted({row.point[k] for row in rows if row.point is not None}) for k in (0, 1))
+    speeds, torques = (sorted({point.place[k] for point in points}) for k in (0, 1))
+    values = np.full((len(torques), len(speeds)), np.nan)
+    for point in points:
+        omega, T = point.place
+        values[torques.index(T), speeds.index(omega)] = min(max(point.angle, _LOW), _HIGH)
+        if point.lost:
+            panel.plot(omega, T, "x", color=_LOST, markersize=5, markeredgewidth=1.3)
+        elif not point.met:
+            panel.plot(omega, T, "o", color="white", markersize=4, fillstyle="none")
+    image = panel.pcolormesh(
+        speeds, torques, values, norm=LogNorm(_LOW, _HIGH), cmap="viridis", shading="nearest"
+    )
     torque = np.linspace(torques[0] - 0.1, torques[-1] + 0.1, 60)
-    line = np.array([line_speed(motor, float(x)) for x in torque])
-    with mpl.rc_context(STYLE):
-        panels = figure.subplots(1, len(schemes), sharey=True, squeeze=False)[0]
-        image = None
-        for panel, scheme in zip(panels, schemes, strict=True):
-            mine = worst_by_point([row for row in rows if row.scheme == scheme])
-            values = np.full((len(torques), len(speeds)), np.nan)
-            for k, T in enumerate(torques):
-                for j, omega in enumerate(speeds):
-                    row = mine.get((omega, T))
-                    if row is None:
-                        continue
-                    values[k, j] = min(max(row.measured.angle_settled, _LOW), _HIGH)
-                    if row.measured.why:
-                        panel.plot(omega, T, "x", color="#b3261e", markersize=5, markeredgewidth=1.3)
-                    elif not row.ok:
-                        panel.plot(omega, T, "o", color="white", markersize=4, fillstyle="none")
-            image = panel.pcolormesh(
-                speeds, torques, values, norm=LogNorm(_LOW, _HIGH), cmap="viridis", shading="nearest"
-            )
-            panel.plot(line, torque, color="white", linewidth=1.2)
-            for side in (-0.01, 0.01):
-                panel.plot(line + side, torque, color="white", linewidth=0.7, linestyle="--")
-            panel.grid(False)
-            panel.set(xlim=(-0.105, 0.105), ylim=(-1.3, 1.3), xlabel=r"$\omega$")
-            held = sum(row.ok for row in mine.values())
-            panel.set_title(f"{scheme}: {held} of {len(mine)} points", fontsize=9)
-        panels[0].set_ylabel("$T/T_N$")
-        assert image is not None
-        bar = figure.colorbar(image, ax=list(panels), label="largest angle error, °")
-        bar.ax.set_yticks([0.1, 0.3, 1, 3, 10, 30, 90], labels=["0.1", "0.3", "1", "3", "10", "30", "90"])
-    return figure
+    line = np.array([line_speed(motor_of(machine), float(x)) for x in torque])
+    panel.plot(line, torque, color="white", linewidth=1.2)
+    for side in (-0.01, 0.01):
+        panel.plot(line + side, torque, color="white", linewidth=0.7, linestyle="--")
+    panel.grid(False)
+    panel.set(xlim=(-0.105, 0.105), ylim=(-1.3, 1.3))
+    return image
 
 
 def rest(rows: Sequence[Row]) -> Figure:
@@ -101,7 +124,7 @@ def rest(rows: Sequence[Row]) -> Figure:
             panel.semilogy(x, y, "o-", color=COLOURS[scheme], markersize=4, linewidth=0.9, label=scheme)
             gone = [(a, b) for a, b, row in zip(x, y, mine, strict=True) if row.measured.why]
             if gone:
-                panel.plot(*zip(*gone, strict=True), "x", color="#b3261e", markersize=9, label="lost")
+                panel.plot(*zip(*gone, strict=True), "x", color=_LOST, markersize=9, label="lost")
         panel.axhline(EXCURSION, color=THIRD, linewidth=0.8, linestyle="--")
         panel.set(xlabel="$T/T_N$", ylabel="largest angle error, °", ylim=(0.01, 250))
         panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stillflux import html_page
 from stillflux.evidence.operate import Performed
 from stillflux.evidence.registry import operations
-from stillflux.evidence.report.page import HEAD, STYLE, svg
+from stillflux.html_page import svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,15 +43,13 @@ def write(path: Path, command: str, found: Sequence[Performed], stopped: str = "
         sections.append(
             f"<h2 id='{name}'>{escape(operation.asked)}</h2>"
             f"<p>Negative control: without {escape(operation.control.off)}.</p>"
-            f"<figure>{svg(_picture(runs[0]))}</figure><table>{rows}</table>"
+            f"<figure>{svg(_picture(runs[0]))}</figure><table><tr><th>drive</th><th>scheme</th><th>claim</th><th>measured</th><th>verdict</th></tr>"
+            f"{rows}</table>"
         )
-    title = "Operations: what was asked, what happened"
-    path.write_text(
-        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{title}</title>"
-        f"<style>{STYLE}</style></head>\n<body><h1>{title}</h1>"
-        f"<p>Made by <code>{escape(command)}</code>. {escape(stopped)}</p>{''.join(sections)}"
-        "</body></html>\n",
-        encoding="utf-8",
+    html_page.write(
+        path,
+        "Operations: what was asked, what happened",
+        f"<p>Made by <code>{escape(command)}</code>. {escape(stopped)}</p>{''.join(sections)}",
     )
 
 

@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 import html
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from stillflux import plots
+from stillflux import html_page, plots
 from stillflux.evidence.claims import Claim
+from stillflux.evidence.report import diagram
+from stillflux.html_page import svg
 from stillflux.result import Result
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["HEAD", "STYLE", "Section", "conditions", "finite", "svg", "table", "write"]
-
-HEAD = "<meta charset='utf-8'><meta name='viewport' content='width=device-width, initial-scale=1'>"
-"""What every page says of its text and of small screens."""
-STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; color: #222 }
-body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
-table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto }
-td, th { padding: .25rem .8rem; border-bottom: 1px solid #ddd }
-th { text-align: left } .ok { color: #176f2c } .failed { color: #b3261e; font-weight: 600 }
-.limit { color: #8a5a00 } .control { color: #35516b } td { vertical-align: top } figure { margin: 1rem 0 }
-svg { max-width: 100%; height: auto } code { background: #f3f3f3; padding: .1rem .3rem }
-"""
+__all__ = ["Section", "conditions", "finite", "table", "write"]
 
 
 @dataclass(frozen=True)
@@ -66,6 +52,14 @@ class Section:
             return ""
         return "fails, as it must" if self.as_it_must else "does NOT fail as it must"
 
+    @property
+    def outcome(self) -> tuple[str, str]:
+        """The verdict on the whole run, and its class."""
+        if all(claim.direction == "reported" for claim in self.claims):
+            return "measured, not judged", ""
+        text = self.conclusion or ("every claim holds" if self.as_it_must else "a claim fails")
+        return text, "ok" if self.as_it_must else "failed"
+
 
 def table(section: Section) -> str:
     """Claims as plain text, one a line."""
@@ -79,13 +73,17 @@ def table(section: Section) -> str:
 def write(path: Path, title: str, command: str, sections: Sequence[Section]) -> None:
     """Writes the page, and beside it each figure as PNG."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    rows = "".join(
+        f"<tr><td>{html.escape(x.title)}</td><td class='{x.outcome[1]}'>{html.escape(x.outcome[0])}</td></tr>"
+        for x in sections
+    )
     body = "\n".join(_section(section, path.parent) for section in sections)
-    path.write_text(
-        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{html.escape(title)}</title>"
-        f"<style>{STYLE}</style></head>\n<body><h1>{html.escape(title)}</h1>\n"
+    html_page.write(
+        path,
+        title,
         f"<p>Made by <code>{html.escape(command)}</code>. Every figure in the tables is the plant's truth, "
-        f"not the drive's opinion.</p>\n{body}\n</body></html>\n",
-        encoding="utf-8",
+        f"not the drive's opinion.</p><table><tr><th>run</th><th>verdict</th></tr>{rows}</table>"
+        f"<figure>{diagram.drive()}</figure>\n{body}",
     )
 
 
@@ -103,9 +101,10 @@ def _section(section: Section, folder: Path) -> str:
         figure = draw(section.result)
         figure.savefig(folder / f"{section.slug}-{name}.png", dpi=110)
         figures += f"<figure>{svg(figure)}</figure>"
+    anchor = section.slug.replace(".", "-")
     return (
-        f"<h2>{html.escape(section.title)}</h2><p>{html.escape(section.note)}</p>"
-        f"<table><tr><th>claim</th><th>measured</th><th></th></tr>{rows}</table>"
+        f"<h2 id='{anchor}'>{html.escape(section.title)}</h2><p>{html.escape(section.note)}</p>"
+        f"<table><tr><th>claim</th><th>measured</th><th>verdict</th></tr>{rows}</table>"
         f"<p>{html.escape(conditions(section.result))}</p>{figures}"
     )
 
@@ -142,14 +141,6 @@ def _changed(settings: Mapping[str, Any]) -> str:
         return f"{value:g}" if isinstance(value, int | float) else str(value)
 
     return ", ".join(f"{name.replace('_', ' ')} {text(value)}" for name, value in settings.items()) or "none"
-
-
-def svg(figure: Figure) -> str:
-    """A figure for inclusion in a page, without anything that varies from run to run."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
 
 
 def finite(value: Any) -> Any:

@@ -8,12 +8,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stillflux import html_page
 from stillflux.evidence.beyond import Row, Summary, summaries
+from stillflux.evidence.plane_points import points_of
 from stillflux.evidence.points import POINTS
 from stillflux.evidence.registry import targets
-from stillflux.evidence.report import maps
-from stillflux.evidence.report.page import HEAD, STYLE, svg
+from stillflux.evidence.report import diagram, maps
 from stillflux.evidence.target import Target
+from stillflux.html_page import svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,14 +78,12 @@ def to_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 def write(path: Path, command: str, rows: Sequence[Row], interrupted: str = "") -> None:
     """The section as a page of its own, pictures beside it as PNG."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    title = "Beyond the paper"
     note = f"<p class='failed'>{html.escape(interrupted)}</p>" if interrupted else ""
-    path.write_text(
-        f"<!doctype html>\n<html lang='en'><head>{HEAD}<title>{title}</title>"
-        f"<style>{STYLE}</style></head>\n<body>\n<p>Made by <code>{html.escape(command)}</code>.</p>{note}\n"
-        f"{section(rows, path.parent)}\n</body></html>\n",
-        encoding="utf-8",
+    html_page.write(
+        path,
+        "The torque-speed plane of both schemes",
+        f"<p>Made by <code>{html.escape(command)}</code>.</p>{note}<figure>{diagram.drive()}</figure>\n"
+        f"{section(rows, path.parent)}",
     )
 
 
@@ -107,11 +107,11 @@ def section(rows: Sequence[Row], folder: Path | None = None) -> str:
     ]
     for target in dict.fromkeys(row.target for row in rows):
         what = targets()[target]
-        parts.append(f"<h3 id='beyond-{target}'>{html.escape(what.title)}</h3>")
+        parts.append(f"<h2 id='beyond-{target}'>{html.escape(what.title)}</h2>")
         of_target = [row for row in rows if row.target == target]
         for machine in dict.fromkeys(row.machine for row in of_target):
             mine = [row for row in of_target if row.machine == machine]
-            parts.append(f"<h4>{html.escape(machine)}</h4>")
+            parts.append(f"<h3>{html.escape(machine)}</h3>")
             picture = _picture(what, mine)
             if picture is not None:
                 if folder is not None:
@@ -143,7 +143,7 @@ def _doubts(rows: Sequence[Row]) -> str:
     if not body:
         return ""
     return (
-        "<h3 id='beyond-confidence'>Confidence</h3><p>A miss: the angle error came to exceed 15° at a "
+        "<h2 id='beyond-confidence'>Confidence</h2><p>A miss: the angle error came to exceed 15° at a "
         "confidence of 0.5 or more. A false alarm: a confidence below 0.5 for more than 0.5 s while the "
         "error stayed below 5°.</p><details><summary>Every run with either</summary><table><tr>"
         "<th>target</th><th>machine</th><th>scheme</th><th>run</th><th>seed</th><th>misses of excursions</th>"
@@ -162,7 +162,7 @@ def _picture(target: Target, rows: Sequence[Row]) -> Figure | None:
     if target.view == "loads":
         return maps.rest(rows)
     if target.view == "map":
-        return maps.plane(rows)
+        return maps.plane(points_of(rows))
     drawn = [row for row in rows if row.trace]
     return maps.courses(drawn) if drawn else None
 
