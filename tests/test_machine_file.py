@@ -9,7 +9,9 @@ import pytest
 
 import stillflux as sf
 from stillflux.cli import main
-from stillflux.evidence.machines import OwnMachine, inverter_of, motor_of
+from stillflux.evidence import reproduce
+from stillflux.evidence.machines import MACHINES, OwnMachine, inverter_of, motor_of
+from stillflux.evidence.registry import experiments
 from stillflux.machine_file import machine_to_toml
 
 PUMP = Path(__file__).resolve().parents[1] / "examples" / "machines" / "pump-4kW.toml"
@@ -87,13 +89,28 @@ def test_a_scenario_of_a_motor_file(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "none.toml" in capsys.readouterr().err
 
 
+def test_every_figure_is_built_for_an_own_machine() -> None:
+    own = OwnMachine.load(PUMP)
+    found = [
+        name for name, experiment in experiments().items() if experiment.at(own) and experiment.runs(own)
+    ]
+    # Some claims are about one of the project's machines.
+    assert set(experiments()) - set(found) == {
+        name for name, x in experiments().items() if x.machines != MACHINES
+    }
+    assert {machine for _, machine, *_ in reproduce.jobs(found, [own])} == {own}
+    with pytest.raises(ValueError, match="none of them is run at pump-4kW"):
+        reproduce.run_all([name for name in experiments() if name not in found], [own])
+
+
 @pytest.mark.slow
 def test_demo_and_figures_of_an_own_machine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--motor", str(PUMP), "--out", str(tmp_path)]) == 0
     assert (tmp_path / "demo-pump-4kW-signals.png").exists()
     # Whether the claims hold on this machine is a result, not an error.
+    capsys.readouterr()
     assert main(["reproduce", "9", "--motor", str(PUMP), "--out", str(tmp_path)]) in (0, 1)
-    assert "pump-4kW" in capsys.readouterr().out
+    assert "Fig. 9 " in capsys.readouterr().out
 
 
 def test_the_table_of_metrics_takes_no_own_machine(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from stillflux.evidence.claims import Claim
 from stillflux.evidence.judge import lost
-from stillflux.evidence.machines import MACHINES
+from stillflux.evidence.machines import MACHINES, OwnMachine
 from stillflux.evidence.openloop import OpenLoop
 from stillflux.evidence.paper import RUN
 from stillflux.evidence.seeds import REALISATIONS, SEEDS, realised
@@ -121,6 +121,11 @@ class Experiment:
     beside: str = ""
     """Why there is nothing to put beside it: it is about a block of the published scheme. Empty: the scheme
     that goes beyond it runs the same experiment."""
+
+    def at(self, machine: str) -> bool:
+        """Whether it is run at a machine: a user's own takes part in what is not about single machines."""
+        own = isinstance(machine, OwnMachine) and self.machines == MACHINES
+        return own or machine in self.machines
 
     def runs(self, machine: str, arithmetic: str = "f32", seed: int = 0, *, role: Role = "published") -> Runs:
         """What is to be run under a realisation of noise and offset."""

@@ -161,7 +161,7 @@ def jobs(figures: Sequence[str], machines: Sequence[str]) -> list[Job]:
     found: list[Job] = []
     for figure in figures:
         experiment = experiments()[figure]
-        for machine in (one for one in machines if one in experiment.machines):
+        for machine in filter(experiment.at, machines):
             chosen = experiment.realisations(machine)
             found += [(figure, machine, seed, "published") for seed in chosen]
             if experiment.control is not None:
@@ -211,6 +211,8 @@ def run_all(
 ) -> list[Outcome]:
     """Runs figures at machines in as many processes as there are processors; `show` reports progress."""
     todo = jobs(figures, machines)
+    if not todo:
+        raise ValueError(f"figure {', '.join(figures)}: none of them is run at {', '.join(machines)}")
     return outcomes(runner(run, todo, arithmetic, folder, first=is_long, show=show))
 
 

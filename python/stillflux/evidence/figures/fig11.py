@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from stillflux.evidence.claims import Claim, at_most
 from stillflux.evidence.draw import STYLE, TRUE, figure_of
 from stillflux.evidence.figure import Control, Experiment, fields
+from stillflux.evidence.machines import inverter_of, motor_of
 from stillflux.evidence.paper import paper_drive, runs_to_the_end
-from stillflux.parameters import Inverter, Motor
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
@@ -43,7 +43,7 @@ def scenarios(machine: str, arithmetic: str = "f32", omega: float = 0.5) -> tupl
         load += [(begin, torque), (begin + _STAY, torque)]
     runs = []
     for ratio in RATIOS:
-        motor, inverter = Motor.preset(machine), Inverter.preset(machine)
+        motor, inverter = motor_of(machine), inverter_of(machine)
         real = (motor.R_s + inverter.r_d) / ratio - inverter.r_d
         run = paper_drive(
             machine,

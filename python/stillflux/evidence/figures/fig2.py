@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from stillflux.evidence.claims import Claim, at_most, equal
 from stillflux.evidence.draw import STYLE, THIRD, TRUE, figure_of
 from stillflux.evidence.figure import Control, Experiment, inverter
+from stillflux.evidence.machines import inverter_of, motor_of
 from stillflux.evidence.openloop import VoltageFed, Waveforms
-from stillflux.parameters import Inverter, Motor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,10 +28,10 @@ _U_TH = 1.0
 def runs(machine: str, arithmetic: str = "f32") -> tuple[VoltageFed, ...]:
     """Motoring at ω_s = 0.017 and 0.01; driven at 0.017; driven at 0.15, where power does flow back."""
     del arithmetic  # No drive takes part.
-    bare = Inverter.preset(machine).replace(dead_time=0.0, c_out=0.0)
+    bare = inverter_of(machine).replace(dead_time=0.0, c_out=0.0)
     points = [(0.017, 0.02), (0.01, 0.02), (0.017, -0.02), (0.15, -0.02)]
     return tuple(
-        VoltageFed(motor=Motor.preset(machine), inverter=bare, omega_s=omega_s, omega_r=omega_r)
+        VoltageFed(motor=motor_of(machine), inverter=bare, omega_s=omega_s, omega_r=omega_r)
         for omega_s, omega_r in points
     )
 

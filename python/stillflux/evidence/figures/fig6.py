@@ -13,8 +13,8 @@ import numpy as np
 from stillflux.evidence.claims import Claim, at_least
 from stillflux.evidence.draw import STYLE, TRUE, Strip, figure_of, parts, recorder
 from stillflux.evidence.figure import Control, Experiment, inverter
+from stillflux.evidence.machines import inverter_of, motor_of
 from stillflux.evidence.openloop import VoltageFed, Waveforms
-from stillflux.parameters import Inverter, Motor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,8 +26,8 @@ _REVERSES = "switching periods per crossing in which i_a reverses"
 def run(machine: str, arithmetic: str = "f32") -> VoltageFed:
     """Motoring at ω_s = 0.1 on a circle of u*, with dead time and hence zero-current clamping."""
     del arithmetic  # No drive takes part.
-    bridge = Inverter.preset(machine).replace(c_out=0.0)
-    return VoltageFed(motor=Motor.preset(machine), inverter=bridge, omega_s=0.1, omega_r=0.02, periods=3)
+    bridge = inverter_of(machine).replace(c_out=0.0)
+    return VoltageFed(motor=motor_of(machine), inverter=bridge, omega_s=0.1, omega_r=0.02, periods=3)
 
 
 def claims(run: Waveforms) -> list[Claim]:

@@ -17,8 +17,8 @@ import numpy as np
 from stillflux.evidence.claims import Claim, at_most
 from stillflux.evidence.draw import STYLE, THIRD, TRUE, figure_of
 from stillflux.evidence.figure import Control, Experiment, Runs
+from stillflux.evidence.machines import inverter_of, motor_of
 from stillflux.evidence.openloop import DirectCurrent, Line
-from stillflux.parameters import Inverter, Motor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,10 +31,10 @@ def run(machine: str, arithmetic: str = "f32") -> DirectCurrent:
     """Four levels of direct current up to rated peak."""
     del arithmetic  # No drive takes part.
     return DirectCurrent(
-        motor=Motor.preset(machine),
-        inverter=Inverter.preset(machine).replace(c_out=0.0),
+        motor=motor_of(machine),
+        inverter=inverter_of(machine).replace(c_out=0.0),
         parts=(0.4, 0.6, 0.8, 1.0),
-        dead_time=Inverter.preset(machine).dead_time,
+        dead_time=inverter_of(machine).dead_time,
     )
 
 

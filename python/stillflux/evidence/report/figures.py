@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -109,7 +110,7 @@ def write(
 
 
 def _anchor(o: Outcome) -> str:
-    return f"fig-{o.figure}-{o.machine.replace('.', '-')}"
+    return re.sub(r"[^\w-]", "-", f"fig-{o.figure}-{o.machine}")
 
 
 def _css(o: Outcome) -> str:

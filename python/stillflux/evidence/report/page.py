@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -101,7 +102,7 @@ def _section(section: Section, folder: Path) -> str:
         figure = draw(section.result)
         figure.savefig(folder / f"{section.slug}-{name}.png", dpi=110)
         figures += f"<figure>{svg(figure)}</figure>"
-    anchor = section.slug.replace(".", "-")
+    anchor = re.sub(r"[^\w-]", "-", section.slug)
     return (
         f"<h2 id='{anchor}'>{html.escape(section.title)}</h2><p>{html.escape(section.note)}</p>"
         f"<table><tr><th>claim</th><th>measured</th><th>verdict</th></tr>{rows}</table>"
