@@ -154,7 +154,7 @@ def draw(result: Result, *others: Result) -> Figure:
 
 
 def _uncompensated(runs: Runs) -> Runs:
-    """Lost within two seconds of control; not for so long that the shaft runs away beyond what can be computed."""
+    """Lost within two seconds of control; not so long that the shaft is beyond what can be computed."""
     return settings(noise_compensator=False)(fields(duration=RUN + 10.0)(runs))
 
 
