@@ -26,6 +26,8 @@ from stillflux.options import DriveSettings
         ("braking", "2.2kW"),
         ("chopper", "4kW"),
         ("supply-dip", "11kW"),
+        ("overmodulation", "2.2kW"),
+        ("hoist", "2.2kW"),
         ("temperature-regenerating", "45kW"),
         ("temperature-torque", "11kW"),
     ],
@@ -75,6 +77,10 @@ MOTOR, INVERTER = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
         ({"machine_overload": (0.1, 600.0)}, "machine_overload"),
         ({"bridge_overload": (5.0, 1e6)}, "bridge_overload"),
         ({"u_dc_brake": 500.0}, "u_dc_brake"),
+        ({"winding_temperature": 200.0}, "winding_temperature"),
+        ({"rotor_rise": 1.2}, "rotor_rise"),
+        ({"winding_heat": (80.0, 600.0)}, "winding_heat"),
+        ({"winding_temperature": 20.0, "winding_heat": (80.0, 0.1)}, "winding_heat"),
         ({"u_dc_buffer": 530.0}, "u_dc_buffer"),
         ({"u_dc_chopper": (650.0, 640.0)}, "u_dc_chopper"),
     ],
@@ -82,6 +88,13 @@ MOTOR, INVERTER = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
 def test_a_setting_outside_its_range_is_refused_by_name(settings: DriveSettings, named: str) -> None:
     with pytest.raises(ValueError, match=named):
         sf.Drive(MOTOR, INVERTER, **settings)
+
+
+def test_overmodulation_is_refused_where_a_turn_of_the_field_has_too_few_control_periods() -> None:
+    drive = DRIVES["160kW"]
+    with pytest.raises(ValueError, match=r"overmodulation.*45 control periods"):
+        sf.Drive(drive.motor, drive.inverter, overmodulation=True)
+    assert sf.Drive(drive.motor, drive.inverter, overmodulation=True, omega_max=250.0)
 
 
 def test_a_link_on_a_capacitor_keeps_its_energy() -> None:

@@ -62,3 +62,7 @@ def test_other_errors() -> None:
         sf.Inverter(dead_time=1.0)
     with pytest.raises(ValueError, match=r"c_out = 0\.000001 F .* range 0 to 0\.00000001"):
         sf.Inverter(c_out=1e-6)
+    for half_periods in (0, 3, 18):
+        with pytest.raises(ValueError, match=f"half_periods = {half_periods} is outside"):
+            sf.Inverter(half_periods=half_periods)
+    assert sf.Inverter(half_periods=1).f_c == 20e3

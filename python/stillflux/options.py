@@ -64,14 +64,18 @@ class DriveSettings(TypedDict, total=False):
     """Time for which the torque may be at its limit at low speed without the speed approaching its
     reference, s, 0.1 to 60; 0: any."""
 
+    realignment: bool
+    """No torque for a moment where the torque is at its limit and the field stands still: the way out of a
+    false equilibrium. On by default."""
     discontinuous_above: float | None
     """Discontinuous modulation (60° clamp) from this voltage on, in parts of u_dc/√3, 0.3 to 1; None:
     continuous at every voltage."""
     field_weakening: bool
     """Lower the flux where the voltage is used up; without it the speed ends there."""
     overmodulation: bool
-    """Use the voltage between the circle within the hexagon and the hexagon: 7.6 % more fundamental, and a
-    current with the 5th and 7th harmonic where it is used. Off by default."""
+    """Use the voltage between the circle within the hexagon and the hexagon: 5.2 % more for flux and torque,
+    and a current with the 5th and 7th harmonic while all of it is used. Needs 45 control periods in one turn
+    of the field at `omega_max`. Off by default."""
     acceleration: float | None
     """Largest acceleration of the speed reference, mechanical rad/s²; None: it is followed as it is."""
     jerk: float | None

@@ -216,9 +216,9 @@ pub struct stillflux_inverter {
     pub f_clk: f64,
     /// Capacitance of one leg's node, F.
     pub c_out: f64,
-    /// Half periods of the carrier in a control period: 2; 1 for an update at each of its extremes; 4, 6 to 16.
+    /// Half periods of the carrier in a control period: 2; 1 for an update at each of its extremes (feature `modes`); 4, 6 to 16.
     pub half_periods: u32,
-    /// Current sensors: 3, or 2 in phases a and b.
+    /// Current sensors: 3, or 2 in phases a and b (feature `modes`).
     pub current_sensors: u32,
     /// Current that a current channel reads as full scale, A.
     pub i_full: f64,

@@ -61,13 +61,20 @@ pub struct Inverter {
     dead_time: f64,
     f_clk: f64,
     c_out: f64,
-    half_periods: u32,
+    half_periods: f64,
 }
 
 impl Inverter {
     /// Validated parameters.
     pub fn params(&self) -> PyResult<params::Inverter> {
         let Self { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods } = *self;
+        if half_periods.fract() != 0.0 {
+            return Err(PyValueError::new_err(format!(
+                "half_periods = {half_periods} is not a whole number from 1 to 16"
+            )));
+        }
+        check("half_periods", half_periods, 1.0, 16.0, "").map_err(value_error)?;
+        let half_periods = half_periods as u32;
         let inverter = params::Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods };
         inverter.validate().map_err(value_error)?;
         Ok(inverter)
@@ -234,7 +241,7 @@ drive_settings! {
     psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
     inverter_model, calibrate_offset, offset_time, current_sensors, magnetise_time, fresh_time, supervision, stall_time,
-    discontinuous_above, field_weakening, overmodulation, acceleration, jerk, torque_limits, speed_limits, machine_overload, bridge_overload,
+    realignment, discontinuous_above, field_weakening, overmodulation, acceleration, jerk, torque_limits, speed_limits, machine_overload, bridge_overload,
     u_dc_brake, u_dc_buffer, u_dc_chopper;
     paper:
     offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation, resistance_gain,

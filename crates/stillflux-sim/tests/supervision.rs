@@ -6,11 +6,11 @@ use std::borrow::Cow;
 use stillflux::base::Base;
 use stillflux::config::DriveParams;
 use stillflux::drive::{Fault, Status};
-use stillflux::params::{Inverter, Machine};
+use stillflux::params::{Inverter, Machine, Rating, TModel};
 use stillflux::si::FaultSi;
 use stillflux::space::AlphaBeta;
 use stillflux_sim::simulate::{Change, Profile, ReferenceProfile, Run, Scenario};
-use stillflux_sim::{Calls, ChannelFault};
+use stillflux_sim::{Adc, Calls, ChannelFault, PlantParams};
 
 /// Time of an event while the drive runs, and of one before it starts, s.
 const EVENT: f64 = 2.5;
@@ -239,4 +239,76 @@ fn a_switching_frequency_too_low_for_the_speed_is_refused_by_name_and_what_is_ad
         let error = (run.plant().truth().omega_m - top) / rated;
         assert!(error.abs() < 0.02, "{error}");
     }
+}
+
+/// An installation so far from its data that the field is lost at rest without load: factors of R_s, R_R, L_σ, L_M, u_th,
+/// dead time and inertia, real node capacitance and that of the data in F, offsets in A and gains of the current channels,
+/// friction in N·m, seed of the noise.
+type Draw = ([f64; 7], [f64; 2], [f64; 3], [f64; 3], f64, u64);
+
+const LOST_AT_REST: [Draw; 3] = [
+    (
+        [0.5351067, 1.0526143, 0.8849901, 0.6288352, 1.9397716, 1.1904359, 2.8370693],
+        [0.210822372e-9, 0.632467116e-9],
+        [0.0067066, 0.00559858, -0.02034883],
+        [1.01247668, 0.99097857, 1.01280262],
+        0.04219937,
+        401,
+    ),
+    (
+        [1.0292484, 0.6770421, 0.8635931, 0.9277266, 0.4608684, 0.6561261, 1.9676550],
+        [0.1e-9, 0.208549412e-9],
+        [5.347194e-5, -0.00695364, 0.04159018],
+        [0.98041373, 0.99380861, 0.96875],
+        0.00836994,
+        404,
+    ),
+    (
+        [1.0075229, 0.3020279, 0.5462800, 0.8662483, 1.1334488, 1.0088842, 1.8965047],
+        [0.456154385e-9, 0.152051462e-9],
+        [-0.01292302, -0.045424883, -8.345457e-5],
+        [0.98487477, 0.99346326, 1.01043162],
+        0.04037694,
+        408,
+    ),
+];
+
+/// Time in s with an angle error above 30° while running, of 6 s at rest without monitors.
+fn time_lost((factors, c_out, offset, gain, friction, seed): Draw, realignment: bool) -> f64 {
+    let t = TModel { R_s: 24.0, R_r: 17.0, L_ls: 0.055, L_lr: 0.055, L_m: 1.0 };
+    let machine = Machine::from_t_model(t, Rating { n_p: 2, J: 0.0009, U_N: 400.0, I_N: 1.1, f_N: 50.0, T_N: 2.6 });
+    let told = Inverter { r_d: 0.5, c_out: c_out[1], ..Inverter::preset_2k2() };
+    let told = Inverter { u_dc: 540.0, f_s: 10e3, u_th: 1.0, dead_time: 2e-6, ..told };
+    let mut real = machine;
+    real.R_s *= factors[0];
+    real.R_R *= factors[1];
+    real.L_sigma *= factors[2];
+    real.L_M *= factors[3];
+    real.J *= factors[6];
+    let bridge =
+        Inverter { u_th: factors[4] * told.u_th, dead_time: factors[5] * told.dead_time, c_out: c_out[0], ..told };
+    let mut s = Scenario::new(machine, told, 7.5);
+    s.plant = PlantParams::new(real, bridge);
+    s.plant.seed = seed;
+    s.plant.adc = Adc::new(&machine, &told);
+    s.plant.adc.noise = 0.004 * machine.I_N;
+    (s.plant.adc.offset, s.plant.adc.gain) = (offset, gain);
+    s.plant.mechanics.coulomb = friction;
+    (s.drive.supervision, s.drive.stall_time, s.drive.realignment) = (false, 0.0, realignment);
+    s.signals = Some(["status", "angle_error"].map(String::from).to_vec());
+    s.record_every = 10;
+    let mut run = Run::new(Cow::Owned(s)).unwrap();
+    while run.advance(1000) {}
+    let (status, angle) = (&run.record().columns[0].data, &run.record().columns[1].data);
+    let wide = status.iter().zip(angle).filter(|&(&s, a)| s == 3.0 && a.abs() > 30f64.to_radians()).count();
+    1e-3 * wide as f64
+}
+
+#[test]
+fn a_field_that_is_wrong_by_the_angle_of_its_current_comes_right_without_torque() {
+    let time = |on: bool| LOST_AT_REST.iter().map(|&draw| time_lost(draw, on)).sum::<f64>();
+    let (on, off) = (time(true), time(false));
+    println!("{on:.2} s instead of {off:.2} s");
+    assert!(off > 4.0, "without the way out the field stays lost: {off} s");
+    assert!(on < 0.7 * off, "{on} s, without it {off} s");
 }

@@ -27,10 +27,12 @@ use crate::control::dclink::{self, DcLinkConfig};
 use crate::control::flux::FluxControlConfig;
 use crate::control::overload::{self, OverloadConfig};
 use crate::control::ramp::{self, RampConfig};
+#[cfg(feature = "supervision")]
+use crate::control::realign::RealignConfig;
 #[cfg(feature = "enhanced")]
 use crate::control::shift::ShiftConfig;
 use crate::control::speed::SpeedControlConfig;
-use crate::control::weakening::WeakeningConfig;
+use crate::control::weakening::{self, WeakeningConfig};
 #[cfg(feature = "enhanced")]
 use crate::estimate::balance::BalanceConfig;
 #[cfg(feature = "paper")]
@@ -67,15 +69,17 @@ pub(crate) const I_OFF_MAX: f64 = 0.15;
 
 /// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
 pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
-/// With overmodulation the reference reaches to the corners of the hexagon, and the modulator takes the nearest voltage on
-/// its edge: `r = 1/√3`, `ρ = 2/3` of the dc link. Of a reference that turns with the length `ρ` the fundamental that is
-/// left is
+/// The same with overmodulation: the reference reaches half way to the corners of the hexagon, and the modulator takes the
+/// nearest voltage on its edge. Of a reference that turns with the length `ρ` the fundamental that is left is, with
+/// `r = 1/√3` and `cos θ = r/ρ`,
 ///
 /// ```text
-/// (3/π) (r + ρ (π/6 - √3/4)) = 0.609
+/// (6/π) (r sin θ + ρ (θ/2 - sin 2θ/4) + ρ (π/6 - θ)) = 0.601,    at the corners 0.609
 /// ```
-const U_CORNER: f64 = 2.0 / 3.0;
-const U_OVERMODULATED: f64 = 0.608_99;
+const U_REACH: f64 = 0.622;
+/// The steady state stays on the circle, of which field weakening leaves it a part. On the edge of the hexagon current
+/// control has little room.
+const U_OVERMODULATED: f64 = 1.0 / (1.732_050_807_568_877_2 * weakening::UTILISATION);
 /// Flux control in field weakening ([`crate::control::flux`]): gain by the leakage, and crossing frequency of its integral
 /// part in parts of the bandwidth of current control. Largest correction at high frequency in units of the magnetising
 /// current: the flux of the largest machines falls over some tenths of a second only by a current against it.
@@ -85,6 +89,9 @@ const LIMIT_HIGH: f64 = 2.0;
 /// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control. At 17 a
 /// drive of 160 kW and 4 kHz oscillates at twice rated speed, at 15 one of 10 kHz does not.
 const SPEED_GAIN: f64 = 12.0;
+/// Time for which the field stands at the torque limit before it is realigned, s ([`crate::control::realign`]).
+#[cfg(feature = "supervision")]
+const REALIGN: f64 = 0.12;
 /// Threshold `h` of the test for a lost field, s ([`crate::supervision::innovation`]).
 #[cfg(feature = "supervision")]
 const LOST_FIELD: f64 = 0.04;
@@ -135,6 +142,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) omega_most: R,
     pub(crate) ramp: RampConfig<R>,
     pub(crate) overload: [OverloadConfig<R>; 2],
+    #[cfg(feature = "supervision")]
+    pub(crate) realign: RealignConfig,
     #[cfg(feature = "dclink")]
     pub(crate) dclink: DcLinkConfig<R>,
     /// Periods after a stop for which offsets and identified parameters are fresh, and the current that builds up the
@@ -162,6 +171,7 @@ words! {
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
     i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
+    #[cfg(feature = "supervision")] realign,
     #[cfg(feature = "dclink")] dclink,
     fresh_periods, i_quick,
     bridged_periods, calibrate_offset,
@@ -310,7 +320,7 @@ impl<R: Real> DriveConfig<R> {
 
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
         let (u_limit, u_use) =
-            if p.overmodulation { (U_CORNER, U_OVERMODULATED) } else { (U_UTILISATION, U_UTILISATION) };
+            if p.overmodulation { (U_REACH, U_OVERMODULATED) } else { (U_UTILISATION, U_UTILISATION) };
         let u_max = u_use * pu.u_dc;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
@@ -465,6 +475,8 @@ impl<R: Real> DriveConfig<R> {
                 });
                 OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
             }),
+            #[cfg(feature = "supervision")]
+            realign: RealignConfig { calls: if p.realignment { slow_periods(REALIGN) } else { u32::MAX } },
             #[cfg(feature = "dclink")]
             dclink: {
                 let u = |volts: Option<f64>, without: f64| volts.map_or(without, |u| u / b.u);
@@ -522,7 +534,7 @@ mod tests {
         let (mut along, mut farthest) = (0.0, 0.0f64);
         for k in 0..steps {
             let (sin, cos) = libm::sincos(f64::from(k) * core::f64::consts::TAU / f64::from(steps));
-            let u = AlphaBeta::new(U_CORNER * cos, U_CORNER * sin);
+            let u = AlphaBeta::new(U_REACH * cos, U_REACH * sin);
             let left = applied(&modulate(u.to_phases(), 1.0, None));
             along += (left.re() * cos + left.im() * sin) / f64::from(steps);
             // The edge that faces the reference is at right angles to what is cut off.
@@ -534,8 +546,8 @@ mod tests {
                 assert!((distance - 1.0 / 3f64.sqrt()).abs() < 1e-9, "{k}: {distance}");
             }
         }
-        assert!((along - U_OVERMODULATED).abs() < 1e-4, "{along}");
-        assert!((farthest - (U_CORNER - 1.0 / 3f64.sqrt())).abs() < 1e-4, "{farthest}");
+        assert!((along - 0.6007).abs() < 1e-4 && along > U_OVERMODULATED, "{along}");
+        assert!((farthest - (U_REACH - 1.0 / 3f64.sqrt())).abs() < 1e-4, "{farthest}");
     }
 
     #[test]

@@ -338,7 +338,7 @@ impl<R: Real> Common<R> {
                 psi_deviation: x.psi_s - control.psi_ref,
                 omega_m,
                 omega_s,
-                nis: estimators.nis(),
+                nis: if control.is_realigning(c) { R::ZERO } else { estimators.nis() },
                 speed_deviation,
                 torque_limited: control.limited != R::ZERO,
             };

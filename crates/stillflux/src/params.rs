@@ -312,7 +312,7 @@ impl Inverter {
         }
         check("c_out", self.c_out, 0.0, 10e-9, "F")?;
         check("half_periods", f64::from(self.half_periods), 1.0, 16.0, "")?;
-        if self.half_periods != 1 && self.half_periods % 2 != 0 {
+        if self.half_periods != 1 && !self.half_periods.is_multiple_of(2) {
             let (value, around) = (f64::from(self.half_periods), f64::from(self.half_periods - 1));
             return check("half_periods", value, around, around, "").map_err(|e| e.with_note("1, or an even number"));
         }

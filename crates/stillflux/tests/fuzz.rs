@@ -180,6 +180,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         supervision: !rng.chance(4),
         discontinuous_above: (cfg!(feature = "modes") && rng.chance(3)).then(|| rng.within(0.3, 1.0)),
         field_weakening: !rng.chance(4),
+        realignment: !rng.chance(4),
         overmodulation: rng.chance(4),
         acceleration,
         jerk: (acceleration.is_some() && rng.chance(2)).then(|| rng.ratio(1e-2 * omega_n, 1e5 * omega_n)),

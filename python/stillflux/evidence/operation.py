@@ -5,13 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from stillflux.evidence.claims import Claim
 from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.machines import ADC_NOISE
+from stillflux.options import PlantOptions
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
-__all__ = ["Control", "Operation"]
+__all__ = ["Control", "Operation", "asked", "magnetised"]
 
 
 @dataclass(frozen=True)
@@ -43,3 +46,26 @@ class Operation:
     schemes: Sequence[str] = ("enhanced",)
     shown: Sequence[str] = ("omega_m", "reference", "torque", "psi_s")
     """Signals of its picture; of a complex one the magnitude."""
+
+
+def magnetised(machine: str) -> float:
+    """When a drive of `drives.DRIVES` runs: offset reading and magnetisation are over, s."""
+    return 0.3 + max(1.4, 4.0 * DRIVES[machine].motor.tau_r)
+
+
+def asked(
+    what: str, machine: str, scheme: str, arithmetic: str, plant: PlantOptions | None = None, **fields: Any
+) -> Scenario:
+    """A scenario for a drive of `drives.DRIVES`, with the noise of its current channels; `what` is asked of
+    it."""
+    drive = DRIVES[machine]
+    options: PlantOptions = {"adc_noise": ADC_NOISE * drive.motor.I_N, **(plant or {})}
+    return Scenario(
+        name=f"{what}; {machine}, {scheme}, {arithmetic}",
+        motor=drive.motor,
+        inverter=drive.inverter,
+        scheme=scheme,
+        arithmetic=arithmetic,
+        plant=options,
+        **fields,
+    )

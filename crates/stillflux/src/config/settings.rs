@@ -21,6 +21,9 @@ pub const BALANCE_PERIODS: u32 = 8;
 /// Control periods in one turn of the field that the loops need: current control is lost with 25, not with 30.
 const PERIODS_A_TURN: f64 = 30.0;
 
+/// The same with overmodulation: current control oscillates on the edge of the hexagon with 40, not with 50.
+const PERIODS_OVERMODULATED: f64 = 45.0;
+
 /// Largest stator frequency that the loops carry, rad/s.
 fn fastest_field(inverter: &Inverter) -> f64 {
     core::f64::consts::TAU * inverter.f_c() / PERIODS_A_TURN
@@ -401,13 +404,17 @@ pub struct DriveParams {
     /// Time for which the torque may be at its limit at low speed without the speed approaching its reference, s, 0.1 to
     /// 60; 0: any ([`crate::supervision::stall`]).
     pub stall_time: f64,
+    /// No torque for a moment where the torque is at its limit and the field stands still
+    /// ([`crate::control::realign`]). Feature `supervision`.
+    pub realignment: bool,
     /// Discontinuous modulation from this voltage on, in parts of the largest that continuous modulation makes, `u_dc/√3`;
     /// 0.3 to 1 ([`crate::control::modulator`]); `None`: continuous at every voltage.
     pub discontinuous_above: Option<f64>,
     /// Lower the flux where the voltage is used up ([`crate::control::weakening`]). Without it the speed ends there.
     pub field_weakening: bool,
-    /// Use the voltage between the circle within the hexagon and the hexagon: 7.6 % more fundamental, and a current with
-    /// the 5th and 7th harmonic where it is used.
+    /// Use the voltage between the circle within the hexagon and the hexagon: 5.2 % more for flux and torque, and a current
+    /// with the 5th and 7th harmonic while all of it is used. At least 45 control periods in one turn of the field at
+    /// `omega_max`.
     pub overmodulation: bool,
     /// Largest acceleration of the speed reference, mechanical rad/s²; `None`: it is followed as it is.
     pub acceleration: Option<f64>,
@@ -464,6 +471,7 @@ impl DriveParams {
             fresh_time: 10.0,
             supervision: true,
             stall_time: 0.35,
+            realignment: true,
             discontinuous_above: None,
             field_weakening: true,
             overmodulation: false,
@@ -497,6 +505,10 @@ impl DriveParams {
         let fastest = fastest_field(inverter) / f64::from(machine.n_p);
         check("omega_max", self.omega_max, 0.01 * omega_n, (3.0 * omega_n).min(fastest), "rad/s")
             .map_err(|e| e.with_note("at most 3 pu, and 30 control periods in one turn of the field"))?;
+        let turns = f_s * core::f64::consts::TAU / (self.omega_max * f64::from(machine.n_p));
+        let most = f64::from(u8::from(turns >= PERIODS_OVERMODULATED));
+        check("overmodulation", f64::from(u8::from(self.overmodulation)), 0.0, most, "")
+            .map_err(|e| e.with_note("at least 45 control periods in one turn of the field at omega_max"))?;
         check("i_trip", self.i_trip, self.i_max, 8.0 * i_n, "A")?;
         check("i_range", self.i_range, self.i_trip, 20.0 * i_n, "A")?;
         check("u_dc_min", self.u_dc_min, 0.0, inverter.u_dc, "V")?;

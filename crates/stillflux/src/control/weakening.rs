@@ -22,7 +22,7 @@ use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::words::words;
 
 /// Part of the largest voltage that the voltage controller leaves to the steady state; the rest is for current control.
-const UTILISATION: f64 = 0.97;
+pub(crate) const UTILISATION: f64 = 0.97;
 /// Least part.
 const UTILISATION_MIN: f64 = 0.9;
 /// Excess of the flux over its reference, per unit, from which on the flux has not yet followed.

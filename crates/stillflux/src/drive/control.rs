@@ -7,7 +7,7 @@
 //!
 //! `ψ` is the flux of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`], `κ` that of the flux
 //! shift, `ψ*_u` that of field weakening ([`crate::control::weakening`]), `u_max` the largest fundamental voltage: 0.98 of
-//! the circle within the hexagon, or with overmodulation what is left of a reference that reaches to its corners. The limit
+//! the circle within the hexagon, or with overmodulation 1/0.97 of that circle. The limit
 //! keeps 20 % of distance to pull-out. `i_q,u` is the torque current for which there is voltage: where the voltage is
 //! at its limit while the drive is motoring it is the one that flows, and a little more so that the limit is felt again
 //! as soon as there is voltage. The speed controller does not integrate what it limits.
@@ -21,6 +21,8 @@ use crate::control::flux::{FREQUENCY_HIGH, FluxController, Range};
 use crate::control::modulator::Duty;
 use crate::control::overload::Overload;
 use crate::control::ramp::Ramp;
+#[cfg(feature = "supervision")]
+use crate::control::realign::Realign;
 use crate::control::speed::SpeedController;
 use crate::control::weakening::Weakening;
 use crate::estimate::speed::SpeedEstimate;
@@ -58,6 +60,8 @@ pub(super) struct Control<R: Real> {
     pub limited: R,
     ramp: Ramp<R>,
     overload: Overload<R>,
+    #[cfg(feature = "supervision")]
+    realign: Realign<R>,
     pub voltage: Voltage<R>,
 }
 
@@ -78,6 +82,8 @@ impl<R: Real> Control<R> {
             limited: R::ZERO,
             ramp: Ramp::default(),
             overload: Overload::default(),
+            #[cfg(feature = "supervision")]
+            realign: Realign::default(),
             voltage: Voltage::new(),
         }
     }
@@ -99,8 +105,22 @@ impl<R: Real> Control<R> {
             self.i_max_sq = c.i_max_sq;
         }
         self.limited = R::ZERO;
+        #[cfg(feature = "supervision")]
+        {
+            self.realign = Realign::default();
+        }
         self.speed.start(R::ZERO);
         self.ramp.start(omega_m);
+    }
+
+    /// Whether the field is being realigned.
+    #[inline(always)]
+    #[cfg_attr(not(feature = "supervision"), allow(unused_variables, clippy::unused_self))]
+    pub fn is_realigning(&self, c: &DriveConfig<R>) -> bool {
+        #[cfg(feature = "supervision")]
+        return self.realign.is_settling(&c.realign);
+        #[cfg(not(feature = "supervision"))]
+        false
     }
 
     /// Heat of machine and bridge.
@@ -167,17 +187,22 @@ impl<R: Real> Control<R> {
         let (lo, hi) = c.speed_control.limits(torque_max);
         #[cfg(feature = "dclink")]
         let (lo, hi) = c.dclink.limit(u_dc, speed.omega_m, (lo, hi));
-        let at_limit = (hi - lo) * R::from_f64(AT_LIMIT);
         let limited;
         let torque_ref = match *reference {
             Reference::Speed(omega) => {
                 let omega = omega.clamp(c.omega_least, c.omega_most);
                 let omega = self.ramp.step(&c.ramp, omega, speed.omega_m, self.limited);
+                #[cfg(feature = "supervision")]
+                let (lo, hi) = match self.realign.step(&c.realign, self.limited, speed.omega_s, speed.omega_r) {
+                    true => (R::ZERO, R::ZERO),
+                    false => (lo, hi),
+                };
                 // In field weakening a torque takes more current: where the gain from speed to torque current would come
                 // too near to the bandwidth of current control, the deviation counts less, by as much as the flux at most.
                 let part = self.psi_weak * c.flux_control.inv_psi_rated;
                 let weakened = (part * c.speed_control.inv_gain).max(part).min(R::ONE);
                 let torque = self.speed.step(&c.speed_control, (omega - speed.omega_m) * weakened, (lo, hi));
+                let at_limit = (hi - lo) * R::from_f64(AT_LIMIT);
                 limited = if torque >= hi - at_limit {
                     R::ONE
                 } else if torque <= lo + at_limit {

@@ -107,7 +107,8 @@ impl<R: Real> LightLoad<R> {
         let q = i_s.cross(&u_i);
         let (p, q) = (u_i.dot(&i_s), if negative { -q } else { q });
         let wi = omega * i_s.norm_sq();
-        let air_gap = ((wi * c.l_s - q) * (q - wi * c.sigma_l_s)).max(R::ZERO).sqrt();
+        // A root each: the reciprocal root of the product would be beyond the range of fixed point.
+        let air_gap = (wi * c.l_s - q).max(R::ZERO).sqrt() * (q - wi * c.sigma_l_s).max(R::ZERO).sqrt();
         Some(if (i_q < R::ZERO) == negative { p - air_gap } else { p + air_gap })
     }
 }

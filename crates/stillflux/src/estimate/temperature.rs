@@ -29,7 +29,7 @@
 
 use crate::base::{PerUnit, rounded};
 use crate::params::Machine;
-use crate::scalar::Real;
+use crate::scalar::{Real, clamp_seldom};
 use crate::words::words;
 
 /// Temperature at which copper would have no resistance, °C, sign reversed.
@@ -88,7 +88,7 @@ impl<R: Real> TemperatureConfig<R> {
     #[inline(always)]
     pub fn rotor(&self, r_s: R) -> R {
         let rise = self.gain * ((r_s - self.r_s) * R::from_f64(SCALE));
-        (R::ONE + rise).clamp(R::from_f64(RATIO.0), R::from_f64(RATIO.1))
+        clamp_seldom(R::ONE + rise, R::from_f64(RATIO.0), R::from_f64(RATIO.1))
     }
 
     /// Whether the rotor resistance follows the stator's.
@@ -103,10 +103,10 @@ impl<R: Real> TemperatureConfig<R> {
         self.rate > R::ZERO
     }
 
-    /// Gain and argument of the stator resistance's increment at a squared current.
+    /// Gain and argument, over [`SCALE`], of the stator resistance's increment at a squared current.
     #[inline(always)]
     pub fn increment(&self, r_s: R, i_sq: R) -> (R, R) {
-        (self.rate, (self.r_s + self.heat * i_sq - r_s) * R::from_f64(1.0 / SCALE))
+        (self.rate, (self.r_s + self.heat * i_sq - r_s).quarter().quarter().quarter())
     }
 }
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from stillflux.evidence.claims import Claim, at_least, at_most, holds
 from stillflux.evidence.drives import DRIVES
-from stillflux.evidence.operation import Control, Operation
+from stillflux.evidence.operation import Control, Operation, asked
 from stillflux.metrics import faulted
 from stillflux.parameters import Inverter, Motor
 from stillflux.result import Result
@@ -33,19 +33,6 @@ def _link(
     )
 
 
-def _scenario(name: str, machine: str, scheme: str, arithmetic: str, **fields: object) -> Scenario:
-    drive = DRIVES[machine]
-    return Scenario(
-        name=f"{name}; {machine}, {scheme}, {arithmetic}",
-        motor=drive.motor,
-        inverter=drive.inverter,
-        scheme=scheme,
-        arithmetic=arithmetic,
-        signals=_SIGNALS,
-        **fields,  # type: ignore[arg-type]
-    )
-
-
 def _braked(machine: str, scheme: str, arithmetic: str) -> Scenario:
     """To 0.8 pu with four times the inertia, and a step of the reference to zero."""
     drive = DRIVES[machine]
@@ -54,11 +41,12 @@ def _braked(machine: str, scheme: str, arithmetic: str) -> Scenario:
     # Three times rated torque's time from rest, and time to lose the energy in the machine alone.
     rise = 4.0 * motor.J * omega / motor.T_N
     stop = _START + 1.5 * rise + 0.5
-    return _scenario(
+    return asked(
         "braking",
         machine,
         scheme,
         arithmetic,
+        signals=_SIGNALS,
         settings={"u_dc_brake": 1.3 * u},
         plant={"J_load": 3.0 * motor.J, "dc_link": _link(motor, drive.inverter)},
         omega_ref=[(0.0, 0.0), (_START, 0.0), (_START, omega), (stop, omega), (stop, 0.0)],
@@ -135,11 +123,12 @@ def _dip(machine: str, scheme: str, arithmetic: str) -> Scenario:
     # The load takes a tenth of the speed in the dip.
     inertia = max(8.0 * motor.J, 0.2 * motor.T_N * 0.5 / (0.15 * motor.base["omega_m"]))
     gone = _START + 2.0 * inertia * omega / motor.T_N + 1.0
-    return _scenario(
+    return asked(
         "supply dip",
         machine,
         scheme,
         arithmetic,
+        signals=_SIGNALS,
         settings={"u_dc_buffer": 0.8 * u},
         plant={"J_load": inertia - motor.J, "dc_link": _link(motor, drive.inverter)},
         omega_ref=[(0.0, 0.0), (_START, 0.0), (_START, omega)],

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from stillflux.evidence.claims import Claim, at_most, holds
 from stillflux.evidence.drives import DRIVES
-from stillflux.evidence.machines import ADC_NOISE
-from stillflux.evidence.operation import Control, Operation
+from stillflux.evidence.operation import Control, Operation, asked, magnetised
 from stillflux.metrics import faulted
 from stillflux.parameters import Motor
 from stillflux.result import Result
@@ -29,23 +29,16 @@ def _real(motor: Motor) -> Motor:
     )
 
 
-def _start(motor: Motor) -> float:
-    return 0.3 + max(1.4, 4.0 * motor.tau_r)
-
-
 def _crossing(machine: str, scheme: str, arithmetic: str) -> Scenario:
     """From 0.05 to −0.05 pu in 12 s under rated torque."""
-    drive = DRIVES[machine]
-    motor = drive.motor
-    t, omega = _start(motor), 0.05 * motor.base["omega_m"]
-    return Scenario(
-        name=f"crossing, L_M {100 * (_LESS - 1.0):+.0f} %; {machine}, {scheme}, {arithmetic}",
-        motor=motor,
-        inverter=drive.inverter,
+    motor = DRIVES[machine].motor
+    t, omega = magnetised(machine), 0.05 * motor.base["omega_m"]
+    return asked(
+        f"crossing, L_M {100 * (_LESS - 1.0):+.0f} %",
+        machine,
+        scheme,
+        arithmetic,
         plant_motor=_real(motor),
-        scheme=scheme,
-        arithmetic=arithmetic,
-        plant={"adc_noise": ADC_NOISE * motor.I_N},
         omega_ref=[(0.0, 0.0), (t, 0.0), (t + 0.5, omega), (t + 2.0, omega), (t + 14.0, -omega)],
         load_torque=[(0.0, 0.0), (t + 1.0, 0.0), (t + 1.0, motor.T_N)],
         duration=t + 18.0,
@@ -70,13 +63,15 @@ def _check(result: Result) -> list[Claim]:
 
 
 def _lost(result: Result) -> list[Claim]:
+    load = result.scenario.load_torque
+    assert isinstance(load, Sequence)
     wide = np.flatnonzero(
         (np.abs(np.degrees(result["angle_error"])) > _LOST) & (result["status"] == StatusCode.RUNNING)
     )
     when = float(result.t[wide[0]]) if len(wide) else math.inf
     return [
         holds("field lost while running", bool(len(wide)) or bool(faulted(result).any())),
-        holds("not before the load", when > _start(result.scenario.motor) + 1.0),
+        holds("not before the load", when > load[1][0]),
     ]
 
 

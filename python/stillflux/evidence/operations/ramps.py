@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stillflux.evidence.claims import Claim, at_least, at_most, holds
 from stillflux.evidence.drives import DRIVES
-from stillflux.evidence.operation import Control, Operation
+from stillflux.evidence.operation import Control, Operation, asked
 from stillflux.metrics import faulted, smoothed
 from stillflux.options import DriveSettings
 from stillflux.result import Result
@@ -26,14 +26,12 @@ _RISE, _ROUND = 1.0, 0.25
 
 def _ramp(machine: str, scheme: str, arithmetic: str) -> Scenario:
     """A step of the reference from rest to half of rated speed, made a ramp by the drive."""
-    drive = DRIVES[machine]
-    omega = _SPEED * drive.motor.base["omega_m"]
-    return Scenario(
-        name=f"ramp; {machine}, {scheme}, {arithmetic}",
-        motor=drive.motor,
-        inverter=drive.inverter,
-        scheme=scheme,
-        arithmetic=arithmetic,
+    omega = _SPEED * DRIVES[machine].motor.base["omega_m"]
+    return asked(
+        "ramp",
+        machine,
+        scheme,
+        arithmetic,
         settings={"acceleration": omega / _RISE, "jerk": omega / (_RISE * _ROUND)},
         omega_ref=[(0.0, 0.0), (_START, 0.0), (_START, omega)],
         duration=_START + _RISE + _ROUND + 1.0,
@@ -82,18 +80,17 @@ _LIMITS = (-0.3, 0.8)
 
 def _limited(machine: str, scheme: str, arithmetic: str) -> Scenario:
     """To half of rated speed and back with limits of torque and speed that differ by direction."""
-    drive = DRIVES[machine]
-    omega, T_N = drive.motor.base["omega_m"], drive.motor.T_N
+    motor = DRIVES[machine].motor
+    omega, T_N = motor.base["omega_m"], motor.T_N
     settings: DriveSettings = {
         "torque_limits": (_LIMITS[0] * T_N, _LIMITS[1] * T_N),
         "speed_limits": (-0.1 * omega, 0.4 * omega),
     }
-    return Scenario(
-        name=f"limits by direction; {machine}, {scheme}, {arithmetic}",
-        motor=drive.motor,
-        inverter=drive.inverter,
-        scheme=scheme,
-        arithmetic=arithmetic,
+    return asked(
+        "limits by direction",
+        machine,
+        scheme,
+        arithmetic,
         settings=settings,
         omega_ref=[(0.0, 0.0), (_START, 0.0), (_START, 0.6 * omega), (3.5, 0.6 * omega), (3.5, -0.6 * omega)],
         duration=6.0,
@@ -129,14 +126,12 @@ _OVERLOAD, _HEAT = 1.4, 5.0
 
 def _overloaded(machine: str, scheme: str, arithmetic: str) -> Scenario:
     """A load above the bridge's continuous current at 0.3 pu, for three of its time constants."""
-    drive = DRIVES[machine]
-    motor = drive.motor
-    return Scenario(
-        name=f"overload; {machine}, {scheme}, {arithmetic}",
-        motor=motor,
-        inverter=drive.inverter,
-        scheme=scheme,
-        arithmetic=arithmetic,
+    motor = DRIVES[machine].motor
+    return asked(
+        "overload",
+        machine,
+        scheme,
+        arithmetic,
         settings={"bridge_overload": (1.05 * motor.I_N, _HEAT)},
         torque_ref=[(0.0, 0.0), (_START, 0.0), (_START, _OVERLOAD * motor.T_N)],
         plant={"speed": 0.3 * motor.base["omega_m"]},

@@ -88,11 +88,14 @@ def write(
         "J. Quan, <i>Drift- and parameter-compensated flux estimator for persistent zero-stator-frequency "
         "operation of sensorless-controlled induction motors</i>. Every verdict is on what the motor does, "
         "not on what the drive believes; every number is the worst over several realisations of noise and "
-        "direction of the offset. "
-        "<i>limit</i>: the published scheme falls short of the paper's figure here, measured and explained; "
-        "every claim that the explanation does not cover holds. Each negative control has to fail, after the "
-        "moment from which the mechanism is needed."
+        "direction of the offset. Each negative control has to fail, after the moment from which the "
+        "mechanism is needed."
     )
+    if any(o.verdict == "limit" for o in outcomes):
+        intro += (
+            " <i>limit</i>: the published scheme falls short of the paper's figure here, measured and "
+            "explained; every claim that the explanation does not cover holds."
+        )
     if beyond:
         intro += " <a href='#beyond'>Beyond the paper.</a>"
     if sensitivity:

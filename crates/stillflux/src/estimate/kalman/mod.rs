@@ -60,9 +60,9 @@
 //!   the innovation's; without it a large angle variance would turn a small innovation into a wrong correction.
 //! * Near the current zero of a phase the voltage of its leg is uncertain ([`crate::inverter`]): noise along that
 //!   phase's axis while the field is slow.
-//! * Above `|ω_s| = 0.2` the voltages of `r_s`, `v` and `k` are smaller than the error of the voltage itself: the three
-//!   are held at their values and variances (consider states, without correlation), and the flux has noise that grows
-//!   with frequency.
+//! * Above `|ω_s| = 0.2` the voltages of `r_s`, `v` and `k` are smaller than the error of the voltage itself, and the
+//!   leakage would take their errors for its own: the four are held (consider states, without correlation), and the flux
+//!   has noise that grows with frequency. The variance of `r_s` grows meanwhile, since the winding warms or cools.
 //! * Below `|ω_s| = 0.008` the leakage is held likewise: a steady load does not show it there.
 //! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
 //!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.

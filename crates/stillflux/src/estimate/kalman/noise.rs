@@ -106,6 +106,10 @@ pub(super) const FLOOR: f64 = 1e-7;
 /// rated flux, is within the range of fixed point.
 pub(super) const SIGMA_AGAIN: f64 = 0.5;
 
+/// Scaled variance of `r_s` that its random walk does not exceed while the filter holds it: that of a winding of unknown
+/// temperature, 0.2 relative.
+pub(super) const WARMED: f64 = scaled(0.2, SCALE_R);
+
 /// Effects that the filter identifies; the states of the others keep their initial values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identified {

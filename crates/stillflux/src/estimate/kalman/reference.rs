@@ -112,8 +112,13 @@ fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, r_s: f64, gamma: f64
     for k in 0..2 {
         let seen = if held { 0.0 } else { 1.0 };
         let (u_l, u_k) = (vector(&at.loss.vector()), -vector(&AlphaBeta::from_phases(at.loss.by_knee())));
-        let row =
-            model.flux_row(vector(&at.i_s)[k] * seen, u_l[k] * seen, u_k[k] * seen, vector(&at.d_leakage_flux)[k], r_s);
+        let row = model.flux_row(
+            vector(&at.i_s)[k] * seen,
+            u_l[k] * seen,
+            u_k[k] * seen,
+            vector(&at.d_leakage_flux)[k] * seen,
+            r_s,
+        );
         for (j, x) in [B + k, RS, V, KNEE, LEAKAGE].into_iter().zip(row) {
             big_f[(PSI + k, j)] = x;
         }
@@ -357,10 +362,11 @@ impl Reference {
         let held = omega > OMEGA_HELD;
         let excess = if held { 0.0 } else { (self.nis - NIS_THRESHOLD).max(0.0) };
         let mut q = Matrix::from_diagonal(&State::from(self.c.noise.walk(excess)));
-        let leakage_held = omega <= OMEGA_LEAKAGE_HELD;
+        let room = (noise::WARMED - p[(RS, RS)]).max(0.0);
+        let leakage_held = held || omega <= OMEGA_LEAKAGE_HELD;
         for (k, held) in [(RS, held), (V, held), (KNEE, held), (LEAKAGE, leakage_held)] {
             if held {
-                q[(k, k)] = 0.0;
+                q[(k, k)] = if k == RS { q[(k, k)].min(room) } else { 0.0 };
                 let own = p[(k, k)];
                 p.row_mut(k).fill(0.0);
                 p.column_mut(k).fill(0.0);
@@ -577,7 +583,7 @@ fn the_covariance_stays_positive_after_a_new_beginning_in_any_slot() {
 }
 
 #[test]
-fn held_states_are_decorrelated_and_stay_where_they_are() {
+fn held_states_are_decorrelated_and_stay_and_the_winding_becomes_unknown() {
     let (machine, inverter) = (Machine::preset_11k(), Inverter::preset_11k());
     let mut rig = ClosedLoop::new(&machine, &inverter);
     for _ in 0..10_000 {
@@ -587,17 +593,28 @@ fn held_states_are_decorrelated_and_stay_where_they_are() {
     for _ in 0..40 {
         rig.step(0.3, 0.5);
     }
-    let (r_s, v, variance) = (rig.filter.r_s(), rig.filter.v(), [RS, V, KNEE].map(|k| rig.filter.p.get(k, k)));
+    let state = |f: &Filter<f64>| [f.r_s(), f.v(), f.leakage()];
+    let variance = |f: &Filter<f64>| [V, KNEE, LEAKAGE].map(|k| f.p.get(k, k));
+    let (held, variances, of_r_s) = (state(&rig.filter), variance(&rig.filter), rig.filter.p.get(RS, RS));
     // The winding warms where it cannot be seen.
     rig.r_s *= 1.3;
     for _ in 0..10_000 {
         rig.step(0.3, 0.5);
     }
-    assert_eq!((rig.filter.r_s(), rig.filter.v()), (r_s, v));
-    assert_eq!([RS, V, KNEE].map(|k| rig.filter.p.get(k, k)), variance);
-    for held in [RS, V, KNEE] {
-        assert!((0..N).all(|k| k == held || rig.filter.p.get(held, k) == 0.0));
+    assert_eq!(state(&rig.filter), held);
+    assert_eq!(variance(&rig.filter), variances);
+    for k in [RS, V, KNEE, LEAKAGE] {
+        assert!((0..N).all(|j| j == k || rig.filter.p.get(k, j) == 0.0));
     }
+    // Its random walk of 3e-3 per √s over a second.
+    let grown = ((rig.filter.p.get(RS, RS) - of_r_s).sqrt() * SCALE_R) / 3e-3;
+    assert!((grown - 1.0).abs() < 0.02, "{grown}");
+    rig.filter.p.add_at(RS, RS, noise::WARMED);
+    let most = rig.filter.p.get(RS, RS);
+    for _ in 0..100 {
+        rig.step(0.3, 0.5);
+    }
+    assert_eq!(rig.filter.p.get(RS, RS), most, "not beyond that of a winding of unknown temperature");
 }
 
 #[test]
