@@ -318,8 +318,12 @@ def test_a_state_that_is_not_finite_is_an_error(
 ) -> None:
     monkeypatch.setattr("stillflux.scenario._TORQUE_LIMIT", 1e12)
     runaway = scenario.replace(load_torque=1e9, duration=0.5, signals=["omega_m"], changes=[])
-    with pytest.raises(ArithmeticError, match="omega_m is not finite from t = "):
+    with pytest.raises(ArithmeticError, match="omega_m is not finite from t = ") as stop:
         sf.simulate(runaway)
+    assert isinstance(stop.value, sf.DivergenceError)
+    kept = pickle.loads(pickle.dumps(stop.value)).result
+    assert 0 < len(kept.t) < 500
+    assert np.isfinite(kept["omega_m"]).all()
 
 
 def test_a_result_is_a_mapping_with_a_summary(scenario: sf.Scenario) -> None:

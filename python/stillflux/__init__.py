@@ -15,7 +15,7 @@ from stillflux.parameters import Inverter, Motor
 from stillflux.replay import Replay, replay
 from stillflux.result import Result
 from stillflux.scenario import Scenario
-from stillflux.simulation import Interrupted, simulate
+from stillflux.simulation import DivergenceError, Interrupted, simulate
 from stillflux.status import StatusCode
 from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, normal, sweep, uniform
 
@@ -25,6 +25,7 @@ __all__ = [
     "Commissioned",
     "Commissioning",
     "CommissioningInterrupted",
+    "DivergenceError",
     "Drive",
     "Estimate",
     "FluxEstimator",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -13,7 +14,7 @@ from stillflux._core import Run
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
-__all__ = ["Interrupted", "Progress", "in_pieces", "simulate"]
+__all__ = ["DivergenceError", "Interrupted", "Progress", "in_pieces", "simulate"]
 
 Progress: TypeAlias = Callable[[float], object] | bool | None
 """Called with the fraction done, 0 to 1; True: a bar on stderr."""
@@ -32,11 +33,22 @@ class Interrupted(KeyboardInterrupt):
         return Interrupted, (self.result,)
 
 
+class DivergenceError(ArithmeticError):
+    """A run whose plant left what can be computed; `result` is what was recorded before."""
+
+    def __init__(self, message: str, result: Result) -> None:
+        super().__init__(message)
+        self.result = result
+
+    def __reduce__(self) -> tuple[type[DivergenceError], tuple[str, Result]]:
+        return DivergenceError, (str(self), self.result)
+
+
 def simulate(scenario: Scenario, progress: Progress = None) -> Result:
     """Runs a scenario and returns what it recorded.
 
-    Releases the GIL; raises `Interrupted` within 0.2 s of Ctrl-C, ArithmeticError if the plant's state
-    leaves what can be computed.
+    Releases the GIL; raises `Interrupted` within 0.2 s of Ctrl-C, `DivergenceError`, an ArithmeticError, if the
+    plant's state leaves what can be computed.
     """
     run = Run(scenario)
     report = progress_bar(scenario.name) if progress is True else progress or None
@@ -50,13 +62,20 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
     except KeyboardInterrupt:
         raise Interrupted(_result(scenario, run)) from None
     result = _result(scenario, run)
-    for name, values in result.data.items():
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            raise ArithmeticError(
-                f"{name} is not finite from t = {result.t[bad[0]]:.4g} s on: the shaft runs away beyond what "
-                f"the plant can compute; is the load torque right?"
-            )
+    begun = {
+        name: int(np.argmin(finite))
+        for name, x in result.data.items()
+        if not (finite := np.isfinite(x)).all()
+    }
+    if begun:
+        name = min(begun, key=lambda name: begun[name])
+        row = begun[name]
+        before = {signal: values[:row] for signal, values in result.data.items()}
+        raise DivergenceError(
+            f"{name} is not finite from t = {result.t[row]:.4g} s on: the shaft runs away beyond what the "
+            f"plant can compute; is the load torque right?",
+            replace(result, t=result.t[:row], data=before),
+        )
     return result
 
 
