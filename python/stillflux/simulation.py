@@ -47,8 +47,8 @@ class DivergenceError(ArithmeticError):
 def simulate(scenario: Scenario, progress: Progress = None) -> Result:
     """Runs a scenario and returns what it recorded.
 
-    Releases the GIL; raises `Interrupted` within 0.2 s of Ctrl-C, `DivergenceError`, an ArithmeticError, if the
-    plant's state leaves what can be computed.
+    Releases the GIL; raises `Interrupted` within 0.2 s of Ctrl-C, `DivergenceError`, an ArithmeticError,
+    if the plant's state leaves what can be computed.
     """
     run = Run(scenario)
     report = progress_bar(scenario.name) if progress is True else progress or None
