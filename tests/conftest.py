@@ -6,6 +6,14 @@ import pytest
 
 import stillflux as sf
 
+#: Files whose tests take longest: they compile images for a target.
+_LONG = ("test_firmware.py", "test_c.py", "test_figures.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Longest files first: a process that takes one of them last would leave the others idle."""
+    items.sort(key=lambda item: item.path.name not in _LONG)
+
 
 @pytest.fixture
 def motor() -> sf.Motor:

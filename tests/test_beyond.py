@@ -22,6 +22,7 @@ from stillflux.cli import main
 from stillflux.evidence import beyond, conditions, judge, plane_points, points
 from stillflux.evidence.claims import at_most, holds
 from stillflux.evidence.conditions import REACHED, SCHEMES
+from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.errors import MISMATCHES
 from stillflux.evidence.machines import ALL_MACHINES, LEAKY, inverter_of, motor_of, step
 from stillflux.evidence.plane import persistence_shifted
@@ -569,3 +570,32 @@ def test_every_case_is_named_once() -> None:
     for target in targets().values():
         names = [(c.label, c.seed) for c in target.cases("2.2kW", "paper", seeds=SEEDS)]
         assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize(
+    ("drive", "warmed", "torque"),
+    [("2.2kW", 1.3, -1.0), ("4kW", 0.85, 1.0), ("4kW", 1.3, 1.0), ("11kW", 1.3, -1.0)],
+)
+def test_a_winding_that_changes_at_speed_turns_no_field_and_is_found_on_the_way_back(
+    drive: str, warmed: float, torque: float
+) -> None:
+    """Above ω_s = 0.2 nothing of the resistance is seen: its error must not go to the leakage instead."""
+    motor, inverter = DRIVES[drive].motor, DRIVES[drive].inverter
+    fast, slow = 0.6 * motor.base["omega_m"], 0.05 * motor.base["omega_m"]
+    result = sf.simulate(
+        sf.Scenario(
+            motor=motor,
+            inverter=inverter,
+            duration=56.0,
+            record_every=50,
+            omega_ref=[(0, 0), (2, 0), (4, fast), (44, fast), (47, slow)],
+            load_torque=[(0, 0), (2.5, 0), (3, torque * motor.T_N)],
+            changes=[(6.0, {"R_s": warmed * motor.R_s})],
+            plant={"adc_bits": 12, "adc_noise": 0.004 * motor.I_N},
+        )
+    )
+    angle = np.abs(judge.angle(result))
+    assert angle[(result.t > 10) & (result.t < 44)].max() < 3.0
+    assert angle[result.t > 44].max() < 15.0
+    assert angle[result.t > 54].max() < 3.0
+    assert result["estimate.R_s"][-1] == pytest.approx(warmed * motor.R_s + inverter.r_d, rel=0.05)

@@ -160,8 +160,8 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         ("6", "11kW", "reproduced"),
     ]
     page = (tmp_path / "reproduce.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 2
-    assert page.index("<table>") < page.index("<svg")
+    assert page.count("<svg") == 3, "the diagram of the drive, and two figures"
+    assert page.index("<table>") < page.rindex("<svg")
     assert "stillflux reproduce 5 --machine 11kW" in page
     assert (tmp_path / "figure-5-11kW.png").stat().st_size > 10_000
 

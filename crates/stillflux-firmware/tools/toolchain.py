@@ -38,7 +38,9 @@ class Toolchain:
         if self.build_std:
             command.append(f"-Zbuild-std={self.build_std}")
         env = {**os.environ, "CARGO_TARGET_DIR": str(out), **self.env}
-        done = subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=False)
+        # No standard input: a compiler that is asked about a target reads it.
+        none = subprocess.DEVNULL
+        done = subprocess.run(command, cwd=cwd, env=env, stdin=none, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"{' '.join(command)} failed:\n{done.stderr}")
 
