@@ -8,7 +8,7 @@
 //! Here the peripherals are a mailbox that the main loop fills from a file on the host; the interrupt is
 //! SysTick, pended by software once for each period.
 
-use crate::exchange::Frame;
+use crate::exchange::{FRAME, Frame};
 use core::cell::UnsafeCell;
 use core::fmt::{self, Write};
 use core::panic::PanicInfo;
@@ -157,6 +157,29 @@ impl File {
     pub fn write(&mut self, buffer: &[u8]) -> bool {
         // SAFETY: pointer and length are those of the buffer.
         unsafe { syscall!(WRITE, self.0, buffer.as_ptr(), buffer.len()) == 0 }
+    }
+}
+
+/// Feeds the frames of one file to `period`, and writes its answers of `N` bytes to another.
+pub fn replay<const N: usize>(from: &str, to: &str, mut period: impl FnMut(Frame) -> [u8; N]) -> bool {
+    let (Some(mut frames), Some(mut answers)) = (File::open(from, false), File::open(to, true)) else {
+        print(format_args!("cannot open {from} and {to}"));
+        return false;
+    };
+    let mut buffer = [[0; FRAME]; 1024];
+    let mut out = [[0; N]; 1024];
+    loop {
+        let n = frames.read(buffer.as_flattened_mut()) / FRAME;
+        if n == 0 {
+            return true;
+        }
+        for (bytes, to) in buffer[..n].iter().zip(&mut out) {
+            *to = period(Frame::from_bytes(bytes));
+        }
+        if !answers.write(out[..n].as_flattened()) {
+            print(format_args!("cannot write {to}"));
+            return false;
+        }
     }
 }
 

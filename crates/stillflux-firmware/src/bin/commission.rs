@@ -16,7 +16,7 @@ use stillflux::scalar::Real;
 use stillflux::telemetry::SetPoint;
 use stillflux_firmware::board::{self, File, Handover, Mailbox, print};
 use stillflux_firmware::commissioning::{ANSWER, answer, begin, page};
-use stillflux_firmware::exchange::{FRAME, Frame};
+use stillflux_firmware::exchange::Frame;
 
 #[cfg(feature = "q")]
 type Arithmetic = stillflux::scalar::Q;
@@ -61,31 +61,8 @@ fn main() -> ! {
     let mut buffer = [0; 512];
     let mut arguments = board::arguments(&mut buffer).split_whitespace().skip(1);
     match (arguments.next(), arguments.next(), arguments.next()) {
-        (Some(from), Some(to), Some(found)) => board::exit(replay(from, to) && store(found)),
+        (Some(from), Some(to), Some(found)) => board::exit(board::replay(from, to, period) && store(found)),
         _ => board::exit(idle()),
-    }
-}
-
-/// Feeds the frames of one file to the commissioning and writes its answers to another.
-fn replay(from: &str, to: &str) -> bool {
-    let (Some(mut frames), Some(mut answers)) = (File::open(from, false), File::open(to, true)) else {
-        print(format_args!("cannot open {from} and {to}"));
-        return false;
-    };
-    let mut buffer = [0_u8; 1024 * FRAME];
-    let mut out = [0_u8; 1024 * ANSWER];
-    loop {
-        let n = frames.read(&mut buffer) / FRAME;
-        if n == 0 {
-            return true;
-        }
-        for (bytes, to) in buffer.as_chunks::<FRAME>().0[..n].iter().zip(out.as_chunks_mut::<ANSWER>().0) {
-            *to = period(Frame::from_bytes(bytes));
-        }
-        if !answers.write(&out[..n * ANSWER]) {
-            print(format_args!("cannot write {to}"));
-            return false;
-        }
     }
 }
 

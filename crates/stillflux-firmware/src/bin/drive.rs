@@ -18,8 +18,8 @@ use stillflux::scalar::Real;
 use stillflux::telemetry::SetPoint;
 #[cfg(feature = "si-page")]
 use stillflux_firmware::blob::{Blob, Parameters};
-use stillflux_firmware::board::{self, File, Handover, Mailbox, print};
-use stillflux_firmware::exchange::{ANSWER, FRAME, Frame, answer};
+use stillflux_firmware::board::{self, Handover, Mailbox, print};
+use stillflux_firmware::exchange::{ANSWER, Frame, answer};
 use stillflux_firmware::violation;
 
 #[cfg(feature = "q")]
@@ -84,7 +84,7 @@ fn main() -> ! {
     let mut buffer = [0; 512];
     let mut arguments = board::arguments(&mut buffer).split_whitespace().skip(1);
     match (arguments.next(), arguments.next()) {
-        (Some(from), Some(to)) => board::exit(replay(from, to)),
+        (Some(from), Some(to)) => board::exit(board::replay(from, to, period)),
         _ => board::exit(idle()),
     }
 }
@@ -104,29 +104,6 @@ fn load() -> Result<CountsDrive<Arithmetic>, &'static str> {
     let parameters = core::hint::black_box(&PAGE).open().ok_or("parameter page is not valid")?;
     // The field alone: printing its value would bring in the formatting of floating-point numbers.
     parameters.ready().map(|ready| CountsDrive::new(&ready)).map_err(|e| e.field)
-}
-
-/// Feeds the frames of one file to the drive and writes its answers to another.
-fn replay(from: &str, to: &str) -> bool {
-    let (Some(mut frames), Some(mut answers)) = (File::open(from, false), File::open(to, true)) else {
-        print(format_args!("cannot open {from} and {to}"));
-        return false;
-    };
-    let mut buffer = [0_u8; 1024 * FRAME];
-    let mut out = [0_u8; 1024 * ANSWER];
-    loop {
-        let n = frames.read(&mut buffer) / FRAME;
-        if n == 0 {
-            return true;
-        }
-        for (bytes, to) in buffer.as_chunks::<FRAME>().0[..n].iter().zip(out.as_chunks_mut::<ANSWER>().0) {
-            *to = period(Frame::from_bytes(bytes));
-        }
-        if !answers.write(&out[..n * ANSWER]) {
-            print(format_args!("cannot write {to}"));
-            return false;
-        }
-    }
 }
 
 /// One sampling instant and what it gave.
