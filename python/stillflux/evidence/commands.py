@@ -195,7 +195,7 @@ def _beyond(options: argparse.Namespace) -> int:
     from stillflux.evidence import beyond, plane_points
     from stillflux.evidence.conditions import SCHEMES
     from stillflux.evidence.journal import Journal
-    from stillflux.evidence.registry import choose_targets
+    from stillflux.evidence.registry import choose_targets, targets
     from stillflux.evidence.report import page, plane
     from stillflux.evidence.table import of_summary, update
     from stillflux.parallel import Stopped, run_jobs
@@ -225,7 +225,9 @@ def _beyond(options: argparse.Namespace) -> int:
     found = beyond.summaries(rows)
     print(plane.table(found))
     if options.metrics and not stopped:
-        update(options.metrics, map(of_summary, found))
+        # A verdict on the confidence is one over all its targets.
+        partial = {target.verdict for name, target in targets().items() if name not in chosen}
+        update(options.metrics, [of_summary(x) for x in found if x.name not in partial])
         plane_points.update(options.metrics.with_name(plane_points.FILE), rows)
     options.out.mkdir(parents=True, exist_ok=True)
     if options.json:

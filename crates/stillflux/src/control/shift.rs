@@ -23,7 +23,7 @@
 //! `s ω_s` jumps over the line; in the other direction at `-b/2` (hysteresis). With `a` in place of `b` a machine with
 //! little slip goes over the line at part load to turn its field more slowly there, and is lost.
 //!
-//! **Validity.** Needs slip: no effect below 0.1 of rated torque, full effect from 0.3. Where `b < a`, `|ω_s|` is smaller
+//! **Validity.** Needs slip: no effect below 0.05 of rated torque, full effect from 0.15. Where `b < a`, `|ω_s|` is smaller
 //! than `a`. The equation neglects the change of `|ψ_R|/|ψ_s|` with load.
 
 use crate::scalar::{Real, clamp_seldom, likely};
