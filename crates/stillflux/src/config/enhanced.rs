@@ -85,8 +85,8 @@ impl<R: Real> EnhancedConfig<R> {
             shift: ShiftConfig {
                 omega_s_min: rounded(p.enhanced.omega_s_min / pu.base.omega),
                 slip: rounded(pu.r_r / (psi_r * psi_r)),
-                // From a twentieth to three twentieths of rated torque.
-                inv_torque_fade: rounded(10.0 / pu.torque_rated),
+                // From a twentieth to three twentieths of rated torque, within what fixed point holds.
+                inv_torque_fade: rounded((10.0 / pu.torque_rated).min(100.0)),
                 // A tenth of the torque that the current allows is kept in reserve.
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
