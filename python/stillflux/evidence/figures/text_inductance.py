@@ -4,8 +4,7 @@ self-commissioning."
 Fig. 13b at 70 % of rated flux, where the iron is no longer saturated: l_s of the 2.2-kW machine is a third
 larger than at rated flux, and (12) is the wrong circle with the rated one. The drive is told l_s(ψ*) as a
 commissioning finds it; the control is l_s as a constant. The 11-kW machine has no saturation: constant and
-function are the same there, and only the 2.2-kW machine is shown. σl_s(i) is a constant in the plant, whose
-leakage paths do not saturate: with what the paper says of it nothing can be measured here.
+function are the same there, and only the 2.2-kW machine is shown. σl_s(i) is in `text_leakage`.
 """
 
 from __future__ import annotations
