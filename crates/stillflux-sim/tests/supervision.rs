@@ -243,8 +243,8 @@ fn a_switching_frequency_too_low_for_the_speed_is_refused_by_name_and_what_is_ad
 
 /// An installation so far from its data that the field is lost at rest without load: factors of R_s, R_R, L_σ, L_M, u_th,
 /// dead time and inertia, real node capacitance and that of the data in F, offsets in A and gains of the current channels,
-/// friction in N·m, seed of the noise.
-type Draw = ([f64; 7], [f64; 2], [f64; 3], [f64; 3], f64, u64);
+/// friction in N·m.
+type Draw = ([f64; 7], [f64; 2], [f64; 3], [f64; 3], f64);
 
 const LOST_AT_REST: [Draw; 3] = [
     (
@@ -253,7 +253,6 @@ const LOST_AT_REST: [Draw; 3] = [
         [0.0067066, 0.00559858, -0.02034883],
         [1.01247668, 0.99097857, 1.01280262],
         0.04219937,
-        401,
     ),
     (
         [1.0292484, 0.6770421, 0.8635931, 0.9277266, 0.4608684, 0.6561261, 1.9676550],
@@ -261,7 +260,6 @@ const LOST_AT_REST: [Draw; 3] = [
         [5.347194e-5, -0.00695364, 0.04159018],
         [0.98041373, 0.99380861, 0.96875],
         0.00836994,
-        404,
     ),
     (
         [1.0075229, 0.3020279, 0.5462800, 0.8662483, 1.1334488, 1.0088842, 1.8965047],
@@ -269,12 +267,11 @@ const LOST_AT_REST: [Draw; 3] = [
         [-0.01292302, -0.045424883, -8.345457e-5],
         [0.98487477, 0.99346326, 1.01043162],
         0.04037694,
-        408,
     ),
 ];
 
 /// Time in s with an angle error above 30° while running, of 6 s at rest without monitors.
-fn time_lost((factors, c_out, offset, gain, friction, seed): Draw, realignment: bool) -> f64 {
+fn time_lost((factors, c_out, offset, gain, friction): Draw, seed: u64, realignment: bool) -> f64 {
     let t = TModel { R_s: 24.0, R_r: 17.0, L_ls: 0.055, L_lr: 0.055, L_m: 1.0 };
     let machine = Machine::from_t_model(t, Rating { n_p: 2, J: 0.0009, U_N: 400.0, I_N: 1.1, f_N: 50.0, T_N: 2.6 });
     let told = Inverter { r_d: 0.5, c_out: c_out[1], ..Inverter::preset_2k2() };
@@ -306,9 +303,10 @@ fn time_lost((factors, c_out, offset, gain, friction, seed): Draw, realignment: 
 
 #[test]
 fn a_field_that_is_wrong_by_the_angle_of_its_current_comes_right_without_torque() {
-    let time = |on: bool| LOST_AT_REST.iter().map(|&draw| time_lost(draw, on)).sum::<f64>();
+    // Each loss is chaotic: only the sum over realisations of the noise says something.
+    let time =
+        |on: bool| LOST_AT_REST.iter().flat_map(|d| (0..8).map(move |seed| time_lost(*d, seed, on))).sum::<f64>();
     let (on, off) = (time(true), time(false));
-    println!("{on:.2} s instead of {off:.2} s");
-    assert!(off > 4.0, "without the way out the field stays lost: {off} s");
-    assert!(on < 0.7 * off, "{on} s, without it {off} s");
+    assert!(off > 20.0, "without the way out the field stays lost: {off} s");
+    assert!(on < 0.8 * off, "{on} s, without it {off} s");
 }
