@@ -181,7 +181,7 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
 #: states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (16_896, 18_944), "ram_drive": (1024, 1088), "stack_step": (512, 512)},
-    "enhanced": {"flash_library": (28_672, 35_328), "ram_drive": (1536, 1600), "stack_step": (512, 512)},
+    "enhanced": {"flash_library": (28_672, 35_584), "ram_drive": (1536, 1600), "stack_step": (512, 512)},
 }
 
 #: Mean instructions a call. The flux estimator in f32 misses the 150 that the design asks for, and the step
