@@ -29,7 +29,7 @@ test-rust: .venv/installed
 	cargo test --locked
 
 # One process a core; the tests of a file stay together, for the runs that they share.
-PYTEST := $(BIN)/python -m pytest -q -n auto --dist loadfile < /dev/null
+PYTEST := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder < /dev/null
 
 test: test-rust build
 	$(PYTEST) -m "not slow"
