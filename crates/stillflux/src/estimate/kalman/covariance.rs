@@ -93,9 +93,8 @@ impl<R: Real> Covariance<R> {
         let own = self.get(I, I);
         let variance =
             a * (a * own + row[I] + row[I]) + R::sum_of_products(terms.map(|(_, c)| c), terms.map(|(j, _)| row[j]));
-        for (k, r) in row.iter().enumerate() {
-            *self.get_mut(I, k) = a * self.get(I, k) + *r;
-        }
+        let mut add = |k: usize| *self.get_mut(I, k) = a * self.get(I, k) + row[k];
+        let _: [(); N] = written_out!(add);
         *self.get_mut(I, I) = variance;
     }
 
