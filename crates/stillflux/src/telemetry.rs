@@ -91,8 +91,8 @@ impl Units {
         }
     }
 
-    /// A set point in per unit. One that is not finite is a fault of the drive in floating point; fixed point has no such
-    /// number, and it is a stop.
+    /// A set point in per unit. One that is not finite is a fault of the drive in floating point; fixed point has no
+    /// such number, and it is a stop.
     #[inline]
     pub fn reference<R: Real>(&self, set_point: &SetPoint) -> Reference<R> {
         let (x, inverse) = match *set_point {
