@@ -14,7 +14,7 @@ mod enhanced;
 #[cfg(feature = "paper")]
 mod paper;
 mod settings;
-use settings::BOOST;
+pub(crate) use settings::BOOST;
 
 pub use settings::{
     BALANCE_PERIODS, DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme,
@@ -24,7 +24,7 @@ use crate::base::{PerUnit, rounded};
 use crate::control::current::CurrentConfig;
 #[cfg(feature = "dclink")]
 use crate::control::dclink::{self, DcLinkConfig};
-use crate::control::flux::FluxControlConfig;
+use crate::control::flux::{Circuit, FluxControlConfig};
 use crate::control::overload::{self, OverloadConfig};
 use crate::control::ramp::{self, RampConfig};
 #[cfg(feature = "supervision")]
@@ -60,7 +60,7 @@ use crate::supervision::plausibility::PlausibilityConfig;
 use crate::supervision::stall::StallConfig;
 use crate::words::{Words, words};
 #[cfg(feature = "enhanced")]
-pub(crate) use enhanced::EnhancedConfig;
+pub(crate) use enhanced::{EnhancedConfig, REDUCED, SMALL};
 #[cfg(feature = "paper")]
 pub(crate) use paper::PaperConfig;
 
@@ -282,7 +282,7 @@ impl<R: Real> DriveConfig<R> {
 
     /// Magnetising current of the start-up: boosted until the flux has built up, then held.
     pub(crate) fn magnetising_current(&self, stage: u32) -> Dq<R> {
-        let i_d = self.flux_control.feedforward(self.flux_control.psi_rated, R::ZERO);
+        let i_d = self.flux_control.circuit.feedforward(self.flux_control.psi_rated, R::ZERO);
         Dq::new(if stage < self.boost_periods { i_d * R::from_f64(BOOST) } else { i_d }, R::ZERO)
     }
 
@@ -392,10 +392,12 @@ impl<R: Real> DriveConfig<R> {
             flux_control: FluxControlConfig {
                 psi_rated: r(p.psi_ref),
                 inv_psi_rated: r(1.0 / p.psi_ref),
-                l_sum: r(l_s + sigma_l_s),
-                root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
-                root_i_q: r(4.0 * l_product * l_product),
-                inv_two_l_product: r(inv_two_l_product),
+                circuit: Circuit {
+                    l_sum: r(l_s + sigma_l_s),
+                    root_psi: r(pu.l_m * pu.l_m),
+                    root_i_q: r(4.0 * l_product * l_product),
+                    inv_two_l_product: r(inv_two_l_product),
+                },
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
                 limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),

@@ -14,6 +14,10 @@ use crate::words::words;
 
 /// Duration of a block in which the induced voltage is measured at the beginning of a start, s.
 const CATCH_BLOCK: f64 = 1e-3;
+/// Reduced currents of a start at standstill, relative to the magnetising current: a sixteenth of the magnetisation time
+/// and three.
+pub(crate) const REDUCED: f64 = 0.7;
+pub(crate) const SMALL: f64 = 0.4;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
 /// with temperature; a faster fit follows the noise of its samples.
 const BALANCE_RATE: f64 = 2.1;
@@ -35,12 +39,14 @@ pub(crate) struct EnhancedConfig<R: Real> {
     /// What one control period takes off the logarithm of a free rotor flux, times 64.
     pub decay: R,
     pub search: SearchConfig<R>,
+    /// Periods in which the boosted current brings the flux back after the reduced ones.
+    pub recovery_periods: u32,
     /// The gains of two current sensors are compared in the second half of the magnetisation: reciprocal of its periods;
     /// 0 with three sensors.
     #[cfg(feature = "modes")]
     pub pair_weight: R,
 }
-words!(EnhancedConfig: filter, balance, shift, catch, decay, search,
+words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods,
     #[cfg(feature = "modes")] pair_weight);
 
 impl<R: Real> EnhancedConfig<R> {
@@ -91,6 +97,14 @@ impl<R: Real> EnhancedConfig<R> {
                 leakage: rounded((pu.sigma_l_s / pu.t_s).min(100.0)),
             },
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
+            recovery_periods: {
+                // As the rotor time constant of the parameters has it, in units of which x is a sixteenth of the time.
+                let x = p.magnetise_time * pu.base.omega / pu.tau_r / 16.0;
+                let psi = REDUCED + (1.0 - REDUCED) * libm::exp(-x);
+                let psi = SMALL + (psi - SMALL) * libm::exp(-3.0 * x);
+                let seconds = libm::log((BOOST - psi) / (BOOST - 1.0)) * pu.tau_r / pu.base.omega;
+                inverter.periods(seconds.min(p.magnetise_time * 3.0 / 16.0))
+            },
             search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
             #[cfg(feature = "modes")]
             pair_weight: if p.current_sensors == 2 {

@@ -13,18 +13,20 @@
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
 //! 3. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
-//!    makes torque on a free shaft. After half of the magnetisation time the filter is initialised at the settled flux.
-//!    In the second half it identifies the sum of the voltages of resistance and inverter; two reduced currents, 0.7 of
-//!    the magnetising current from 9/16 to 11/16 and 0.4 from 11/16 to 12/16 of the time, separate resistance, `v` and
-//!    knee. With two current sensors they also show the difference of their gains ([`crate::estimate::pair`]); where it is
+//!    makes torque on a free shaft. After 9/16 of the magnetisation time the filter is initialised at the settled flux.
+//!    From then on it identifies resistance, `v` and knee, which two reduced currents separate: 0.7 of the magnetising
+//!    current for 1/16 and 0.4 for 3/16 of the time. The boosted current then brings the flux back, and at the end the
+//!    filter is told that it is where it was ([`Filter::settle_again`]): how the flux fell and rose meanwhile depends on
+//!    `r_R`, where it ends does not, and the integral of `u - r_s i` over the whole is known. Without this the error of
+//!    `r̂_s` is as large as half of that of `r_R`. With two current sensors they also show the difference of their gains ([`crate::estimate::pair`]); where it is
 //!    a new one the last three quarters are repeated, since everything identified in them was falsified by it.
 //!
 //! A machine that begins to turn during a pause with its flux left, below 0.06 pu, is not covered.
 
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
-use crate::config::{BALANCE_PERIODS, DriveConfig, SPEED_PERIODS};
-use crate::control::flux::weight_by_frequency;
+use crate::config::{BALANCE_PERIODS, BOOST, DriveConfig, REDUCED, SMALL, SPEED_PERIODS};
+use crate::control::flux::{Circuit, weight_by_frequency};
 use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{BLOCKS, Catch};
@@ -43,10 +45,6 @@ const RESIDUAL: f64 = 0.15;
 const REGENERATING: f64 = 0.12;
 /// Stator frequency against the torque up to which the flux shift must be able to lower the flux: it leads over zero.
 const CROSSING: f64 = 0.0025;
-/// Reduced currents that separate resistance, inverter error and knee, relative to the magnetising current.
-const REDUCED: f64 = 0.7;
-const SMALL: f64 = 0.4;
-
 /// Difference of the gains of two current sensors below which nothing is repeated.
 #[cfg(feature = "modes")]
 const KNOWN_DIFFERENCE: f64 = 1e-3;
@@ -89,6 +87,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
+    /// Inductances for the magnetising current, with the leakage of the filter.
+    circuit: Circuit<R>,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
     /// Rotor resistance at its temperature, relative to the parameter.
@@ -114,6 +114,7 @@ impl<R: Real> EnhancedEstimators<R> {
             catch: Catch::new(AlphaBeta::default()),
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
+            circuit: c.flux_control.circuit,
             torque_ref: R::ZERO,
             rotor: R::ONE,
         }
@@ -143,19 +144,26 @@ impl<R: Real> EnhancedEstimators<R> {
         let mut i_ref = c.magnetising_current(stage);
         // The voltage of the resistance is proportional to the current, that of the inverter is not.
         if !self.search.found_rotation() {
+            let sixteenth = (c.magnetise_periods / 16).max(1);
+            let recovering = stage < 13 * sixteenth + c.enhanced.recovery_periods;
             i_ref = i_ref
-                * R::from_f64(match stage * 16 / c.magnetise_periods.max(1) {
-                    9 | 10 => REDUCED,
-                    11 => SMALL,
+                * R::from_f64(match stage / sixteenth {
+                    9 => REDUCED,
+                    10..=12 => SMALL,
+                    13..=15 if recovering => BOOST,
                     _ => 1.0,
                 });
         }
         if stage <= 1 {
             self.filter.start(&c.enhanced.filter, i_s);
-        } else if stage == c.magnetise_periods / 2 && !self.search.found_rotation() {
+        } else if !self.search.found_rotation() {
             // At standstill the settled flux follows from the current.
-            self.filter.settle(&c.enhanced.filter, c.flux_control.psi_rated);
-            self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), R::ZERO);
+            if stage == c.magnetise_periods / 16 * 9 {
+                self.filter.settle(&c.enhanced.filter, c.flux_control.psi_rated);
+                self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), R::ZERO);
+            } else if stage == c.magnetise_periods {
+                self.filter.settle_again(&c.enhanced.filter, c.flux_control.psi_rated);
+            }
         }
         i_ref
     }
@@ -314,6 +322,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
             6 => {
                 self.knee = c.inverter.knee(self.filter.knee());
+                self.circuit = self.filter.circuit(&c.enhanced.filter);
                 if !likely(!c.enhanced.filter.follows_temperature()) {
                     self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
                 }
@@ -391,6 +400,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         (psi_ref + weight * (psi - psi_ref), weight * gain)
     }
 
+    #[inline(always)]
+    fn circuit<'a>(&'a self, _: &'a DriveConfig<R>) -> &'a Circuit<R> {
+        &self.circuit
+    }
+
     /// `|ψ̂_s|` over the relative leakage. A flux below `psi` counts with its full amount: taken too small it costs
     /// torque, taken too large the flux collapses.
     #[inline(always)]
@@ -448,5 +462,6 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
         self.knee = c.inverter.knee(self.filter.knee());
+        self.circuit = self.filter.circuit(&c.enhanced.filter);
     }
 }

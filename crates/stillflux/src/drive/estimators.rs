@@ -3,6 +3,7 @@
 
 use super::interface::Memory;
 use crate::config::DriveConfig;
+use crate::control::flux::Circuit;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::SpeedEstimate;
 use crate::inverter::{Distortion, Knee};
@@ -120,6 +121,12 @@ pub(super) trait Estimators<R: Real> {
     /// Flux by which torque current and magnetising current are computed, at a flux reference: `|ψ̂_s|` where the
     /// scheme takes it as more accurate than the reference. And the weight of flux control, 0 to 1.
     fn present_flux(&self, psi_ref: R) -> (R, R);
+
+    /// Inductances for the magnetising current.
+    #[inline(always)]
+    fn circuit<'a>(&'a self, c: &'a DriveConfig<R>) -> &'a Circuit<R> {
+        &c.flux_control.circuit
+    }
 
     /// Flux that sets the distance to pull-out, for the leakage inductance of the parameters, given that of
     /// [`Estimators::present_flux`].

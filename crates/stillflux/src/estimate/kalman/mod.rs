@@ -101,6 +101,7 @@ use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
 use crate::base::{PerUnit, rounded};
+use crate::control::flux::Circuit;
 use crate::estimate::priors::Priors;
 use crate::estimate::temperature::{Temperature, TemperatureConfig};
 use crate::inverter::Distortion;
@@ -484,6 +485,12 @@ impl<R: Real> Filter<R> {
     #[inline]
     pub fn sigma_l_s(&self, c: &FilterConfig<R>) -> R {
         c.model.sigma_l_s * self.leakage()
+    }
+
+    /// Inductances with the leakage of the filter.
+    #[inline]
+    pub(crate) fn circuit(&self, c: &FilterConfig<R>) -> Circuit<R> {
+        Circuit::new(c.model.l_m, self.sigma_l_s(c))
     }
 
     /// Rotor flux `ψ_s - σl_s i` of the latest period.

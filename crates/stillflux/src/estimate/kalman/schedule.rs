@@ -272,12 +272,12 @@ impl<R: Real> Filter<R> {
     }
 
     #[inline(never)]
-    fn update_first(&mut self) {
+    pub(super) fn update_first(&mut self) {
         update_rows!(self, 0 1 2 3 4 5 6);
     }
 
     #[inline(never)]
-    fn update_last(&mut self) {
+    pub(super) fn update_last(&mut self) {
         let before = self.p.get(LEAKAGE, LEAKAGE);
         update_rows!(self, 7 8 9 10);
         // Schmidt's update: what is not corrected keeps its variance.
