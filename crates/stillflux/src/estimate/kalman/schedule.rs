@@ -249,7 +249,7 @@ impl<R: Real> Filter<R> {
         let across = across.max(R::ZERO);
         // Along n: the trace less the part across.
         let along = (a + b - across).max(R::ZERO);
-        self.weight = R::ONE.over_64(R::from_f64(1.0 / 64.0) + along * R::from_f64(WEIGHT));
+        self.weight = R::ONE.dividend().over_64(R::from_f64(1.0 / 64.0) + along * R::from_f64(WEIGHT));
         let scale = R::from_f64(SCALE_PSI);
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 
