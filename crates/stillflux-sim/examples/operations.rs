@@ -135,6 +135,9 @@ impl Real for Counted {
         book(1);
         Self(self.0 / (64.0 * y.0))
     }
+    fn over_64_of_negative(self, y: Self) -> Self {
+        self.over_64(y)
+    }
     fn rsqrt(self) -> Self {
         book(1);
         Self(self.0.max(1e-24).sqrt().recip())

@@ -217,12 +217,13 @@ impl<R: Real> InverterModel<R> {
         let full = least + dead;
         let tail = (dead * knee.tail).dividend();
         // A branch for each sign costs less than magnitude and sign apart.
+        let (negative_width, negative_full) = (-knee.width, -full);
         let leg = |i: R| {
             let i = i - self.shift;
             if likely(i > knee.width) {
                 full - tail.over_64(i)
-            } else if likely(i < -knee.width) {
-                tail.over_64(-i) - full
+            } else if likely(i < negative_width) {
+                negative_full - tail.over_64_of_negative(i)
             } else {
                 self.near_zero(knee, i, least, dead)
             }

@@ -85,6 +85,10 @@ macro_rules! impl_real {
             fn over_64(self, y: Self) -> Self {
                 self / y
             }
+            #[inline(always)]
+            fn over_64_of_negative(self, y: Self) -> Self {
+                self / y
+            }
             // A call: hardly any period needs one, and flash is short.
             #[inline(never)]
             fn rsqrt(self) -> Self {

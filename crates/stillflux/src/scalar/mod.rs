@@ -102,6 +102,8 @@ pub trait Real:
     /// `x/(64 y)` of the [`Real::dividend`] of `x >= 0` and `y >= 2^-13` for a quotient below 2, with a relative error of
     /// 2e-5: the part of a voltage that an inverter loses, or a weight. In fixed point cheaper than [`Real::recip`].
     fn over_64(self, y: Self) -> Self;
+    /// The same, `y <= -2^-13`.
+    fn over_64_of_negative(self, y: Self) -> Self;
 
     /// `n / 2^15`, exact: a left-aligned converter reading as part of full scale.
     fn fraction(n: i16) -> Self;

@@ -196,6 +196,11 @@ impl Real for Q {
         Self(if shift < 12 { quotient >> (12 - shift) } else { quotient << (shift - 12) } as i32)
     }
 
+    #[inline(always)]
+    fn over_64_of_negative(self, y: Self) -> Self {
+        -self.over_64(-y)
+    }
+
     /// Mantissa `m` in [1/4, 1) by an even shift, start by a parabola, three Newton steps
     /// `y ← y (3 - m y²)/2`.
     #[inline]

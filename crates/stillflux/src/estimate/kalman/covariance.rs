@@ -139,11 +139,10 @@ impl<R: Real> Covariance<R> {
     /// Sets the correlations of a state with all others to zero; its variance stays.
     #[inline(always)]
     pub fn isolate<const I: usize>(&mut self) {
-        for k in 0..N {
-            if k != I {
-                *self.get_mut(I, k) = R::ZERO;
-            }
-        }
+        let variance = self.get(I, I);
+        let mut clear = |k: usize| *self.get_mut(I, k) = R::ZERO;
+        let _: [(); N] = written_out!(clear);
+        *self.get_mut(I, I) = variance;
     }
 
     /// Update of row `I`: `P ← P - (P h)(P h)ᵀ/S`, the variance not below a floor.
