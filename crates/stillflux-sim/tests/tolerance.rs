@@ -33,13 +33,13 @@ fn machine(
 }
 
 fn of_160_kw() -> (Machine, Inverter) {
-    let bridge =
-        Inverter { f_s: 4e3, u_th: 1.3, r_d: 0.004, dead_time: 3e-6, c_out: 10e-9, ..Inverter::preset_2k2() };
+    let bridge = Inverter { f_s: 4e3, u_th: 1.3, r_d: 0.004, dead_time: 3e-6, c_out: 10e-9, ..Inverter::preset_2k2() };
     machine([0.0105, 0.0067, 0.27e-3, 8.4e-3], (2.9, 400.0, 275.0, 50.0, 1030.0), bridge)
 }
 
 fn of_15_kw() -> (Machine, Inverter) {
-    let bridge = Inverter { f_s: 8e3, u_th: 1.1, r_d: 0.03, dead_time: 2.5e-6, c_out: 2.5e-9, ..Inverter::preset_2k2() };
+    let bridge =
+        Inverter { f_s: 8e3, u_th: 1.1, r_d: 0.03, dead_time: 2.5e-6, c_out: 2.5e-9, ..Inverter::preset_2k2() };
     machine([0.26, 0.17, 2.2e-3, 57e-3], (0.11, 400.0, 28.5, 50.0, 98.0), bridge)
 }
 

@@ -102,7 +102,6 @@ impl<R: Real> FluxControlConfig<R> {
     pub fn reciprocal(&self, psi_ref: R) -> R {
         if likely(psi_ref == self.psi_rated) { self.inv_psi_rated } else { psi_ref.recip() }
     }
-
 }
 
 /// Inductances of a machine in the combinations of (12).

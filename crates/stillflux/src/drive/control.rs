@@ -226,7 +226,13 @@ impl<R: Real> Control<R> {
         };
         self.limited = limited;
         let i_q = torque_ref * c.flux_control.reciprocal(psi);
-        let i_d = self.flux.step(&c.flux_control, (estimators.circuit(c), psi_ff, i_q), psi_ref - estimators.psi_s(), weight, range);
+        let i_d = self.flux.step(
+            &c.flux_control,
+            (estimators.circuit(c), psi_ff, i_q),
+            psi_ref - estimators.psi_s(),
+            weight,
+            range,
+        );
         self.i_q_room += (c.i_q_max - self.i_q_room) * R::from_f64(1.0 / 16.0);
         self.i_dq_ref = Dq::new(i_d, i_q);
         if !likely(self.i_dq_ref.norm_sq() <= self.i_max_sq) {

@@ -211,8 +211,9 @@ impl<R: Real> EnhancedEstimators<R> {
         let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         let (mut field, mut periods) = (Rotator::default(), c.magnetise_periods);
         if searching {
-            let r_r = c.speed.r_r * self.rotor;
-            if let Some(omega) = self.search.step(&c.enhanced.search, at.stage, r_r, psi_r, &i_s) {
+            let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
+            self.speed.psi_r = psi_r;
+            if let Some(omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
                 self.speed_estimator.start(&psi_r, omega);
                 (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
             }

@@ -6,7 +6,7 @@
 //! ```text
 //! dψ_R/dτ = r_R i + jω ψ_R
 //! at standstill:  ψ_R = x = ∫ r_R i dτ,  along the current
-//! rotating:       |∫ψ_Rβ dτ| > 0.03 ∫∫x dτ² + y_0 τ,    y_0 = 0.008 σl_s i + 2e-4         from 10 ms on
+//! rotating:       |∫ψ_Rβ dτ| > 0.03 ∫∫x dτ² + y_0 τ,    y_0 = 0.008 σl_s i + U t_s/√3     from 10 ms on
 //! not rotating:   not by x = 0.15
 //! ω = ∫ψ_Rβ dτ / ∫∫x dτ²                                                                 below |ω| = 1/τ
 //! ω = Σ ψ_R × (dψ_R - r_R i dτ) / Σ |ψ_R|² dτ,  with the sign of ∫ψ_Rβ dτ                else
@@ -15,9 +15,10 @@
 //! Only the component of `ψ̂_R` *across* the current decides. That along it contains the integral of all that the voltage
 //! model does not explain of a direct current, errors of resistance and inverter: at 15 kW they are of the order of the
 //! voltage `r_R i` that builds up the flux, at 160 kW often larger. `ψ̂_R` may be zero or point backwards there, and its
-//! angle tells nothing. Across the current nothing builds up in a machine at rest but the noise of the converters and, as
-//! leakage flux, the current that a difference of the sensors' gains hides: `y_0`, for a difference of 2.8 %. Against `y_0` a rotation shows
-//! the better the more flux there is; machines with a small `r_R` need more than 10 ms for that.
+//! angle tells nothing. Across the current nothing builds up in a machine at rest but `y_0`: the leakage flux of a current
+//! that a difference of the sensors' gains hides, 2.8 %, and the loss `U` of one leg in one period, as long as the current
+//! that begins has no certain sign there. Against `y_0` a rotation shows the better the more flux there is; machines with a
+//! small `r_R` need more than 10 ms for that.
 //!
 //! In the quotient of sums the denominator is at least a quarter of its value at standstill after 10 ms.
 //!
@@ -34,8 +35,8 @@ const ROTATING: f64 = 0.03;
 const LEAST: f64 = 0.01;
 /// Rotor flux at which a machine counts as being at rest.
 const FLUX: f64 = 0.15;
-/// Rotor flux across the current of a machine at rest: part of the leakage flux, and a constant part.
-const ACROSS: (f64, f64) = (0.008, 2e-4);
+/// Current across the current of a machine at rest that the gains of the sensors hide.
+const HIDDEN: f64 = 0.008;
 /// Least sum of the squared flux, relative to that at standstill.
 const FLOOR: f64 = 0.25;
 /// Largest quotient of the decision in units of its threshold, and largest speed.
@@ -77,7 +78,7 @@ impl<R: Real> SearchConfig<R> {
             most: most as u32,
             inv_most: rounded(1.0 / most),
             turn: rounded(ROTATING * most * pu.t_s),
-            across: rounded(ACROSS.0 * pu.sigma_l_s * i + ACROSS.1),
+            across: rounded(HIDDEN * pu.sigma_l_s * i + pu.dead_time * pu.u_dc * pu.t_s / libm::sqrt(3.0)),
             floor: rounded(FLOOR * built_up * built_up * tau / 3.0),
         }
     }
@@ -88,8 +89,6 @@ impl<R: Real> SearchConfig<R> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(crate) struct SpeedSearch<R: Real> {
-    /// Rotor flux of the period before.
-    psi_r: AlphaBeta<R>,
     /// `Σ ψ_R × (dψ_R - r_R i dτ)` and `Σ |ψ_R|² dτ`.
     numerator: R,
     denominator: R,
@@ -106,9 +105,9 @@ pub(crate) struct SpeedSearch<R: Real> {
 impl<R: Real> SpeedSearch<R> {
     /// Begins.
     pub fn new() -> Self {
-        let (psi_r, zero) = (AlphaBeta::default(), R::ZERO);
+        let zero = R::ZERO;
         let (numerator, denominator, across, x, lever, reach) = (zero, zero, zero, zero, zero, zero);
-        Self { psi_r, numerator, denominator, across, x, lever, reach, found: None }
+        Self { numerator, denominator, across, x, lever, reach, found: None }
     }
 
     /// Whether it goes on.
@@ -128,8 +127,8 @@ impl<R: Real> SpeedSearch<R> {
         self.found = Some(R::ZERO);
     }
 
-    /// One period, counted from one, with rotor resistance, estimated rotor flux and current; returns the speed once it
-    /// is decided, zero for a machine at rest.
+    /// One period, counted from one, with rotor resistance, estimated rotor flux before and now, and current; returns the
+    /// speed once it is decided, zero for a machine at rest.
     #[cold]
     #[inline(never)]
     pub fn step(
@@ -137,12 +136,11 @@ impl<R: Real> SpeedSearch<R> {
         c: &SearchConfig<R>,
         period: u32,
         r_r: R,
-        psi_r: AlphaBeta<R>,
+        (before, psi_r): (AlphaBeta<R>, AlphaBeta<R>),
         i_s: &AlphaBeta<R>,
     ) -> Option<R> {
         let r = R::from_f64;
-        let (before, induced) = (self.psi_r, c.t_s * r_r);
-        self.psi_r = psi_r;
+        let induced = c.t_s * r_r;
         // The current has risen by then.
         if period > c.least / 5 {
             self.numerator += before.cross(&(psi_r - before)) - induced * psi_r.cross(i_s);
@@ -159,7 +157,7 @@ impl<R: Real> SpeedSearch<R> {
         }
         let mut omega = R::ZERO;
         if rotates {
-            let quotient = across.over_64(reach.max(across * r(1.0 / QUOTIENT_MAX))) * r(64.0 * ROTATING);
+            let quotient = across.dividend().over_64(reach.max(across * r(1.0 / QUOTIENT_MAX))) * r(64.0 * ROTATING);
             let angle = quotient * (c.t_s * r(64.0)).periods(period);
             omega = quotient;
             if angle > R::ONE {
@@ -197,6 +195,7 @@ mod tests {
         let i = 1.5 / pu.l_s;
         let c = SearchConfig::<R>::new(&pu, inverter.f_s, i);
         let mut state = SpeedSearch::new();
+        let mut before = AlphaBeta::default();
         for k in 1..100_000u32 {
             let tau = f64::from(k) * pu.t_s;
             let (sin, cos) = (omega * tau).sin_cos();
@@ -205,10 +204,11 @@ mod tests {
             let psi = AlphaBeta::new(pu.r_r * i * (x + along * tau), pu.r_r * i * y + hidden);
             let psi = AlphaBeta::new(R::from_f64(psi.re()), R::from_f64(psi.im()));
             let current = AlphaBeta::new(R::from_f64(i), R::ZERO);
-            if let Some(found) = state.step(&c, k, R::from_f64(pu.r_r), psi, &current) {
+            if let Some(found) = state.step(&c, k, R::from_f64(pu.r_r), (before, psi), &current) {
                 assert_eq!(state.found_rotation(), found != R::ZERO);
                 return (found.to_f32().into(), f64::from(k) / inverter.f_s);
             }
+            before = psi;
         }
         panic!("never decided");
     }
@@ -248,11 +248,8 @@ mod tests {
     }
 
     #[test]
-    fn small_machines_are_decided_within_ten_milliseconds_and_large_ones_take_the_flux_that_it_needs() {
+    fn small_machines_are_decided_within_twelve_milliseconds_and_large_ones_take_the_flux_that_it_needs() {
         let [large, medium, small] = all().map(|m| search::<f64>(m, 0.0, 0.0, 0.0).1);
-        assert!(
-            (small - 0.01).abs() < 1e-9 && medium < 0.03 && (0.05..0.12).contains(&large),
-            "{small}, {medium}, {large}"
-        );
+        assert!(small < 0.012 && medium < 0.04 && (0.08..0.16).contains(&large), "{small}, {medium}, {large}");
     }
 }
