@@ -93,7 +93,7 @@ bench-tools:
 # The documentation site, with the examples run: some minutes.
 .PHONY: site
 site: build
-	$(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 # The playground: drive and plant as WebAssembly in a page of static files that opens without a server. Needs a compiler
 # for wasm32-unknown-unknown; says so where it is missing. The first build takes one to two minutes.
