@@ -309,6 +309,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         if let Some(at) = start_up {
             let i_s = x.i_s;
             *i_dq_ref = self.prepare(c, &i_s, at.stage);
+            if at.stage <= 1 {
+                // The speed estimator runs in odd periods, and takes less time than what runs in even ones.
+                self.filter.align(x.period);
+            }
             blind = self.start != Start::Caught && self.search.is_searching();
         }
         let i_ref = *i_dq_ref;
