@@ -152,9 +152,8 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
         Box::new(move || {
             black_box(flux_control.step(
                 config.flux_control_config(),
-                R::ONE,
+                (&config.flux_control_config().circuit, R::ONE, r(0.4)),
                 black_box(R::ONE),
-                r(0.4),
                 r(0.03),
                 Range::Low,
             ));

@@ -57,6 +57,9 @@ fn of_48_v() -> (Machine, Inverter) {
     machine([0.013, 0.01, 44e-6, 1.5e-3], (0.02, 34.0, 120.0, 100.0, 16.0), bridge)
 }
 
+/// Values over the time.
+type Points = [(f64, f64)];
+
 struct Outcome {
     record: Record,
     status: Status,
@@ -69,7 +72,7 @@ fn run(
     (m, inverter): (Machine, Inverter),
     x: Factors,
     seed: u64,
-    (speed, load): (&[(f64, f64)], &[(f64, f64)]),
+    (speed, load): (&Points, &Points),
 ) -> Outcome {
     let real = Machine {
         R_s: x.r_s * m.R_s,
@@ -90,7 +93,7 @@ fn run(
     s.plant.adc = Adc { noise: 0.004 * m.I_N, ..Adc::new(&m, &inverter) };
     s.plant.adc.offset = [-0.006, -0.004, 0.002].map(|part| part * peak);
     s.plant.adc.gain = [1.0025, 1.008, 1.0015];
-    let after = |points: &[(f64, f64)], scale: f64| {
+    let after = |points: &Points, scale: f64| {
         Profile::new(points.iter().map(|&(t, v)| (t + begin, v * scale)).collect()).unwrap()
     };
     s.reference = ReferenceProfile::Speed(after(speed, base.omega_m));
