@@ -159,7 +159,7 @@ def test_a_procedure_alone_leaves_the_values_of_the_others_as_they_were_known(
     assert {name for name in told if found.deviation[name] < told[name]} == set(found_by_it)
     assert found.warnings
     if only == "inertia":
-        assert found.motor.J == pytest.approx(0.015, rel=0.2)
+        assert abs(found.motor.J / 0.015 - 1.0) < 0.2
         with pytest.raises(ValueError, match="needs shaft"):
             sf.Commissioning(plate, sheet, only=only)
 
