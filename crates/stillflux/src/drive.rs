@@ -35,6 +35,8 @@ pub use interface::{Estimate, Measurement, Memory, Output, Reference, Status};
 
 use crate::config::DriveConfig;
 use crate::control::modulator::zero_duty;
+#[cfg(feature = "shunt")]
+use crate::control::shunt::Pulses;
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 use crate::supervision::{Course, Currents, Supervision};
@@ -128,6 +130,17 @@ impl<R: Real> Drive<R> {
         }
     }
 
+    /// Pulses of the next period and instants of its samples with a single shunt ([`DriveParams::current_sensors`] = 1),
+    /// `None` with more sensors. Their duties are those of [`Output::duty`]; while the bridge is blocked they have no effect.
+    ///
+    /// [`DriveParams::current_sensors`]: crate::config::DriveParams::current_sensors
+    #[cfg(feature = "shunt")]
+    pub fn pulses(&self) -> Option<Pulses<R>> {
+        let half = [R::HALF; 3];
+        let blocked = Pulses { rising: half, falling: half, sample: [R::HALF; 2] };
+        self.config.single_shunt().then(|| self.common.control.voltage.pulses().unwrap_or(blocked))
+    }
+
     /// Data worth keeping over a stop or a loss of supply.
     pub fn memory(&self) -> Memory<R> {
         let i_off = self.common.sequence.i_off();
@@ -182,6 +195,16 @@ impl<R: Real> Common<R> {
         reference: &Reference<R>,
     ) -> Output<R> {
         self.sequence.count();
+        #[cfg(feature = "shunt")]
+        let seen;
+        #[cfg(feature = "shunt")]
+        let measured = if likely(!c.single_shunt()) {
+            measured
+        } else {
+            let visible = self.control.voltage.visible(self.sequence.period());
+            seen = self.sequence.seen(c, measured, visible);
+            &seen
+        };
         let bridged;
         let measured = if likely(self.sequence.accepts(c, measured)) {
             measured
@@ -288,7 +311,7 @@ impl<R: Real> Common<R> {
         }
         let switching = matches!(self.sequence.status(), Status::Magnetising | Status::Running);
         let u_dc = self.control.voltage.u_dc().filter(|_| switching)?;
-        Some(self.sequence.measurement(&estimators.estimated().i_s, u_dc))
+        Some(self.sequence.measurement(c, &estimators.estimated().i_s, u_dc))
     }
 
     /// Tasks slower than the control period, each in a period of its own.

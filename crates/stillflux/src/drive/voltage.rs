@@ -11,6 +11,8 @@
 
 use crate::config::DriveConfig;
 use crate::control::modulator::{Duty, applied, clamped_leg, modulate, modulate_clamped};
+#[cfg(feature = "shunt")]
+use crate::control::shunt::{Pulses, ShuntConfig, Visible, arrange};
 use crate::inverter::{Distortion, Knee};
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
@@ -42,6 +44,11 @@ pub(super) struct Voltage<R: Real> {
     inv_u_dc: R,
     /// A leg was held at a rail in the latest period.
     discontinuous: bool,
+    /// What the single shunt shows in the last two periods, by the lowest bit of their number, and the latest pulses.
+    #[cfg(feature = "shunt")]
+    visible: [Option<Visible<R>>; 2],
+    #[cfg(feature = "shunt")]
+    pulses: Option<Pulses<R>>,
     /// Voltage applied between the last two current samples.
     pub u_s: AlphaBeta<R>,
 }
@@ -54,6 +61,10 @@ impl<R: Real> Voltage<R> {
             loss: Distortion::default(),
             inv_u_dc: R::ZERO,
             discontinuous: false,
+            #[cfg(feature = "shunt")]
+            visible: [None; 2],
+            #[cfg(feature = "shunt")]
+            pulses: None,
             u_s: AlphaBeta::default(),
         }
     }
@@ -62,6 +73,33 @@ impl<R: Real> Voltage<R> {
     pub fn block(&mut self) {
         self.commanded = [Commanded::default(); 2];
         self.loss = Distortion::default();
+        #[cfg(feature = "shunt")]
+        {
+            (self.visible, self.pulses) = ([None; 2], None);
+        }
+    }
+
+    /// What the single shunt shows in the period that ends now.
+    #[cfg(feature = "shunt")]
+    pub fn visible(&self, period: u32) -> Option<&Visible<R>> {
+        self.visible[(period & 1) as usize].as_ref()
+    }
+
+    /// Pulses of the next period with a single shunt; `None` while the bridge is blocked.
+    #[cfg(feature = "shunt")]
+    pub fn pulses(&self) -> Option<Pulses<R>> {
+        self.pulses
+    }
+
+    /// Pulses for the single shunt, which may take from the largest duties, and what it will show in them.
+    #[cfg(feature = "shunt")]
+    #[cold]
+    #[inline(never)]
+    fn shape(&mut self, c: &ShuntConfig<R>, period: u32, duty: &mut Duty<R>, u_dc: R) {
+        let (pulses, order) = arrange(c, duty);
+        let u = applied(duty) * u_dc - self.loss.vector();
+        self.visible[(period & 1) as usize] = Some(Visible::of(c, (&pulses, order), duty, &self.loss, (&u, u_dc)));
+        self.pulses = Some(pulses);
     }
 
     /// dc-link voltage of the latest period under voltage, if there was one.
@@ -120,10 +158,17 @@ impl<R: Real> Voltage<R> {
         };
         let phases = [u[0] + e[0], u[1] + e[1], u[2] + e[2]];
         let timer = c.timer.as_ref();
-        let duty = match clamped {
+        #[cfg_attr(not(feature = "shunt"), allow(unused_mut))]
+        let mut duty = match clamped {
             None => modulate(phases, self.inv_u_dc, timer),
             Some(leg) => modulate_clamped(phases, leg, self.inv_u_dc, timer),
         };
+        #[cfg(feature = "shunt")]
+        if !likely(c.shunt.is_none())
+            && let Some(shunt) = &c.shunt
+        {
+            self.shape(shunt, period, &mut duty, u_dc);
+        }
         self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: AlphaBeta::from_phases(e) };
         duty
     }
