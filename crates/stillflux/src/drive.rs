@@ -201,8 +201,7 @@ impl<R: Real> Common<R> {
         let measured = if likely(!c.single_shunt()) {
             measured
         } else {
-            let visible = self.control.voltage.visible(self.sequence.period());
-            seen = self.sequence.seen(c, measured, visible);
+            seen = self.seen(c, measured);
             &seen
         };
         let bridged;
@@ -234,6 +233,28 @@ impl<R: Real> Common<R> {
             return self.blocked();
         }
         Output { duty, gates_on: true }
+    }
+
+    /// Phase currents of the readings of a single shunt. A reading at or beyond its range stays what it is, and is found as
+    /// that.
+    #[cfg(feature = "shunt")]
+    #[cold]
+    #[inline(never)]
+    fn seen(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> Measurement<R> {
+        let (shunt, period) = (&mut self.control.voltage.shunt, self.sequence.period());
+        let of_three = |i| Measurement { i_abc: [i; 3], u_dc: m.u_dc };
+        if let Some(bad) = m.i_abc.iter().find(|i| !(i.abs() < c.i_range)) {
+            return of_three(*bad);
+        }
+        if let Some(reading) = shunt.zero(period, &m.i_abc) {
+            self.sequence.follow_offset(reading);
+        }
+        let offset = self.sequence.i_off()[2];
+        match c.shunt.as_ref().and_then(|c| shunt.currents(c, period, &m.i_abc, offset)) {
+            Some(i_abc) => Measurement { i_abc, u_dc: m.u_dc },
+            // Three equal currents have no space vector: none flows while the bridge is blocked.
+            None => of_three(m.i_abc[2]),
+        }
     }
 
     /// All states but `Running`: progress of the start-up, if this is a period of it.

@@ -5,7 +5,7 @@ use super::estimators::Estimators;
 use super::interface::{Measurement, Reference, Status};
 use crate::config::{DriveConfig, I_OFF_MAX};
 #[cfg(feature = "shunt")]
-use crate::control::shunt::{RATE, Visible};
+use crate::control::shunt::RATE;
 use crate::estimate::pair::equalised;
 use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::space::AlphaBeta;
@@ -98,23 +98,12 @@ impl<R: Real> Sequence<R> {
         }
     }
 
-    /// Phase currents of the readings of a single shunt, of which a period shows what `visible` says, and its offset in
-    /// the zero vector. A reading at or beyond its range stays what it is, and is found as that.
+    /// A reading of a single shunt that shows its offset.
     #[cfg(feature = "shunt")]
-    #[cold]
-    #[inline(never)]
-    pub fn seen(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, visible: Option<&Visible<R>>) -> Measurement<R> {
-        let Some(visible) = visible.filter(|_| m.i_abc.iter().all(|i| i.abs() < c.i_range)) else {
-            // Three equal currents have no space vector: none flows while the bridge is blocked.
-            let bad = m.i_abc.iter().find(|i| !(i.abs() < c.i_range));
-            return Measurement { i_abc: [*bad.unwrap_or(&m.i_abc[2]); 3], u_dc: m.u_dc };
-        };
-        if let Some(reading) = visible.offset(&m.i_abc) {
-            let mean = &mut self.offset_mean[2];
-            let deviation = reading - mean.value();
-            self.i_off = [mean.add_limited(R::from_f64(RATE), deviation, R::from_f64(I_OFF_MAX)); 3];
-        }
-        Measurement { i_abc: visible.currents(&m.i_abc, self.i_off[2]), u_dc: m.u_dc }
+    pub fn follow_offset(&mut self, reading: R) {
+        let mean = &mut self.offset_mean[2];
+        let deviation = reading - mean.value();
+        self.i_off = [mean.add_limited(R::from_f64(RATE), deviation, R::from_f64(I_OFF_MAX)); 3];
     }
 
     /// Begins a period.

@@ -12,7 +12,7 @@
 use crate::config::DriveConfig;
 use crate::control::modulator::{Duty, applied, clamped_leg, modulate, modulate_clamped};
 #[cfg(feature = "shunt")]
-use crate::control::shunt::{Pulses, ShuntConfig, Visible, arrange};
+use crate::control::shunt::{Pulses, Shunt, ShuntConfig};
 use crate::inverter::{Distortion, Knee};
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
@@ -44,11 +44,9 @@ pub(super) struct Voltage<R: Real> {
     inv_u_dc: R,
     /// A leg was held at a rail in the latest period.
     discontinuous: bool,
-    /// What the single shunt shows in the last two periods, by the lowest bit of their number, and the latest pulses.
+    /// Pulses for a single shunt, and what it shows in them.
     #[cfg(feature = "shunt")]
-    visible: [Option<Visible<R>>; 2],
-    #[cfg(feature = "shunt")]
-    pulses: Option<Pulses<R>>,
+    pub shunt: Shunt<R>,
     /// Voltage applied between the last two current samples.
     pub u_s: AlphaBeta<R>,
 }
@@ -62,9 +60,7 @@ impl<R: Real> Voltage<R> {
             inv_u_dc: R::ZERO,
             discontinuous: false,
             #[cfg(feature = "shunt")]
-            visible: [None; 2],
-            #[cfg(feature = "shunt")]
-            pulses: None,
+            shunt: Shunt::default(),
             u_s: AlphaBeta::default(),
         }
     }
@@ -74,21 +70,13 @@ impl<R: Real> Voltage<R> {
         self.commanded = [Commanded::default(); 2];
         self.loss = Distortion::default();
         #[cfg(feature = "shunt")]
-        {
-            (self.visible, self.pulses) = ([None; 2], None);
-        }
-    }
-
-    /// What the single shunt shows in the period that ends now.
-    #[cfg(feature = "shunt")]
-    pub fn visible(&self, period: u32) -> Option<&Visible<R>> {
-        self.visible[(period & 1) as usize].as_ref()
+        self.shunt.block();
     }
 
     /// Pulses of the next period with a single shunt; `None` while the bridge is blocked.
     #[cfg(feature = "shunt")]
     pub fn pulses(&self) -> Option<Pulses<R>> {
-        self.pulses
+        self.shunt.pulses()
     }
 
     /// Pulses for the single shunt, which may take from the largest duties, and what it will show in them.
@@ -96,10 +84,7 @@ impl<R: Real> Voltage<R> {
     #[cold]
     #[inline(never)]
     fn shape(&mut self, c: &ShuntConfig<R>, period: u32, duty: &mut Duty<R>, u_dc: R) {
-        let (pulses, order) = arrange(c, duty);
-        let u = applied(duty) * u_dc - self.loss.vector();
-        self.visible[(period & 1) as usize] = Some(Visible::of(c, (&pulses, order), duty, &self.loss, (&u, u_dc)));
-        self.pulses = Some(pulses);
+        self.shunt.shape(c, period, duty, &self.loss, u_dc);
     }
 
     /// dc-link voltage of the latest period under voltage, if there was one.
