@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from stillflux import plots
 from stillflux.cli import main
 from stillflux.evidence.claims import at_most
 from stillflux.evidence.report import page
+from stillflux.outputs import naming
 
 SCENARIO = """
 motor = "2.2kW"
@@ -78,6 +80,22 @@ def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
         main([*command, "--help"])
     assert stop.value.code == 0
     assert "usage: stillflux" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["demo", "reproduce", "beyond"])
+def test_a_folder_that_cannot_be_is_named_before_the_runs(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    assert main([command, "--out", str(file / "reports")]) == 2
+    assert capsys.readouterr().err == f"stillflux: {file / 'reports'}: Not a directory\n"
+
+
+def test_a_full_disk_is_named_with_the_file() -> None:
+    with pytest.raises(OSError, match="No space") as caught, naming("run.npz"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert caught.value.filename == "run.npz"
 
 
 def test_report_is_self_contained(scenario: sf.Scenario, tmp_path: Path) -> None:

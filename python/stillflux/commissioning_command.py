@@ -43,6 +43,7 @@ from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
 from stillflux.machine_file import load_machine, part, read_toml, typical_inverter
 from stillflux.nameplate import Nameplate
+from stillflux.outputs import check_file
 from stillflux.parameters import PRESETS, Inverter, Motor
 from stillflux.simulation import progress_bar
 
@@ -88,9 +89,8 @@ def commission(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    for path in (options.out, options.report):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise ValueError(f"{path}: there is no folder {path.parent}")
+    check_file(options.out)
+    check_file(options.report)
     task = _task(options.machine or options.motor)
     bar = progress_bar("commissioning")
     status = 0

@@ -21,7 +21,8 @@ def joblib(workers: int | None = None) -> Any:
 
 
 class Ray:
-    """Tasks on a Ray cluster; `ray.init()` is called if it was not."""
+    """Tasks on a Ray cluster; `ray.init()` is called if it was not. Keywords are those of
+    `RemoteFunction.options`, such as `num_cpus=1`."""
 
     def __init__(self, **options: Any) -> None:
         self._ray = needed("ray", "ray")

@@ -88,7 +88,7 @@ class Scenario:
         rows = self.duration * self.inverter.f_c / max(self.record_every, 1)
         names = _core.signals() if self.signals is None else self.signals
         size = 16.0 * rows * (1 + len(names))
-        if size > _RECORD_LIMIT:
+        if math.isfinite(size) and size > _RECORD_LIMIT:
             raise ValueError(
                 f"duration = {self.duration} s would record {size:.1e} bytes, admissible are up to "
                 f"{_RECORD_LIMIT:.0e}: raise record_every or choose signals"
@@ -116,6 +116,8 @@ class Scenario:
         for name, text in (("name", self.name), ("scheme", self.scheme), ("arithmetic", self.arithmetic)):
             if not isinstance(text, str):
                 raise TypeError(f"{name} = {text!r} is not a text")
+        if self.memory is not None and not isinstance(self.memory, Mapping):
+            raise TypeError(f"memory = {self.memory!r} is not what Result.memory holds")
         set_field("duration", number("duration", self.duration))
         if not isinstance(self.record_every, int) or isinstance(self.record_every, bool):
             whole = number("record_every", self.record_every)

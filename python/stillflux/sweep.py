@@ -303,7 +303,8 @@ def sweep(
     progress
         True: a bar on stderr. A function gets the number done, the number of all, and the latest row.
 
-    A scenario or a metric that raises an error is a row with the error. Raises `SweepInterrupted` on Ctrl-C,
+    A scenario or a metric that raises an error is a row with the error, and so is a task that a cluster's
+    worker took along when it ended. Raises `SweepInterrupted` on Ctrl-C,
     ValueError for an unknown metric or one that cannot be sent to another process. In a script call it below
     `if __name__ == "__main__":`, as everything that starts processes.
     """
@@ -329,9 +330,10 @@ def sweep(
     def rows() -> list[dict[str, Any]]:
         return [_row(points[k], outcomes[k], chosen) for k in sorted(outcomes)]
 
-    def done(k: int, outcome: Mapping[str, Any]) -> None:
+    def done(k: int, outcome: Mapping[str, Any], ran: bool) -> None:
         outcomes[k] = outcome
-        if journal is not None:
+        # A task that its worker took along is tried again when the sweep goes on.
+        if journal is not None and ran:
             journal.add(keys[k], outcome)
         if bar is not None:
             bar(len(outcomes) / len(points))
@@ -408,14 +410,14 @@ def _execute(
     tasks: Sequence[tuple[int, Any]],
     metrics: Mapping[str, Metric],
     executor: Any,
-    done: Callable[[int, Mapping[str, Any]], None],
+    done: Callable[[int, Mapping[str, Any], bool], None],
 ) -> None:
     """Runs tasks and hands on each outcome as it comes, in this thread."""
     if not tasks:
         return
     if executor == "serial":
         for k, scenario in tasks:
-            done(k, run_task(scenario, metrics))
+            done(k, run_task(scenario, metrics), True)
         return
     own = None
     if executor is None:
@@ -435,19 +437,28 @@ def _execute(
             futures[k] = executor.submit(run_task, scenario, metrics)
             futures[k].add_done_callback(lambda _, k=k: finished.put(k))
 
+    ended = 0
     try:
         for _ in range(min(_IN_FLIGHT, len(tasks))):
             submit()
         while futures:
             k = finished.get()
-            outcome = futures.pop(k).result()
-            done(k, outcome)
+            try:
+                outcome, ran = futures.pop(k).result(), True
+            except BrokenProcessPool:
+                raise
+            except Exception as error:
+                outcome, ran = {"status": "", "error": f"worker: {type(error).__name__}: {error}"}, False
+            done(k, outcome, ran)
+            ended += 1
             submit()
     except BrokenProcessPool:
-        raise RuntimeError(
-            "the processes of the sweep ended before their time: in a script call sweep below "
-            '`if __name__ == "__main__":`, or give executor="serial"'
-        ) from None
+        hint = (
+            "one was killed, perhaps for want of memory; with resume=FILE the sweep goes on where it was"
+            if ended
+            else 'in a script call sweep below `if __name__ == "__main__":`, or give executor="serial"'
+        )
+        raise RuntimeError(f"the processes of the sweep ended before their time: {hint}") from None
     except BaseException:
         for future in futures.values():
             future.cancel()

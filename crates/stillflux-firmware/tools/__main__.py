@@ -1,4 +1,4 @@
-"""`python3 -m tools run|bench|cycles` in the firmware crate: `make firmware` and `make firmware-bench` call the first two."""
+"""`python3 -m tools run|bench|cycles` in the firmware crate: `make firmware` and `make firmware-bench` call two of them."""
 
 from __future__ import annotations
 

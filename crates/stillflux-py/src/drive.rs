@@ -282,8 +282,8 @@ impl Drive {
     /// torque_ref
     ///     Torque reference in N·m, instead of a speed reference. Neither: stop.
     /// cycle
-    ///     Stamp of the PWM period, a number that the hardware counts up by one in each, 0 to 65535, then 0 again: missed
-    ///     and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the first.
+    ///     Stamp of the PWM period, a number that the hardware counts up by one in each, 0 to 65535, then 0 again:
+    ///     missed and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the first.
     ///
     /// Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
     /// Raises ValueError if both references are given or one is not finite. Implausible measurements do not
@@ -343,7 +343,8 @@ impl Drive {
     }
 
     /// Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A), loss_error
-    /// (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`), L_sigma and L_M (H).
+    /// (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`), L_sigma and L_M
+    /// (H).
     fn memory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         memory_dict(py, &self.drive.memory())
     }

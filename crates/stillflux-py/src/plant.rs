@@ -7,7 +7,7 @@ use pyo3::types::PyDict;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
 use stillflux_sim::{
-    DcLink, DeepBar, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, SlotRipple, Thermal, Truth,
+    DcLink, DeepBar, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, Shunt, SlotRipple, Thermal, Truth,
 };
 
 use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
@@ -56,6 +56,7 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
             p.slot_ripple = extract::<Option<(u32, f64, f64)>>(name, value)?
                 .map(|(slots, permeance, leakage)| SlotRipple { slots, permeance, leakage });
         }
+        "shunt" => p.shunt = extract::<Option<f64>>(name, value)?.map(|settling| Shunt { settling }),
         "adc_skew" => p.adc.skew = three(name, value)?,
         "missed_calls" => p.calls.missed = extract(name, value)?,
         "doubled_calls" => p.calls.doubled = extract(name, value)?,

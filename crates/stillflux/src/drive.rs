@@ -216,7 +216,7 @@ impl<R: Real> Common<R> {
         };
         let (i_abc, i_s) = self.sequence.currents(c, measured, estimators);
         let mut start_up = None;
-        if !(likely(matches!(self.sequence.status(), Status::Running)) && likely(reference.is_admissible())) {
+        if !self.is_under_control(reference) {
             start_up = self.prepare(c, estimators, measured, reference, i_s);
             if start_up.is_none() {
                 return self.blocked();
@@ -255,6 +255,12 @@ impl<R: Real> Common<R> {
             // Three equal currents have no space vector: none flows while the bridge is blocked.
             None => of_three(m.i_abc[2]),
         }
+    }
+
+    /// Whether this is a period under control.
+    #[inline(always)]
+    fn is_under_control(&self, reference: &Reference<R>) -> bool {
+        matches!(self.sequence.status(), Status::Running) && reference.is_admissible()
     }
 
     /// All states but `Running`: progress of the start-up, if this is a period of it.

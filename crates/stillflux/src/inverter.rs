@@ -215,16 +215,18 @@ impl<R: Real> InverterModel<R> {
     pub fn distortion(&self, knee: &Knee<R>, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> Distortion<R> {
         let (least, dead) = (self.u_th * gain, self.dead_time * u_dc * gain);
         let full = least + dead;
-        let tail = dead * knee.tail;
+        let tail = (dead * knee.tail).dividend();
+        // A branch for each sign costs less than magnitude and sign apart.
+        let (negative_width, negative_full) = (-knee.width, -full);
         let leg = |i: R| {
             let i = i - self.shift;
-            let magnitude = i.abs();
-            let e = if likely(magnitude > knee.width) {
-                full - tail.over_64(magnitude)
+            if likely(i > knee.width) {
+                full - tail.over_64(i)
+            } else if likely(i < negative_width) {
+                negative_full - tail.over_64_of_negative(i)
             } else {
-                self.near_zero(knee, magnitude, least, dead)
-            };
-            if i < R::ZERO { -e } else { e }
+                self.near_zero(knee, i, least, dead)
+            }
         };
         let [a, b, c] = i_s.to_phases();
         Distortion { phases: [leg(a), leg(b), leg(c)], least, full }
@@ -232,9 +234,10 @@ impl<R: Real> InverterModel<R> {
 
     /// Loss of a leg in the linear part of its curve.
     #[inline(never)]
-    fn near_zero(&self, knee: &Knee<R>, magnitude: R, least: R, dead: R) -> R {
-        let scale = R::from_f64(SCALE);
-        magnitude * knee.slope * (dead * scale) + least * (magnitude * self.inv_band * scale).min(R::ONE)
+    fn near_zero(&self, knee: &Knee<R>, i: R, least: R, dead: R) -> R {
+        let (scale, magnitude) = (R::from_f64(SCALE), i.abs());
+        let e = magnitude * knee.slope * (dead * scale) + least * (magnitude * self.inv_band * scale).min(R::ONE);
+        if i < R::ZERO { -e } else { e }
     }
 }
 

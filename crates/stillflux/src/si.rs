@@ -333,8 +333,8 @@ impl SiDrive {
         })
     }
 
-    /// One control period with the stamp of its PWM period ([`Drive::step_at`]). `None`: it has been computed before, its
-    /// duties stay.
+    /// One control period with the stamp of its PWM period ([`Drive::step_at`]). `None`: it has been computed before,
+    /// its duties stay.
     #[cfg(feature = "supervision")]
     pub fn step_at(
         &mut self,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stillflux.evidence.machines import ALL_MACHINES, MACHINES, OwnMachine
+from stillflux.outputs import check_file, check_folder
 from stillflux.parameters import PRESETS
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="only this one (operations), or those that begin so",
     )
-    parser.add_argument("--scheme", choices=[*SCHEMES, "all"], default="all")
+    parser.add_argument("--scheme", choices=[*SCHEMES, "all"], default="all", help="default: all")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every run there as JSON")
     _metrics(parser)
     parser.set_defaults(run=_beyond)
@@ -103,7 +104,9 @@ def _where(parser: argparse.ArgumentParser, machines: Sequence[str]) -> None:
         help=f"your machine instead: a motor file (TOML) or a preset ({', '.join(PRESETS)})",
     )
     parser.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
-    parser.add_argument("--out", type=Path, default=Path("reports"), help="folder for report and plots")
+    parser.add_argument(
+        "--out", type=Path, default=Path("reports"), help="folder for report and plots; default: reports"
+    )
 
 
 def _metrics(parser: argparse.ArgumentParser) -> None:
@@ -133,10 +136,20 @@ def _machines(options: argparse.Namespace, machines: Sequence[str]) -> Sequence[
     return (OwnMachine.load(options.motor),)
 
 
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Before a run of minutes: whether what it finds can be written. Raises OSError or ValueError."""
+    check_folder(options.out)
+    for name in ("json", "metrics"):
+        path = getattr(options, name, None)
+        if path not in (None, "-"):
+            check_file(Path(path))
+
+
 def _demo(options: argparse.Namespace) -> int:
     from stillflux.evidence import demo
 
     machines = _machines(options, MACHINES)
+    _check_outputs(options)
     return 0 if demo.run(machines, options.out, options.command_line, options.arithmetic) else 1
 
 
@@ -152,7 +165,7 @@ def _reproduce(options: argparse.Namespace) -> int:
 
     machines = _machines(options, MACHINES)
     figures = choose_figures(options.figures)
-    options.out.mkdir(parents=True, exist_ok=True)
+    _check_outputs(options)
     journal = Journal(options.journal) if options.journal else None
     runner = journal.run if journal else run_jobs
     arithmetic = options.arithmetic
@@ -209,12 +222,14 @@ def _beyond(options: argparse.Namespace) -> int:
     if drawn:
         if len(options.targets) > 1:
             raise ValueError(f"TARGET = {' '.join(options.targets)}: {drawn[0]} stands alone")
+        _check_outputs(options)
         return _CAMPAIGNS[drawn[0]](options)
     if options.machine not in ("all", *ALL_MACHINES):
         raise ValueError(f"--machine {options.machine}: admissible here are {', '.join(ALL_MACHINES)}, all")
     machines = _machines(options, ALL_MACHINES)
     schemes = _chosen(options.scheme, SCHEMES)
     chosen = choose_targets(options.targets)
+    _check_outputs(options)
     journal = Journal(options.journal) if options.journal else None
     runner = journal.run if journal else run_jobs
     stopped = ""
@@ -229,7 +244,6 @@ def _beyond(options: argparse.Namespace) -> int:
         partial = {target.verdict for name, target in targets().items() if name not in chosen}
         update(options.metrics, [of_summary(x) for x in found if x.name not in partial])
         plane_points.update(options.metrics.with_name(plane_points.FILE), rows)
-    options.out.mkdir(parents=True, exist_ok=True)
     if options.json:
         data = page.finite(plane.to_rows(rows))
         options.json.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -284,7 +298,6 @@ def _tolerance(options: argparse.Namespace) -> int:
     machines, courses = _drives(options), options.course or tuple(COURSES)
     draws = _draws(options, tolerance.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
-    options.out.mkdir(parents=True, exist_ok=True)
     if len(machines) == len(courses) == len(draws) == 1:
         job = (machines[0], courses[0], draws[0], scheme, options.arithmetic)
         outcome, result = tolerance.run(*job, signals=None)
@@ -322,7 +335,6 @@ def _consistency(options: argparse.Namespace) -> int:
         raise ValueError("--json: not of consistency, which has no runs to list")
     machines, draws = _drives(options), _draws(options, consistency.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
-    options.out.mkdir(parents=True, exist_ok=True)
     journal = Journal(options.journal) if options.journal else None
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
@@ -349,7 +361,6 @@ def _commissioning(options: argparse.Namespace) -> int:
     if options.motor is not None or options.machine != "all" or options.metrics:
         raise ValueError("--motor, --machine and --metrics: not of commissioning, whose motors are drawn")
     draws = _draws(options, commissioning.DRAWS)
-    options.out.mkdir(parents=True, exist_ok=True)
     journal = Journal(options.journal) if options.journal else None
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
@@ -383,7 +394,6 @@ def _operations(options: argparse.Namespace) -> int:
     if options.json:
         raise ValueError("--json: not of operations")
     names, schemes = choose_operations(options.operation or ()), _chosen(options.scheme, SCHEMES)
-    options.out.mkdir(parents=True, exist_ok=True)
     journal = Journal(options.journal) if options.journal else None
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:

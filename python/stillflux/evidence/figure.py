@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from stillflux.evidence.claims import Claim
+from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.judge import lost
 from stillflux.evidence.machines import MACHINES, OwnMachine
 from stillflux.evidence.openloop import OpenLoop
@@ -193,7 +194,9 @@ def enhanced(run: Any) -> Any:
     if not isinstance(run, Scenario):
         return run
     kept = {name: value for name, value in run.settings.items() if name in _COMMON}
-    return run.replace(scheme="enhanced", settings=kept, name=f"{run.name}, enhanced")
+    published, beyond = SCHEMES
+    name = run.name.replace(f", {published},", f", {beyond},")
+    return run.replace(scheme=beyond, settings=kept, name=name)
 
 
 _COMMON = ("calibrate_offset", "psi_ref", "supervision")

@@ -82,7 +82,7 @@ pub enum Status {
 impl Status {
     /// The state as a stable number: 0 stopped, 1 reading offset, 2 magnetising, 3 running, 4 faulted.
     #[must_use]
-    pub fn code(self) -> u32 {
+    pub const fn code(self) -> u32 {
         match self {
             Self::Stopped => 0,
             Self::ReadingOffset => 1,

@@ -133,7 +133,7 @@ impl<R: Real> Sequence<R> {
         let i = self.without_offset(c, m, || R::ZERO);
         // One comparison for four: no channel near its range, the vector below the trip level. Written so that
         // NaN fails it.
-        let sum = i[0] * i[0] + i[1] * i[1] + i[2] * i[2];
+        let sum = R::sum_of_products(i, i);
         likely(sum <= c.i_plain_sq && m.u_dc >= c.u_dc_min && m.u_dc <= c.u_dc_max) || self.examine(c, m).is_none()
     }
 

@@ -78,8 +78,16 @@ macro_rules! impl_real {
                 }
             }
             #[inline(always)]
+            fn dividend(self) -> Self {
+                self * (1.0 / 64.0)
+            }
+            #[inline(always)]
             fn over_64(self, y: Self) -> Self {
-                self * (1.0 / 64.0) / y
+                self / y
+            }
+            #[inline(always)]
+            fn over_64_of_negative(self, y: Self) -> Self {
+                self / y
             }
             // A call: hardly any period needs one, and flash is short.
             #[inline(never)]

@@ -178,6 +178,10 @@ impl Real for Q {
         Self(if self.0 < 0 { -r } else { r })
     }
 
+    #[inline(always)]
+    fn dividend(self) -> Self {
+        self
+    }
     /// As [`Real::recip`] with two steps of Newton's method, whose products are upper words.
     #[inline]
     fn over_64(self, y: Self) -> Self {
@@ -190,6 +194,11 @@ impl Real for Q {
         // x·inv is Q54, its upper word Q22; 1/y = inv·2^(shift-8), and 64 = 2^6: together 2^(shift-12).
         let quotient = mul_hi(self.0 as u32, inv);
         Self(if shift < 12 { quotient >> (12 - shift) } else { quotient << (shift - 12) } as i32)
+    }
+
+    #[inline(always)]
+    fn over_64_of_negative(self, y: Self) -> Self {
+        -self.over_64(-y)
     }
 
     /// Mantissa `m` in [1/4, 1) by an even shift, start by a parabola, three Newton steps
@@ -248,6 +257,15 @@ impl Real for Q {
         (n, Self(mul_hi(n << timer.shift, timer.recip_q) as i32))
     }
 
+    #[inline(always)]
+    fn times(self, literal: f64) -> Self {
+        // The upper word of x (c 2^8), which is x c 2^-24 rounded down as in `narrow`: one instruction (SMMUL). From 1/2 on
+        // as x + x (c - 1), also one (SMMLA).
+        let c = Self::from_f64(literal).0;
+        let (c, whole) = if c < 1 << 23 { (c, 0) } else { (c - (1 << 24), self.0) };
+        debug_assert!((-(1 << 23)..=0).contains(&c) || (0..1 << 23).contains(&c));
+        Self(whole.wrapping_add(((i64::from(self.0) * i64::from(c << 8)) >> 32) as i32))
+    }
     #[inline]
     fn dot(a: [Self; 2], b: [Self; 2]) -> Self {
         // Only twice 2^62 is beyond i64: both factors of both products at -128, which no limited signal is.

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from stillflux import html_page
+from stillflux.evidence.machines import option
 from stillflux.evidence.registry import experiments
 from stillflux.evidence.report import diagram
 from stillflux.evidence.report.page import finite
@@ -134,5 +135,5 @@ def _section(o: Outcome) -> str:
         f"<figure>{o.picture}</figure>"
         f"<table><tr><th>claim</th><th>measured</th><th>realisation</th><th></th><th>{head}</th></tr>{rows}</table>{reason}"
         f"<p>Negative control, {escape(o.control_text)}</p><p>{escape(o.conditions)}</p>"
-        f"<p><code>stillflux reproduce {escape(o.figure)} --machine {escape(o.machine)}</code></p></section>"
+        f"<p><code>stillflux reproduce {escape(o.figure)} {escape(option(o.machine))}</code></p></section>"
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from stillflux import html_page
 from stillflux.evidence.beyond import Row, Summary, summaries
+from stillflux.evidence.machines import option
 from stillflux.evidence.plane_points import points_of
 from stillflux.evidence.points import POINTS
 from stillflux.evidence.registry import targets
@@ -123,7 +124,7 @@ def section(rows: Sequence[Row], folder: Path | None = None) -> str:
             elif what.numbers:
                 parts.append(_numbers(what, mine))
             parts.append(
-                f"<p><code>stillflux beyond {html.escape(target)} --machine {html.escape(machine)}</code></p>"
+                f"<p><code>stillflux beyond {html.escape(target)} {html.escape(option(machine))}</code></p>"
             )
     parts.append(_doubts(rows))
     return "\n".join(parts)

@@ -11,14 +11,17 @@
 //! |---|---|
 //! | 0 | closes the block: mean current, innovation, correction, next operating point ([`Filter`]) |
 //! | 1 | correction of the parameters, prediction of the stator resistance ([`crate::estimate::temperature`]) |
-//! | 2 | `F_m P` |
-//! | 3 | row and column of `m` |
-//! | 4, 5 | row and column of a flux component each |
-//! | 6 | `Q`; decorrelation of consider states |
-//! | 7 | angle deviation, `S`, `P Hᵀ` |
-//! | 8 | update of rows 0 to 6 |
-//! | 9 | update of rows 7 to 10, magnetising curve at the end of the block |
+//! | 2 | row and column of `m` |
+//! | 3 | magnetising curve at the estimates after the correction, for the next block |
+//! | 4, 6 | row and column of a flux component each |
+//! | 5 | none |
+//! | 7 | `Q`; decorrelation of consider states |
+//! | 8 | angle deviation, `S`, `P Hᵀ`, update of rows 0 to 6 |
+//! | 9 | update of rows 7 to 10 |
 //! | 10 … | none |
+//!
+//! What takes long has an even number. [`Filter::align`] lets these fall on periods in which the drive has little else to
+//! do, in blocks of an even length: the worst period is shorter then.
 //!
 //! The flux is integrated in every period. A block has at least [`SLOTS`] periods; its gain is one block old,
 //! against time constants of many blocks.
@@ -54,20 +57,18 @@ const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
 enum Slot {
     /// Correction of the parameters.
     Parameters,
-    /// Prediction, row of `m`: its product with the covariance.
-    RotorRow,
     /// Prediction, row and column of `m`.
-    RotorAdvance,
+    Rotor,
+    /// Magnetising curve at the estimates after the correction.
+    Magnetisation,
     /// Prediction, a component of the flux; `true`: the second.
     Flux(bool),
     /// Process noise.
     Noise,
-    /// Innovation variance and gain.
+    /// Innovation variance and gain, update of the first rows.
     Gain,
-    /// Update of the first rows.
-    FirstUpdate,
-    /// Update of the last rows; magnetising curve at the estimates after the correction.
-    LastUpdate,
+    /// Update of the last rows.
+    Update,
     /// No work: a block may have more periods than slots.
     Idle,
 }
@@ -78,14 +79,13 @@ impl Slot {
     fn of(period: u8) -> Self {
         match period {
             1 => Self::Parameters,
-            2 => Self::RotorRow,
-            3 => Self::RotorAdvance,
+            2 => Self::Rotor,
+            3 => Self::Magnetisation,
             4 => Self::Flux(false),
-            5 => Self::Flux(true),
-            6 => Self::Noise,
-            7 => Self::Gain,
-            8 => Self::FirstUpdate,
-            9 => Self::LastUpdate,
+            6 => Self::Flux(true),
+            7 => Self::Noise,
+            8 => Self::Gain,
+            9 => Self::Update,
             _ => Self::Idle,
         }
     }
@@ -99,8 +99,6 @@ pub(super) enum Holds {
     /// Nothing that another slot may use.
     #[default]
     Nothing,
-    /// `F_m P` without the element of `m` itself.
-    Row,
     /// Current, loss, its derivative by the knee, and change of the leakage flux, as [`OperatingPoint::regressors`] has them.
     Regressors,
     /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
@@ -147,6 +145,12 @@ macro_rules! update_rows {
 }
 
 impl<R: Real> Filter<R> {
+    /// Lets slots of an even number fall on odd periods of the drive. `period`: the number of the next one.
+    #[inline]
+    pub fn align(&mut self, period: u32) {
+        self.period = (period & 1) as u8;
+    }
+
     /// Executes the slot of this period.
     #[inline(never)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
@@ -155,32 +159,29 @@ impl<R: Real> Filter<R> {
                 self.correct_parameters(c);
                 self.warm(c);
             }
-            Slot::RotorRow => self.rotor(c, false),
-            Slot::RotorAdvance => self.rotor(c, true),
+            Slot::Rotor => self.rotor(c),
+            Slot::Magnetisation => {
+                self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
+            }
             Slot::Flux(second) => self.flux_advance(c, second),
             Slot::Noise => self.add_noise(c),
-            Slot::Gain => self.weigh(c),
-            Slot::FirstUpdate => self.update_first(),
-            Slot::LastUpdate => {
-                self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
-                self.update_last();
+            Slot::Gain => {
+                self.weigh(c);
+                self.update_first();
             }
+            Slot::Update => self.update_last(),
             Slot::Idle => {}
         }
     }
 
-    /// Both steps of the row of `m`: they share the code of its coefficients.
+    /// Row and column of `m`.
     #[inline(never)]
-    fn rotor(&mut self, c: &FilterConfig<R>, advance: bool) {
+    fn rotor(&mut self, c: &FilterConfig<R>) {
         let terms = c.model.rotor_row(&self.point, self.gamma.value());
-        if !advance {
-            self.column = self.p.project(&terms);
-            self.holds = Holds::Row;
-        } else if self.holds == Holds::Row {
-            self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &self.column);
-            self.column = self.point.regressors();
-            self.holds = Holds::Regressors;
-        }
+        self.column = self.p.project(&terms);
+        self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &self.column);
+        self.column = self.point.regressors();
+        self.holds = Holds::Regressors;
     }
 
     #[inline(never)]
@@ -249,7 +250,7 @@ impl<R: Real> Filter<R> {
         let across = across.max(R::ZERO);
         // Along n: the trace less the part across.
         let along = (a + b - across).max(R::ZERO);
-        self.weight = R::ONE.over_64(R::from_f64(1.0 / 64.0) + along * R::from_f64(WEIGHT));
+        self.weight = R::ONE.dividend().over_64(R::from_f64(1.0 / 64.0) + along * R::from_f64(WEIGHT));
         let scale = R::from_f64(SCALE_PSI);
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 

@@ -1,0 +1,83 @@
+//! A drive on an STM32G431 with registers, one interrupt and a main loop.
+//!
+//! The interrupt of the converters runs the drive; the main loop feeds the watchdog, publishes telemetry, and stores what
+//! the drive has learned after a stop. Whatever talks to the outside writes and reads [`board::MAILBOX`].
+#![no_std]
+#![no_main]
+
+use core::cell::RefCell;
+use core::panic::PanicInfo;
+
+use board::{Rounds, clock, flash, pwm, watchdog};
+use critical_section::Mutex;
+use stillflux::interrupt::CountsDrive;
+use stm32_metapac::{Interrupt, interrupt};
+
+/// The drive; it blocks the bridge until the parameters are read.
+static DRIVE: Mutex<RefCell<CountsDrive<f32>>> = Mutex::new(RefCell::new(CountsDrive::empty()));
+
+#[interrupt]
+fn ADC1_2() {
+    critical_section::with(|cs| {
+        // Never taken twice; a check that fails would panic.
+        if let Ok(mut drive) = DRIVE.borrow(cs).try_borrow_mut() {
+            board::control(&mut drive);
+        }
+    });
+}
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    clock::init();
+    let Some(parameters) = flash::load() else { stay_blocked() };
+    let drive = CountsDrive::new(&parameters);
+    if board::start(&drive).is_err() {
+        stay_blocked();
+    }
+    critical_section::with(|cs| *DRIVE.borrow_ref_mut(cs) = drive);
+    // SAFETY: all that the interrupt uses is there; no mask is relied on.
+    unsafe { cortex_m::peripheral::NVIC::unmask(Interrupt::ADC1_2) };
+    watchdog::start();
+
+    let mut rounds = Rounds::new();
+    loop {
+        cortex_m::asm::wfi();
+        let telemetry = critical_section::with(|cs| {
+            let mut drive = DRIVE.borrow_ref_mut(cs);
+            board::reset(&mut drive);
+            drive.telemetry()
+        });
+        if rounds.round(telemetry) {
+            let memory = critical_section::with(|cs| DRIVE.borrow_ref(cs).drive().map(|d| d.memory()));
+            // One that fails leaves the other slot: the next start has older values.
+            let _ = memory.map(|memory| flash::store(&memory));
+        }
+    }
+}
+
+/// Without parameters, or without the right timing.
+fn stay_blocked() -> ! {
+    pwm::block();
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// A double word of the parameters that is torn reads so: their check refuses it. All else is an end.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() {
+    if !flash::acknowledge_torn() {
+        stay_blocked();
+    }
+}
+
+/// Nothing of the control interrupt can get here; the bridge is off before the watchdog comes.
+#[cortex_m_rt::exception]
+unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
+    stay_blocked()
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    stay_blocked()
+}
