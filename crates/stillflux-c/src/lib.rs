@@ -1,12 +1,13 @@
 //! The drive in C: what `stillflux.h` declares. Nothing of its own: every function hands over to the core.
 //!
 //! The comments of this file are those of the header.
-#![no_std]
+#![cfg_attr(not(test), no_std)]
 #![allow(non_camel_case_types, non_snake_case)]
 
 use core::ffi::c_char;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
+#[cfg(not(test))]
 use core::panic::PanicInfo;
 use core::{ptr, slice};
 
@@ -792,9 +793,13 @@ fn inverter_of(i: &stillflux_inverter) -> Inverter {
 }
 
 /// Unreachable from every function of the header.
+#[cfg(not(test))]
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     loop {
         core::hint::spin_loop();
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -262,8 +262,8 @@ impl Real for Q {
         // The upper word of x (c 2^8), which is x c 2^-24 rounded down as in `narrow`: one instruction (SMMUL). From 1/2 on
         // as x + x (c - 1), also one (SMMLA).
         let c = Self::from_f64(literal).0;
+        debug_assert!((-(1 << 23)..=1 << 24).contains(&c), "{literal}");
         let (c, whole) = if c < 1 << 23 { (c, 0) } else { (c - (1 << 24), self.0) };
-        debug_assert!((-(1 << 23)..=0).contains(&c) || (0..1 << 23).contains(&c));
         Self(whole.wrapping_add(((i64::from(self.0) * i64::from(c << 8)) >> 32) as i32))
     }
     #[inline]
@@ -342,6 +342,15 @@ mod tests {
             let (x, y) = (I8F24::from_bits(a), I8F24::from_bits(b));
             prop_assert_eq!((Q(a) + Q(b)).0, x.saturating_add(y).to_bits());
             prop_assert_eq!((Q(a) - Q(b)).0, x.saturating_sub(y).to_bits());
+        }
+
+        #[test]
+        fn a_product_with_a_literal_is_the_product(a: i32) {
+            for c in [-0.5, -0.3, 0.0, 1e-3, 1.0 / 3.0, 0.499_999_9, 0.5, 0.577_350_269_189_625_8, 0.866_025_4, 1.0] {
+                for a in [a, i32::MIN, i32::MAX, a >> 12] {
+                    prop_assert_eq!(Q(a).times(c), Q(a) * Q::from_f64(c), "{} {}", a, c);
+                }
+            }
         }
 
         #[test]

@@ -675,6 +675,23 @@ mod tests {
     }
 
     #[test]
+    fn slots_that_take_long_fall_on_odd_periods_also_after_a_new_beginning() {
+        let Rig { c, mut filter, .. } = run(true, |_| 0.3, [1.0, 1.0], 0.1);
+        let loss = Distortion::default();
+        let (u_s, i_m, i_ref) = (AlphaBeta::default(), AlphaBeta::default(), Dq::default());
+        for first in [6, 7] {
+            filter.align(first);
+            for k in first..first + 100 {
+                if k == first + 35 {
+                    filter.start(&c, &i_m);
+                }
+                filter.step(&c, &Input { u_s, loss: &loss, i_m, i_ref, omega_s: 0.0 }, true);
+                assert_eq!(u32::from(filter.period) % 2, (k + 1) % 2, "period {k}");
+            }
+        }
+    }
+
+    #[test]
     fn what_was_learned_makes_the_next_start_confident() {
         let rig = run(true, |_| 0.6, [1.2, 1.0], 20.0);
         let mut next = Filter::new(&rig.c);
