@@ -243,8 +243,10 @@ impl<R: Real> Common<R> {
     fn seen(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> Measurement<R> {
         let (shunt, period) = (&mut self.control.voltage.shunt, self.sequence.period());
         let of_three = |i| Measurement { i_abc: [i; 3], u_dc: m.u_dc };
-        if let Some(bad) = m.i_abc.iter().find(|i| !(i.abs() < c.i_range)) {
-            return of_three(*bad);
+        // Written so that NaN is not readable.
+        let readable = |i: R| i.abs() < c.i_range;
+        if let Some(bad) = m.i_abc.into_iter().find(|i| !readable(*i)) {
+            return of_three(bad);
         }
         if let Some(reading) = shunt.zero(period, &m.i_abc) {
             self.sequence.follow_offset(reading);

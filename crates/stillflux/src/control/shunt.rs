@@ -287,7 +287,7 @@ impl<R: Real> Shunt<R> {
     #[cold]
     #[inline(never)]
     pub fn shape(&mut self, c: &ShuntConfig<R>, period: u32, duty: &mut Duty<R>, loss: &Distortion<R>, u_dc: R) {
-        let reverse = period % PROBE_PERIODS == 0;
+        let reverse = period.is_multiple_of(PROBE_PERIODS);
         let (pulses, order, reversed) = arrange(c, duty, reverse);
         let u = applied(duty) * u_dc - loss.vector();
         let visible = Visible::of(c, (&pulses, order, reversed), duty, loss, (&u, u_dc));
@@ -532,9 +532,9 @@ mod tests {
             let (s, co) = degrees.to_radians().sin_cos();
             let (u, i) = (AlphaBeta::new(0.02 * co, 0.02 * s), AlphaBeta::new(1.2 * co, 1.2 * s).to_phases());
             let mut state = Shunt::default();
-            for period in 0..8 * 3000 {
+            for period in 0..8 * 3000_u32 {
                 let mut duty = u.to_phases().map(|u| 0.5 + u);
-                let pulses = arrange(&c, &mut duty, period % PROBE_PERIODS == 0);
+                let pulses = arrange(&c, &mut duty, period.is_multiple_of(PROBE_PERIODS));
                 let signs = i.map(f64::signum);
                 let course = Course::new(&pulses.0, signs, i);
                 let [first, second] = pulses.0.sample.map(|t| course.at(1.0 + t).2);
