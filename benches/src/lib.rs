@@ -152,8 +152,9 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
         Box::new(move || {
             black_box(flux_control.step(
                 config.flux_control_config(),
-                (&config.flux_control_config().circuit, R::ONE, r(0.4)),
+                (R::ONE, [R::ONE; 2]),
                 black_box(R::ONE),
+                r(0.4),
                 r(0.03),
                 Range::Low,
             ));

@@ -26,7 +26,7 @@
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
 use crate::config::{BALANCE_PERIODS, BOOST, DriveConfig, REDUCED, SMALL, SPEED_PERIODS};
-use crate::control::flux::{Circuit, weight_by_frequency};
+use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{BLOCKS, Catch};
@@ -87,8 +87,6 @@ pub(super) struct EnhancedEstimators<R: Real> {
     start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
-    /// Inductances for the magnetising current, with the leakage of the filter.
-    circuit: Circuit<R>,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
     /// Rotor resistance at its temperature, relative to the parameter.
@@ -114,7 +112,6 @@ impl<R: Real> EnhancedEstimators<R> {
             catch: Catch::new(AlphaBeta::default()),
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
-            circuit: c.flux_control.circuit,
             torque_ref: R::ZERO,
             rotor: R::ONE,
         }
@@ -327,7 +324,6 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
             6 => {
                 self.knee = c.inverter.knee(self.filter.knee());
-                self.circuit = self.filter.circuit(&c.enhanced.filter);
                 if !likely(!c.enhanced.filter.follows_temperature()) {
                     self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
                 }
@@ -405,9 +401,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         (psi_ref + weight * (psi - psi_ref), weight * gain)
     }
 
+    /// The inverse main inductance counts with the weight of `|ψ̂_s|`: where the flux is not known neither is it.
     #[inline(always)]
-    fn circuit<'a>(&'a self, _: &'a DriveConfig<R>) -> &'a Circuit<R> {
-        &self.circuit
+    fn inductances(&self) -> [R; 2] {
+        let f = &self.filter;
+        [f.leakage(), R::ONE + f.magnitude_weight() * (f.gamma() - R::ONE)]
     }
 
     /// `|ψ̂_s|` over the relative leakage. A flux below `psi` counts with its full amount: taken too small it costs
@@ -467,6 +465,5 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
         self.knee = c.inverter.knee(self.filter.knee());
-        self.circuit = self.filter.circuit(&c.enhanced.filter);
     }
 }
