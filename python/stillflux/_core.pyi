@@ -526,7 +526,7 @@ class CommissioningCore:
     """A commissioning, one control period at a time."""
 
     def __new__(
-        cls, plate: Nameplate, inverter: Inverter, shaft: str, arithmetic: str
+        cls, plate: Nameplate, inverter: Inverter, shaft: str, arithmetic: str, only: str | None
     ) -> CommissioningCore: ...
     def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
         """One control period."""
@@ -560,6 +560,7 @@ class CommissioningRun:
         inverter: Inverter,
         shaft: str,
         arithmetic: str,
+        only: str | None,
         plant_motor: Motor,
         plant_inverter: Inverter,
         channels: tuple[int, int, int] | None,

@@ -69,7 +69,7 @@ pub enum ReferenceProfile {
     Torque(Profile),
 }
 
-/// Something that happens to the plant during a run.
+/// Something that happens during a run, to the plant or to the drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
     /// Stator resistance at its reference temperature, Ω.
@@ -84,6 +84,10 @@ pub enum Change {
     OpenPhase(usize),
     /// A current channel (0 to 2) that fails, or a single sample that is wrong.
     Channel(usize, ChannelFault),
+    /// The drive is told to stop, or to follow its reference again.
+    Stop(bool),
+    /// The drive is told to leave a fault.
+    Reset,
 }
 
 /// A closed-loop experiment.
@@ -261,6 +265,7 @@ pub struct Run<'s> {
     reference_at: usize,
     load_at: usize,
     next_change: usize,
+    stopped: bool,
     u_i_integral: Vector,
     psi_begin: Option<Vector>,
 }
@@ -326,6 +331,7 @@ impl<'s> Run<'s> {
             reference_at: 0,
             load_at: 0,
             next_change: 0,
+            stopped: false,
             u_i_integral: [0.0; 2],
             psi_begin: None,
             scenario,
@@ -420,9 +426,11 @@ impl<'s> Run<'s> {
                 Change::Speed(w) => self.plant.set_speed(w),
                 Change::OpenPhase(k) => self.plant.set_open_phase(k, true),
                 Change::Channel(k, fault) => self.plant.set_channel(k, Some(fault)),
+                Change::Stop(stopped) => self.stopped = stopped,
+                Change::Reset => self.drive.reset(),
             }
         }
-        let (command, reference) = match &self.scenario.reference {
+        let (mut command, reference) = match &self.scenario.reference {
             ReferenceProfile::Speed(p) => {
                 let w = p.at(t, &mut self.reference_at);
                 (ReferenceSi::Speed(w), w)
@@ -432,6 +440,9 @@ impl<'s> Run<'s> {
                 (ReferenceSi::Torque(x), x)
             }
         };
+        if self.stopped {
+            command = ReferenceSi::Stop;
+        }
         for _ in 0..self.calls() {
             let out = if self.scenario.cycle_stamps {
                 self.drive.step_at(self.period as u16, &self.sample, &command)

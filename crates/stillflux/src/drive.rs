@@ -386,13 +386,14 @@ impl<R: Real> Common<R> {
                 Reference::Speed(omega) => omega.clamp(c.omega_least, c.omega_most) - omega_m,
                 _ => R::ZERO,
             };
+            let realigning = control.is_realigning(c);
             let course = Course {
                 psi_deviation: x.psi_s - control.psi_ref,
                 omega_m,
                 omega_s,
-                nis: if control.is_realigning(c) { R::ZERO } else { estimators.nis() },
+                nis: if realigning { R::ZERO } else { estimators.nis() },
                 speed_deviation,
-                torque_limited: control.limited != R::ZERO,
+                torque_limited: (!realigning).then_some(control.limited != R::ZERO),
             };
             let confidence = || estimators.confidence();
             trip = trip.or_else(|| self.supervision.course(&c.supervision, &course, confidence));

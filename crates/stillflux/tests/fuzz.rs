@@ -362,8 +362,9 @@ fn check<R: Real>(drive: &Drive<R>, out: &Output<R>, seed: u64, k: u32) {
     assert!(e.confidence >= R::ZERO && e.confidence <= R::ONE, "{} seed {seed} period {k}", R::NAME);
 }
 
-/// So many drives from `first` on, each for so many periods: how many came to run, and how often each field was refused.
-fn campaign(first: u64, drives: u64, periods: u32) {
+/// So many drives from `first` on, each for so many periods: how many came to run, and how often each field was
+/// refused.
+fn campaign<R: Bits>(first: u64, drives: u64, periods: u32) {
     let mut refusals: Vec<(&'static str, u32)> = Vec::new();
     let mut ran = 0;
     for seed in first..first + drives {
@@ -379,27 +380,34 @@ fn campaign(first: u64, drives: u64, periods: u32) {
                 None => refusals.push((e.field, 1)),
             }
         };
-        let mut run_one = |rng: &mut Rng| {
-            if seed % 2 == 0 {
-                fuzz::<f32>(rng, periods, seed, &mut refused)
-            } else {
-                fuzz::<Q>(rng, periods, seed, &mut refused)
-            }
-        };
-        ran += u64::from(run_one(&mut rng));
+        ran += u64::from(fuzz::<R>(&mut rng, periods, seed, &mut refused));
     }
-    println!("{ran} of {drives} drives came to run; refused: {refusals:?}");
+    println!("{}: {ran} of {drives} drives came to run; refused: {refusals:?}", R::NAME);
     assert!(ran * 4 > drives, "{ran} of {drives} drives came to run");
 }
 
+// A minute of one core together.
+
 #[test]
-fn whatever_is_admitted_keeps_its_numbers() {
-    campaign(1, 900, 30_000);
+fn whatever_is_admitted_keeps_its_numbers_in_floating_point() {
+    campaign::<f32>(1, 3_600, 30_000);
 }
 
-/// 10⁹ periods.
+#[test]
+fn whatever_is_admitted_keeps_its_numbers_in_fixed_point() {
+    campaign::<Q>(500_001, 3_600, 30_000);
+}
+
+// 10⁹ periods together.
+
 #[test]
 #[ignore = "minutes: cargo test -p stillflux --test fuzz -- --ignored"]
-fn whatever_is_admitted_keeps_its_numbers_for_a_billion_periods() {
-    campaign(1_000_001, 20_000, 50_000);
+fn whatever_is_admitted_keeps_its_numbers_in_floating_point_for_half_a_billion_periods() {
+    campaign::<f32>(1_000_001, 10_000, 50_000);
+}
+
+#[test]
+#[ignore = "minutes: cargo test -p stillflux --test fuzz -- --ignored"]
+fn whatever_is_admitted_keeps_its_numbers_in_fixed_point_for_half_a_billion_periods() {
+    campaign::<Q>(2_000_001, 10_000, 50_000);
 }
