@@ -55,6 +55,8 @@ class DriveSettings(TypedDict, total=False):
     """Time for which a state of the bridge lasts that a single shunt is sampled in, s: dead time, settling of the
     amplifier, sampling of the converter; from the dead time to 15 % of the carrier period. 0: pulses are not
     shifted, and at low voltage nothing is seen."""
+    shunt_settling: float
+    """Time constant of the amplifier of a single shunt, s: the reading is behind the current by it. 0: none."""
     magnetise_time: float
     """Duration of the magnetisation, s."""
     low_confidence: Literal["keep", "limit", "fault"]

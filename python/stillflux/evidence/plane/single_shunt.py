@@ -35,7 +35,7 @@ def _drawn(case: Case) -> Case:
         "current_gain": (gain, 1.0, 1.0),
         "current_offset": (offset, 0.0, 0.0),
     }
-    scenario = case.scenario.replace(plant=plant).with_settings(current_sensors=1)
+    scenario = case.scenario.replace(plant=plant).with_settings(current_sensors=1, shunt_settling=_SETTLING)
     return replace(case, scenario=scenario)
 
 
