@@ -1,4 +1,4 @@
-"""Firmware for a real part (`examples/firmware`): compiles, fits its memory, and cannot fail in its interrupt."""
+"""Firmware for a real part (`examples/firmware`): compiles, fits its memory, cannot fail in its interrupt."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_an_image_fits_its_part_and_its_interrupt_cannot_fail(chain: Any, packag
     elf = build(chain, package)
     listing = image.Image(elf)
     assert listing.violations(ISR) == {}
-    # The whole step is in it: a set point that nothing outside can change would leave a drive that never runs.
+    # The whole step is in it: were nothing able to set a speed, the compiler would leave most of it out.
     names = " ".join(f.name for f in listing.reachable(ISR))
     assert "estimate::kalman::" in names
     assert "supervision::" in names

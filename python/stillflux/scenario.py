@@ -68,13 +68,19 @@ class Scenario:
     load_torque: ProfileLike = 0.0
     """Load torque, N·m; opposes positive rotation."""
     changes: Sequence[tuple[float, dict[str, Any]]] = ()
-    """(t, {name: value}) in ascending order: R_s (Ω), current_offset (A), u_dc (V), speed (rad/s or None)."""
+    """(t, {name: value}) in ascending order.
+
+    Of the plant: R_s (Ω), current_offset (A), u_dc (V), speed (rad/s or None), open_phase (0 to 2), channel:
+    (0 to 2, how) with how "held", or (0 to 2, how, value) with "stuck" and "once" (one sample) in A, "gain",
+    or "of" another channel. Of the drive: stop (True, or False to go on), reset (True: leave a fault)."""
     record_every: int = 10
     """Record every so many control periods."""
     signals: Sequence[str] | None = None
     """Names of the signals to record; None: all."""
     memory: dict[str, Any] | None = None
     """What an earlier run left in `Result.memory`."""
+    cycle_stamps: bool = False
+    """Every call of the drive carries the stamp of its PWM period."""
     name: str = ""
     """Title of plots."""
 
