@@ -192,6 +192,10 @@ def test_a_killed_sweep_goes_on_and_loses_at_most_one_task(tmp_path: Path) -> No
     # Another metric, another scenario: not those rows.
     other = sf.sweep(points()[:1], ["angle_rms"], "serial", journal)
     assert np.isfinite(other["angle_rms"][0])
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match="folder"):
+        sf.sweep(points(), ["angle_max"], "serial", tmp_path / "folder", progress=lambda *x: run.append(x))
+    assert len(run) == 2, "named before the first run"
     journal.write_text("t,i_a\n")
     with pytest.raises(ValueError, match="holds no rows of a sweep"):
         sf.sweep(points(), ["angle_max"], "serial", journal)

@@ -35,6 +35,7 @@ import numpy as np
 
 from stillflux import metrics as of_results
 from stillflux.build import fingerprint
+from stillflux.outputs import naming
 from stillflux.result import Result
 from stillflux.scenario import Scenario, plain
 from stillflux.simulation import progress_bar, simulate
@@ -510,14 +511,15 @@ class _Journal:
         if text and not self.rows:
             raise ValueError(f"resume = {path} holds no rows of a sweep")
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        if text and not text.endswith(b"\n"):
-            with self._path.open("ab") as file:
+        # Opened in any case: that it cannot be written shows before the first run, not after it.
+        with naming(self._path), self._path.open("ab") as file:
+            if text and not text.endswith(b"\n"):
                 file.write(b"\n")
 
     def add(self, key: str, row: Mapping[str, Any]) -> None:
         """On the disk before the next one is waited for."""
         self.rows[key] = row
-        with self._path.open("a", encoding="utf-8") as file:
+        with naming(self._path), self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps([key, row]) + "\n")
             file.flush()
             os.fsync(file.fileno())
