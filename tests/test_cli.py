@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 import stillflux as sf
 from stillflux import plots
 from stillflux.cli import main
+from stillflux.evidence import demo
 from stillflux.evidence.claims import at_most
 from stillflux.evidence.report import page
 from stillflux.outputs import naming
@@ -117,6 +119,22 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--machine", "2.2kW", "--out", str(tmp_path)]) == 0
     assert "FAILED" not in capsys.readouterr().out
     assert 10_000 < (tmp_path / "demo.html").stat().st_size < 3_000_000
+
+
+def test_a_demo_that_is_interrupted_keeps_its_runs(
+    scenario: sf.Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def sections(machine: str, arithmetic: str) -> Iterator[page.Section]:
+        result = sf.simulate(scenario.replace(signals=None))
+        yield page.Section(f"{machine}: first", "first", result, [at_most("x", 1.0, 2.0)])
+        raise KeyboardInterrupt("interrupted at t = 3 s")
+
+    monkeypatch.setattr(demo, "_sections", sections)
+    assert main(["demo", "--machine", "2.2kW", "--out", str(tmp_path)]) == 130
+    text = (tmp_path / "demo.html").read_text(encoding="utf-8")
+    assert "2.2kW: first" in text
+    assert "Not whole: interrupted at t = 3 s" in text
+    assert "interrupted at t = 3 s" in capsys.readouterr().err
 
 
 def test_thinning_keeps_extremes_and_the_end() -> None:

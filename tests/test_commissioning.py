@@ -138,6 +138,32 @@ def test_a_plate_of_the_other_connection_is_named_before_rated_current_flows(fac
     assert found.extremes[0] < 0.9
 
 
+@pytest.mark.parametrize(
+    ("only", "found_by_it"),
+    [
+        ("wiring", ()),
+        ("bridge", ("loss", "c_out")),
+        ("leakage", ("L_sigma",)),
+        ("magnetising", ("R_s", "R_R", "L_M")),
+        ("inertia", ("J",)),
+    ],
+)
+def test_a_procedure_alone_leaves_the_values_of_the_others_as_they_were_known(
+    only: Any, found_by_it: tuple[str, ...]
+) -> None:
+    plate, sheet = sf.Nameplate.of(sf.Motor.preset("2.2kW")), sf.Inverter.preset("2.2kW")
+    told = {**plate.deviation, "loss": 0.15, "c_out": 0.7}
+    found = sf.commission(plate, sheet, shaft="free", only=only, **_plant())
+    assert found.status == "done"
+    assert found.duration < 4.0
+    assert {name for name in told if found.deviation[name] < told[name]} == set(found_by_it)
+    assert found.warnings
+    if only == "inertia":
+        assert abs(found.motor.J / 0.015 - 1.0) < 0.2
+        with pytest.raises(ValueError, match="needs shaft"):
+            sf.Commissioning(plate, sheet, only=only)
+
+
 def test_deviations_that_were_found_are_priors_and_those_of_a_plate_are_none() -> None:
     deviation = {
         "R_s": 0.02,
@@ -161,6 +187,8 @@ def test_other_errors_of_a_commissioning() -> None:
         sf.Commissioning(PLATE, sf.Inverter(), shaft="loose")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="arithmetic"):
         sf.Commissioning(PLATE, sf.Inverter(), arithmetic="f16")
+    with pytest.raises(ValueError, match='only = "offset" is not one of'):
+        sf.Commissioning(PLATE, sf.Inverter(), only="offset")  # type: ignore[arg-type]
 
 
 FILE = """

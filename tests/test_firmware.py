@@ -197,6 +197,8 @@ BUDGET = {
     "flux_estimator": {"f32": 158, "q": 185},
     "drive_step": {"f32": 700, "q": 1100},
     "drive_step_enhanced": {"f32": 920, "q": 1485},
+    # Four signals of a trace buffer; the design asks for 30.
+    "trace": {"f32": 30, "q": 30},
 }
 
 
@@ -229,9 +231,11 @@ def test_the_core_says_what_is_missing_without_a_scheme() -> None:
 
 
 @pytest.mark.parametrize("scheme", ["paper", "enhanced"])
-def test_the_core_passes_its_tests_with_one_scheme(scheme: str) -> None:
-    command = ["cargo", "test", "--quiet", "-p", "stillflux", "--no-default-features", "--features", scheme]
-    subprocess.run([*command, "--lib", "--tests"], cwd=toolchain.ROOT, check=True)
+def test_the_core_passes_its_unit_tests_with_one_scheme(scheme: str) -> None:
+    """Its closed-loop and random tests run with both; here they need to compile."""
+    scheme_only = ["-p", "stillflux", "--no-default-features", "--features", scheme]
+    subprocess.run(["cargo", "test", "--quiet", *scheme_only, "--lib"], cwd=toolchain.ROOT, check=True)
+    subprocess.run(["cargo", "check", "--quiet", *scheme_only, "--tests"], cwd=toolchain.ROOT, check=True)
 
 
 def _combinations() -> list[str]:

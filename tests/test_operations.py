@@ -41,6 +41,7 @@ from stillflux.options import DriveSettings
         ("supply-back", "2.2kW"),
         ("temperature-regenerating", "45kW"),
         ("temperature-torque", "11kW"),
+        ("temperature-torque-regenerating", "2.2kW"),
     ],
 )
 def test_operation_succeeds_and_its_control_fails_for_its_reason(name: str, machine: str) -> None:

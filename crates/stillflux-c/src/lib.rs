@@ -1,12 +1,13 @@
 //! The drive in C: what `stillflux.h` declares. Nothing of its own: every function hands over to the core.
 //!
 //! The comments of this file are those of the header.
-#![no_std]
+#![cfg_attr(not(test), no_std)]
 #![allow(non_camel_case_types, non_snake_case)]
 
 use core::ffi::c_char;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
+#[cfg(not(test))]
 use core::panic::PanicInfo;
 use core::{ptr, slice};
 
@@ -147,6 +148,18 @@ pub struct stillflux_command {
     pub gates_on: u32,
 }
 
+/// Pulses of the next period for a single shunt, which need not be centred, counts.
+#[repr(C)]
+pub struct stillflux_pulses {
+    /// Compare values of the half period with the rising edges, 0 to `stillflux_timer_full`.
+    pub rising: [u32; 3],
+    /// Compare values of the half period with the falling edges.
+    pub falling: [u32; 3],
+    /// Counts in the half period with the falling edges at which the two samples have to be complete, ascending. A third
+    /// one is taken at the end of the period. They are `i_abc` of the counts of the next call but one, in this order.
+    pub sample: [u32; 2],
+}
+
 /// State and estimates, SI.
 #[repr(C)]
 pub struct stillflux_telemetry {
@@ -228,7 +241,7 @@ pub struct stillflux_inverter {
     /// Half periods of the carrier in a control period: 2; 1 for an update at each of its extremes (feature `modes`);
     /// 4, 6 to 16.
     pub half_periods: u32,
-    /// Current sensors: 3, or 2 in phases a and b (feature `modes`).
+    /// Current sensors: 3, or 2 in phases a and b (feature `modes`), or 1, a single shunt in the dc link (feature `shunt`).
     pub current_sensors: u32,
     /// Current that a current channel reads as full scale, A.
     pub i_full: f64,
@@ -269,6 +282,9 @@ pub struct stillflux_settings {
     pub offset_time: f64,
     /// Duration of the magnetisation, s.
     pub magnetise_time: f64,
+    /// Time for which a state that a single shunt is sampled in lasts, s: dead time, settling, sampling. Without effect with
+    /// more sensors.
+    pub shunt_window: f64,
     /// 0: the flux is not lowered where the voltage is used up, and the speed ends there. 1: field weakening.
     pub field_weakening: u32,
     /// 1: use the voltage between the circle within the hexagon and the hexagon, 5.2 % more. 0: do not.
@@ -466,6 +482,21 @@ fn layout(layout: u32, bits: u32) -> Layout {
     }
 }
 
+/// Pulses of the next period with a single shunt, after `stillflux_period`, in place of the compare values there.
+///
+/// Returns 1, or 0 with more sensors, without a drive, or in a library without the feature `shunt`: `pulses` is untouched
+/// then.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_pulses_read(drive: &stillflux_drive, pulses: &mut stillflux_pulses) -> u32 {
+    #[cfg(feature = "shunt")]
+    if let Some(p) = drive.get().and_then(CountsDrive::pulses) {
+        *pulses = stillflux_pulses { rising: p.rising, falling: p.falling, sample: p.sample };
+        return 1;
+    }
+    let _ = (drive, pulses);
+    0
+}
+
 /// State of the sequence: STILLFLUX_STOPPED to STILLFLUX_FAULTED.
 #[unsafe(no_mangle)]
 pub extern "C" fn stillflux_status(drive: &stillflux_drive) -> u32 {
@@ -607,6 +638,7 @@ pub extern "C" fn stillflux_defaults(
         pll_bandwidth: d.pll_bandwidth,
         offset_time: d.offset_time,
         magnetise_time: d.magnetise_time,
+        shunt_window: d.shunt_window,
         field_weakening: u32::from(d.field_weakening),
         overmodulation: u32::from(d.overmodulation),
         discontinuous_above: d.discontinuous_above.unwrap_or(0.0),
@@ -698,6 +730,7 @@ pub unsafe extern "C" fn stillflux_page(
         current_sensors: inverter.current_sensors,
         offset_time: s.offset_time,
         magnetise_time: s.magnetise_time,
+        shunt_window: s.shunt_window,
         field_weakening: s.field_weakening != 0,
         overmodulation: s.overmodulation != 0,
         discontinuous_above: some(s.discontinuous_above),
@@ -760,9 +793,13 @@ fn inverter_of(i: &stillflux_inverter) -> Inverter {
 }
 
 /// Unreachable from every function of the header.
+#[cfg(not(test))]
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     loop {
         core::hint::spin_loop();
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -318,6 +318,14 @@ impl Drive {
         Ok(PyArray1::from_slice(i_abc.py(), &self.duty))
     }
 
+    /// Pulses of the next period with `current_sensors=1`: half widths of the three legs' pulses before and after the middle
+    /// of the carrier period, and the two instants after it at which the shunt is sampled, all in half periods of the
+    /// carrier. None with more sensors.
+    #[getter]
+    fn pulses(&self) -> Option<([f64; 3], [f64; 3], [f64; 2])> {
+        self.drive.pulses().map(|p| (p.rising, p.falling, p.sample))
+    }
+
     /// False: the bridge has to be blocked; the duties are then 0.5 each.
     #[getter]
     fn gates_on(&self) -> bool {

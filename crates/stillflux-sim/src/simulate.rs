@@ -7,6 +7,7 @@
 use std::borrow::Cow;
 
 use stillflux::config::DriveParams;
+use stillflux::control::shunt::Pulses;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 
 use crate::adc::ChannelFault;
@@ -256,6 +257,7 @@ pub struct Run<'s> {
     sample: MeasurementSi,
     /// What the drive last asked for, and the chance of its next call.
     duty: [f64; 3],
+    pulses: Option<Pulses<f64>>,
     gates_on: bool,
     chance: Rng,
     period: u64,
@@ -321,6 +323,7 @@ impl<'s> Run<'s> {
             record: Record { t: Vec::with_capacity(rows), columns: Vec::new() },
             sample,
             duty: [0.5; 3],
+            pulses: None,
             gates_on: false,
             chance: Rng::new(s.plant.seed ^ CALLS),
             period: 0,
@@ -448,6 +451,7 @@ impl<'s> Run<'s> {
             };
             if let Some(out) = out {
                 (self.duty, self.gates_on) = out;
+                self.pulses = self.drive.pulses();
                 self.book_drift();
             }
         }
@@ -456,7 +460,10 @@ impl<'s> Run<'s> {
         }
         let load = self.scenario.load.at(t, &mut self.load_at);
         self.plant.set_chopper(self.drive.chopper(self.sample.u_dc));
-        self.sample = self.plant.step(self.duty, self.gates_on, load);
+        self.sample = match &self.pulses {
+            None => self.plant.step(self.duty, self.gates_on, load),
+            Some(pulses) => self.plant.step_pulses(pulses, self.gates_on, load),
+        };
         self.period += 1;
     }
 

@@ -29,6 +29,8 @@ use crate::control::overload::{self, OverloadConfig};
 use crate::control::ramp::{self, RampConfig};
 #[cfg(feature = "enhanced")]
 use crate::control::shift::ShiftConfig;
+#[cfg(feature = "shunt")]
+use crate::control::shunt::ShuntConfig;
 use crate::control::speed::SpeedControlConfig;
 use crate::control::weakening::{self, WeakeningConfig};
 #[cfg(feature = "enhanced")]
@@ -153,6 +155,9 @@ pub struct DriveConfig<R: Real> {
     /// The current of phase c is computed from the other two.
     #[cfg(feature = "modes")]
     two_sensors: bool,
+    /// A single shunt in the dc link.
+    #[cfg(feature = "shunt")]
+    pub(crate) shunt: Option<ShuntConfig<R>>,
     pub(crate) offset_periods: u32,
     pub(crate) inv_offset_periods: R,
     pub(crate) magnetise_periods: u32,
@@ -173,6 +178,7 @@ words! {
     fresh_periods, i_quick,
     bridged_periods, calibrate_offset,
     #[cfg(feature = "modes")] two_sensors,
+    #[cfg(feature = "shunt")] shunt,
     offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
@@ -259,6 +265,15 @@ impl<R: Real> DriveConfig<R> {
         false
     }
 
+    /// Whether the currents are those of a single shunt.
+    #[inline(always)]
+    pub(crate) fn single_shunt(&self) -> bool {
+        #[cfg(feature = "shunt")]
+        return self.shunt.is_some();
+        #[cfg(not(feature = "shunt"))]
+        false
+    }
+
     /// Whether the duties are updated at both extremes of the carrier.
     #[inline(always)]
     pub(crate) fn double_update(&self) -> bool {
@@ -318,6 +333,9 @@ impl<R: Real> DriveConfig<R> {
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
         let (u_limit, u_use) =
             if p.overmodulation { (U_REACH, U_OVERMODULATED) } else { (U_UTILISATION, U_UTILISATION) };
+        // A single shunt takes its window from the middle duty.
+        let window = p.window(inverter);
+        let (u_limit, u_use) = (u_limit * (1.0 - window), u_use * (1.0 - window));
         let u_max = u_use * pu.u_dc;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
@@ -359,6 +377,9 @@ impl<R: Real> DriveConfig<R> {
             if let Some((current, _)) = body {
                 fits::<R>(field, current, "A", 0.5 * b.i * b.i / (current * current), -2.0)?;
             }
+        }
+        if p.current_sensors == 1 {
+            fits::<R>("f_s", inverter.f_s, "Hz", b.omega / inverter.f_s * pu.u_dc / sigma_l_s, -1.0)?;
         }
         #[cfg(feature = "paper")]
         if p.scheme == Scheme::Paper {
@@ -435,7 +456,7 @@ impl<R: Real> DriveConfig<R> {
                 channels: ChannelConfig {
                     limit: r(0.05 * i_range + 0.08),
                     // A computed current makes the sum zero.
-                    calls: if p.current_sensors == 2 { u32::MAX } else { watched(0.004) },
+                    calls: if p.current_sensors < 3 { u32::MAX } else { watched(0.004) },
                 },
                 #[cfg(feature = "supervision")]
                 innovation: InnovationConfig {
@@ -493,6 +514,9 @@ impl<R: Real> DriveConfig<R> {
             calibrate_offset: p.calibrate_offset,
             #[cfg(feature = "modes")]
             two_sensors: p.current_sensors == 2,
+            #[cfg(feature = "shunt")]
+            shunt: (p.current_sensors == 1)
+                .then(|| ShuntConfig::new(window, b.omega / inverter.f_s / (2.0 * sigma_l_s), pu.u_dc)),
             offset_periods: periods(p.offset_time),
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),
             magnetise_periods,

@@ -11,6 +11,8 @@
 use crate::base::Base;
 use crate::config::DriveParams;
 use crate::control::modulator::Duty;
+#[cfg(feature = "shunt")]
+use crate::control::shunt::Pulses;
 use crate::drive::Measurement;
 use crate::params::{Machine, ParamError, check};
 use crate::scalar::{Real, Timer};
@@ -278,6 +280,29 @@ impl<R: Real> Scale<R> {
 #[inline]
 pub fn compare<R: Real>(duty: &Duty<R>, timer: &Timer) -> [u32; 3] {
     duty.map(|d| d.quantise(timer).0)
+}
+
+/// Compare values of the three legs and of the converter's trigger for a single shunt.
+#[cfg(feature = "shunt")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PulseCounts {
+    /// Compare values of the half period with the rising edges, 0 to [`Timer::full`].
+    pub rising: [u32; 3],
+    /// Compare values of the half period with the falling edges.
+    pub falling: [u32; 3],
+    /// Counts in the half period with the falling edges at which the two samples have to be complete, ascending. A third
+    /// one is taken at the end of the period.
+    pub sample: [u32; 2],
+}
+
+#[cfg(feature = "shunt")]
+impl PulseCounts {
+    /// Of a timer.
+    pub fn new<R: Real>(pulses: &Pulses<R>, timer: &Timer) -> Self {
+        let count = |x: R| x.quantise(timer).0;
+        Self { rising: pulses.rising.map(count), falling: pulses.falling.map(count), sample: pulses.sample.map(count) }
+    }
 }
 
 #[cfg(test)]

@@ -9,6 +9,8 @@
 use crate::commission::{Commissioning, CommissioningConfig, Found, Nameplate};
 #[cfg(feature = "commission")]
 use crate::config::DriveParams;
+#[cfg(feature = "shunt")]
+use crate::counts::PulseCounts;
 use crate::counts::{Counts, Scale, compare};
 use crate::drive::{Drive, Measurement, Reference, Status};
 use crate::page::Ready;
@@ -83,6 +85,13 @@ impl<R: Real> CountsDrive<R> {
         };
         let output = drive.step_at(stamp, &scale.measurement(counts), &units.reference(set_point))?;
         Some(Command { compare: compare(&output.duty, timer), gates_on: output.gates_on })
+    }
+
+    /// Compare values and instants of the next period with a single shunt, after [`CountsDrive::period`]; `None` with more
+    /// sensors, or without a drive.
+    #[cfg(feature = "shunt")]
+    pub fn pulses(&self) -> Option<PulseCounts> {
+        self.0.as_ref().and_then(|p| p.drive.pulses().map(|pulses| PulseCounts::new(&pulses, &p.timer)))
     }
 
     /// The drive, if there is one.

@@ -150,7 +150,7 @@ def _demo(options: argparse.Namespace) -> int:
 
     machines = _machines(options, MACHINES)
     _check_outputs(options)
-    return 0 if demo.run(machines, options.out, options.command_line, options.arithmetic) else 1
+    return demo.run(machines, options.out, options.command_line, options.arithmetic)
 
 
 def _reproduce(options: argparse.Namespace) -> int:
@@ -161,7 +161,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     from stillflux.evidence.report import figures as report
     from stillflux.evidence.report import plane
     from stillflux.evidence.table import of_margin, of_outcome, of_summary, update
-    from stillflux.parallel import run_jobs
+    from stillflux.parallel import Stopped, run_jobs
 
     machines = _machines(options, MACHINES)
     figures = choose_figures(options.figures)
@@ -169,18 +169,31 @@ def _reproduce(options: argparse.Namespace) -> int:
     journal = Journal(options.journal) if options.journal else None
     runner = journal.run if journal else run_jobs
     arithmetic = options.arithmetic
-    outcomes = reproduce.run_all(
-        figures, machines, arithmetic, options.out, reproduce.progress, runner=runner
-    )
+    stopped = ""
+    try:
+        outcomes = reproduce.run_all(
+            figures, machines, arithmetic, options.out, reproduce.progress, runner=runner
+        )
+    except Stopped as stop:
+        outcomes = reproduce.outcomes(reproduce.whole(stop.results, figures, machines))
+        stopped = str(stop)
     margins = []
-    if options.sensitivity:
-        margins = sensitivity.run_all(figures, machines, arithmetic, sensitivity.progress, runner=runner)
+    if options.sensitivity and not stopped:
+        try:
+            margins = sensitivity.run_all(figures, machines, arithmetic, sensitivity.progress, runner=runner)
+        except Stopped as stop:
+            margins, stopped = stop.results, str(stop)
     section, found, rows = "", [], []
-    if options.beyond:
+    if options.beyond and not stopped:
         wanted = _machines(options, ALL_MACHINES)
-        rows = beyond.run_all(choose_targets(()), wanted, SCHEMES, arithmetic, beyond.progress, runner=runner)
+        try:
+            rows = beyond.run_all(
+                choose_targets(()), wanted, SCHEMES, arithmetic, beyond.progress, runner=runner
+            )
+        except Stopped as stop:
+            rows, stopped = stop.results, str(stop)
         section, found = plane.section(rows, options.out), beyond.summaries(rows)
-    if options.metrics:
+    if options.metrics and not stopped:
         fresh = [of_outcome(x) for x in outcomes] + [of_margin(x) for x in margins]
         update(options.metrics, [*fresh, *map(of_summary, found)])
         plane_points.update(options.metrics.with_name(plane_points.FILE), rows)
@@ -195,13 +208,10 @@ def _reproduce(options: argparse.Namespace) -> int:
         Path(options.json).write_text(as_json + "\n", encoding="utf-8")
     path = options.out / "reproduce.html"
     table = sensitivity.to_html(margins) if margins else ""
-    report.write(path, options.command_line, outcomes, table, section)
-    print(f"report: {path}", file=sys.stderr)
-    if journal:
-        journal.remove()
+    report.write(path, options.command_line, outcomes, table, section, stopped)
     # A table that is brought up to date records a failing verdict; it is not stopped by one.
     failed = any(outcome.verdict == "FAILED" for outcome in outcomes)
-    return 1 if failed and not options.metrics else 0
+    return _ended(path, journal, stopped) or int(failed and not options.metrics)
 
 
 def _beyond(options: argparse.Namespace) -> int:

@@ -208,6 +208,11 @@ def settings(**changed: Unpack[DriveSettings]) -> Change:
     return lambda runs: tuple(run.with_settings(**changed) for run in runs)
 
 
+def told_what_is_simulated(runs: Runs) -> Runs:
+    """Every drive with the parameters of the motor that is simulated, as constants."""
+    return tuple(run.replace(motor=run.plant_motor) for run in runs)
+
+
 def first(change: Change) -> Change:
     """Only the first run changed."""
     return lambda runs: (*change(runs[:1]), *runs[1:])

@@ -4,6 +4,7 @@
 mod branches;
 mod bridge;
 mod nodes;
+mod shunt;
 mod slots;
 
 use stillflux::params::{Gamma, Inverter, Machine, Saturation};

@@ -356,6 +356,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         if let Some(at) = start_up {
             let i_s = x.i_s;
             *i_dq_ref = self.prepare(c, &i_s, at.stage);
+            if at.stage <= 1 {
+                // The speed estimator runs in odd periods, and takes less time than what runs in even ones.
+                self.filter.align(x.period);
+            }
             let searched = at.stage <= c.enhanced.catch.block * BLOCKS + c.enhanced.probe_periods;
             blind = searched && self.start != Start::Caught;
         }

@@ -15,6 +15,7 @@ from stillflux.evidence.plane_points import points_of
 from stillflux.evidence.points import POINTS
 from stillflux.evidence.registry import targets
 from stillflux.evidence.report import diagram, maps
+from stillflux.evidence.report.page import cut_off
 from stillflux.evidence.target import Target
 from stillflux.html_page import svg
 
@@ -77,13 +78,13 @@ def to_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     ]
 
 
-def write(path: Path, command: str, rows: Sequence[Row], interrupted: str = "") -> None:
-    """The section as a page of its own, pictures beside it as PNG."""
-    note = f"<p class='failed'>{html.escape(interrupted)}</p>" if interrupted else ""
+def write(path: Path, command: str, rows: Sequence[Row], stopped: str = "") -> None:
+    """The section as a page of its own, pictures beside it as PNG; `stopped` says why runs are missing."""
     html_page.write(
         path,
         "The torque-speed plane of both schemes",
-        f"<p>Made by <code>{html.escape(command)}</code>.</p>{note}<figure>{diagram.drive()}</figure>\n"
+        f"<p>Made by <code>{html.escape(command)}</code>.</p>{cut_off(stopped)}"
+        f"<figure>{diagram.drive()}</figure>\n"
         f"{section(rows, path.parent)}",
     )
 

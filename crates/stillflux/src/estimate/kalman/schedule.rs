@@ -30,10 +30,10 @@
 //! within a block the covariance stays what it was set to, and the block ends without a correction.
 
 use super::covariance::{Column, N};
-use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
+use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, SCALE_R, V};
 use super::noise::{FLOOR, MEASUREMENT, Noise, SECOND_ORDER, WARMED};
 use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
-use crate::scalar::Real;
+use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
 
 /// Control periods that the work of a block needs, the closing one included.
@@ -119,9 +119,9 @@ impl<R: Real> OperatingPoint<R> {
     }
 
     /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each,
-    /// zero where they are held.
+    /// zero where they are held; `predicted`: but for that of the resistance.
     #[inline(always)]
-    fn regressors(&self) -> Column<R> {
+    fn regressors(&self, predicted: bool) -> Column<R> {
         let mut column = Column::default();
         if !self.held() {
             (column[6], column[7]) = (self.d_leakage_flux.re(), self.d_leakage_flux.im());
@@ -129,6 +129,8 @@ impl<R: Real> OperatingPoint<R> {
             let (i, u_l, u_k) = (self.i_s, self.loss.vector(), -AlphaBeta::from_phases(self.loss.by_knee()));
             let seen = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im()];
             column[..6].copy_from_slice(&seen);
+        } else if predicted {
+            (column[0], column[1]) = (self.i_s.re(), self.i_s.im());
         }
         column
     }
@@ -180,7 +182,7 @@ impl<R: Real> Filter<R> {
         let terms = c.model.rotor_row(&self.point, self.gamma.value());
         self.column = self.p.project(&terms);
         self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &self.column);
-        self.column = self.point.regressors();
+        self.column = self.point.regressors(c.temperature.predicts());
         self.holds = Holds::Regressors;
     }
 
@@ -204,10 +206,17 @@ impl<R: Real> Filter<R> {
         let mut walk = c.noise.walk(if excessive { self.nis - R::from_f64(NIS_THRESHOLD) } else { R::ZERO });
         if q.held() {
             // Held and decorrelated: the innovation does not change them, and their effect on the flux is part of the
-            // noise that grows with frequency. The winding goes on warming or cooling.
-            let room = R::from_f64(WARMED) - self.p.get(RS, RS);
+            // noise that grows with frequency. The winding goes on warming or cooling. Where its resistance is predicted,
+            // and as well known as the prediction can be, its correlation with the flux stays.
+            let most = c.temperature.deviation().map_or(R::from_f64(WARMED), |x| {
+                let scaled = x * R::from_f64(1.0 / SCALE_R);
+                scaled * scaled
+            });
+            let room = most - self.p.get(RS, RS);
             (walk[RS], walk[V], walk[KNEE]) = (walk[RS].min(room).max(R::ZERO), R::ZERO, R::ZERO);
-            self.p.isolate::<RS>();
+            if !c.temperature.predicts() || room < -most {
+                self.p.isolate::<RS>();
+            }
             self.p.isolate::<V>();
             self.p.isolate::<KNEE>();
         }
@@ -268,6 +277,10 @@ impl<R: Real> Filter<R> {
         }
         let s = s + measurement + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
         self.inv_s = s.max(measurement).recip();
+        if !likely(!q.held()) {
+            // What the update takes off: it does not correct the resistance.
+            self.p.add_at(RS, RS, ph[RS] * (ph[RS] * self.inv_s));
+        }
         self.column = ph;
         self.holds = Holds::Innovation;
     }

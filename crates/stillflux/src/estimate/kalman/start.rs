@@ -71,7 +71,8 @@ impl<R: Real> Filter<R> {
     #[cold]
     #[inline(never)]
     fn reset_from_initial(&mut self, c: &FilterConfig<R>) {
-        *self = Self { initial: self.initial, c: self.c, trial: TRIAL, ..Self::default() };
+        // Of the period within the block the lowest bit stays ([`Filter::align`]).
+        *self = Self { initial: self.initial, c: self.c, period: self.period & 1, trial: TRIAL, ..Self::default() };
         let Learned { b, r_s, v, knee, leakage, gamma } = self.initial.learned;
         (self.b[0], self.b[1]) = (Integrator::new(b.re()), Integrator::new(b.im()));
         (self.r_s, self.v, self.knee, self.gamma) =
