@@ -6,6 +6,7 @@ use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
+use crate::estimate::legs::LegsConfig;
 use crate::estimate::priors::Priors;
 use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
@@ -18,6 +19,9 @@ const PROBE_TIME: f64 = 0.01;
 /// Least `Σ |ψ_R|² dτ` of the search, relative to that at standstill: below it noise and the error of the inverter
 /// model, in large machines of the order of the voltage that builds up the flux, would be taken for a rotation.
 const PROBE_FLOOR: f64 = 0.25;
+/// Half plateaus of the current in which the legs are compared, s; and the least, in time constants of current control.
+const LEGS_TIME: f64 = 0.01;
+const LEGS_SETTLE: f64 = 20.0;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
 /// with temperature; a faster fit follows the noise of its samples.
 const BALANCE_RATE: f64 = 2.1;
@@ -39,6 +43,7 @@ pub(crate) struct EnhancedConfig<R: Real> {
     /// What one control period takes off the logarithm of a free rotor flux, times 64.
     pub decay: R,
     pub probe_periods: u32,
+    pub legs: LegsConfig<R>,
     /// The gains of two current sensors are compared in the second half of the magnetisation: reciprocal of its periods;
     /// 0 with three sensors.
     #[cfg(feature = "modes")]
@@ -46,7 +51,7 @@ pub(crate) struct EnhancedConfig<R: Real> {
     /// Least `Σ |ψ_R|² dτ` of the speed search.
     pub probe_floor: R,
 }
-words!(EnhancedConfig: filter, balance, shift, catch, decay, probe_periods,
+words!(EnhancedConfig: filter, balance, shift, catch, decay, probe_periods, legs,
     #[cfg(feature = "modes")] pair_weight,
     probe_floor);
 
@@ -101,6 +106,12 @@ impl<R: Real> EnhancedConfig<R> {
             },
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
             probe_periods: inverter.periods(PROBE_TIME),
+            legs: {
+                let half = LEGS_TIME.max(LEGS_SETTLE / (core::f64::consts::TAU * p.current_bandwidth));
+                let on = p.enhanced.identify_legs && p.inverter_model;
+                let half = if on { inverter.periods(half) } else { 0 };
+                LegsConfig::new(pu, half, inverter.periods(PROBE_TIME), p.current_sensors == 3)
+            },
             #[cfg(feature = "modes")]
             pair_weight: if p.current_sensors == 2 {
                 rounded(2.0 / f64::from(inverter.periods(p.magnetise_time)))

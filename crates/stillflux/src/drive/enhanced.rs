@@ -14,6 +14,8 @@
 //! 1. Speed search, 10 ms. A current along the a-axis builds up `ψ_R`, which the rotor turns by `ω τ`: half a turn at
 //!    1 pu and 50 Hz. The filter integrates without corrections. The denominator is at least a quarter of its
 //!    value at standstill, which lowers `ω` where `ψ_R` is too small for its direction.
+//!    At standstill, or nearly so, the current then alternates along the three axes for 0.2 s, which shows how the legs of
+//!    the bridge differ ([`crate::estimate::legs`]), and whether the machine is at rest; the search is then repeated.
 //! 2. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
@@ -34,15 +36,18 @@ use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{BLOCKS, Catch};
 use crate::estimate::kalman::{Filter, Input, Learned};
+use crate::estimate::legs::{Alternation, LegsProbe};
 #[cfg(feature = "modes")]
 use crate::estimate::pair::{HALF_MAX, Pair};
 use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
-use crate::inverter::Knee;
+use crate::inverter::{Knee, Legs};
 use crate::scalar::{Real, clamp_seldom, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Speed, per unit, above which a machine counts as rotating at the start.
 const ROTATING: f64 = 0.03;
+/// Speed above which it certainly does: of large machines the search has noise, and unequal legs are a speed to it.
+const PERHAPS: f64 = 0.3;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
 /// Least weight of the flux control in regeneration near zero stator frequency.
@@ -131,6 +136,15 @@ pub(super) struct EnhancedEstimators<R: Real> {
     start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
+    /// Differences of the legs, and their measurement in a start-up.
+    legs: Legs<R>,
+    legs_probe: LegsProbe<R>,
+    /// It has found the machine at rest.
+    at_rest: bool,
+    /// Period of the measurement under way.
+    alternation: Option<u32>,
+    /// Periods by which the measurement has put off the start-up.
+    put_off: u32,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
     /// Rotor resistance at its temperature, relative to the parameter.
@@ -156,6 +170,11 @@ impl<R: Real> EnhancedEstimators<R> {
             catch: Catch::new(AlphaBeta::default()),
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
+            legs: *c.inverter.legs(),
+            legs_probe: LegsProbe::default(),
+            at_rest: false,
+            alternation: None,
+            put_off: 0,
             torque_ref: R::ZERO,
             rotor: R::ONE,
         }
@@ -246,6 +265,10 @@ impl<R: Real> EnhancedEstimators<R> {
         let (mut field, mut periods) = (Rotator::default(), c.magnetise_periods);
         if searching {
             self.search_speed(c, &psi_r, &i_s, at.stage);
+            self.legs_probe.build_up(&c.enhanced.legs, &i_s);
+            if at.stage == c.enhanced.probe_periods {
+                self.decide_on_legs(c);
+            }
         } else if matches!(self.start, Start::Caught | Start::Empty) {
             if self.start == Start::Caught || self.search.found_rotation() {
                 field = Rotator::of(&psi_r).0;
@@ -296,6 +319,53 @@ impl<R: Real> EnhancedEstimators<R> {
         true
     }
 
+    /// At the end of the first speed search: whether the legs are compared.
+    fn decide_on_legs(&mut self, c: &DriveConfig<R>) {
+        let near_rest = self.search.numerator.within(R::from_f64(PERHAPS));
+        if self.put_off == 0 && self.start == Start::Unknown && near_rest && c.enhanced.legs.is_on() {
+            self.alternation = Some(0);
+        }
+    }
+
+    /// One period of the comparison of the legs; after the last one the start-up goes on with a second speed search.
+    #[cold]
+    #[inline(never)]
+    fn compare_legs(
+        &mut self,
+        c: &DriveConfig<R>,
+        x: &PeriodInput<'_, R>,
+        i_dq_ref: &mut Dq<R>,
+        period: u32,
+    ) -> PeriodOutput<R> {
+        let config = &c.enhanced.legs;
+        let i_s = self.balance.remove(&x.i_s);
+        self.filter.rest(&i_s);
+        let i = c.magnetising_current(0).re();
+        let [i_a, i_b, i_c] = x.i_abc;
+        let Alternation { axis, part } = self.legs_probe.step(config, period, &x.u_s, &i_s, i_a + i_b + i_c);
+        *i_dq_ref = Dq::new(i * part, R::ZERO);
+        self.alternation = Some(period + 1);
+        self.put_off += 1;
+        if period + 1 == config.periods() {
+            self.at_rest = self.legs_probe.is_at_rest(R::from_f64(ROTATING));
+            if self.at_rest {
+                self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
+                self.knee.set_legs(&self.legs, x.u_dc);
+            }
+            self.alternation = None;
+            self.put_off += c.enhanced.probe_periods;
+            (self.search, self.speed) = (SpeedSearch::new(), SpeedEstimate::default());
+        }
+        let field = FieldQuantities {
+            field: axis,
+            psi_s: R::ZERO,
+            omega_s: R::ZERO,
+            r_s: config.resistance(),
+            i_dq: axis.to_field(&i_s),
+        };
+        PeriodOutput { field, complete: false }
+    }
+
     /// One period of the speed search.
     fn search_speed(&mut self, c: &DriveConfig<R>, psi_r: &AlphaBeta<R>, i_s: &AlphaBeta<R>, stage: u32) {
         let probe_periods = c.enhanced.probe_periods;
@@ -308,7 +378,12 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         self.speed.psi_r = *psi_r;
         if stage == probe_periods {
-            let omega = self.search.finish(c.enhanced.probe_floor);
+            let mut omega = self.search.finish(c.enhanced.probe_floor);
+            if self.at_rest {
+                // The comparison of the legs has seen it twenty times as long.
+                self.search.reject();
+                omega = R::ZERO;
+            }
             self.speed_estimator.start(psi_r, omega);
             (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
         }
@@ -336,6 +411,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         {
             self.gone_back = 0;
         }
+        (self.alternation, self.put_off, self.at_rest) = (None, 0, false);
+        self.legs_probe = LegsProbe::default();
         self.shift = FluxShift::default();
         self.torque_ref = R::ZERO;
         self.speed = SpeedEstimate::default();
@@ -351,6 +428,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
+        if let (Some(_), Some(period)) = (start_up, self.alternation) {
+            return self.compare_legs(c, x, i_dq_ref, period);
+        }
+        let start_up = start_up.map(|at| StartUp { stage: at.stage - self.put_off });
         #[cfg(feature = "modes")]
         let start_up = start_up.map(|at| StartUp { stage: at.stage - self.gone_back });
         if let Some(at) = start_up {
@@ -369,8 +450,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             }
+            4 => self.knee.set_legs(&self.legs, x.u_dc),
             6 => {
-                self.knee = c.inverter.knee(self.filter.knee());
+                c.inverter.follow(&mut self.knee, self.filter.knee());
                 if !likely(!c.enhanced.filter.follows_temperature()) {
                     self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
                 }
@@ -496,7 +578,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
 
     fn memory(&self, i_off: [R; 3]) -> Memory<R> {
         let Learned { b, r_s, v: loss_error, knee, leakage, gamma: inv_l_m } = self.filter.learned();
-        Memory { u_off: b * -r_s, r_s, i_off, loss_error, knee, leakage, inv_l_m }
+        Memory { u_off: b * -r_s, r_s, i_off, loss_error, knee, leakage, inv_l_m, legs: self.legs }
     }
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
@@ -504,6 +586,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -memory.r_s.recip() };
         let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
-        self.knee = c.inverter.knee(self.filter.knee());
+        self.legs = memory.legs.limited();
+        c.inverter.follow(&mut self.knee, self.filter.knee());
     }
 }
