@@ -45,7 +45,7 @@ lint: build
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest stillflux._core
 
-# Every figure of the paper under five seeds: verdicts and report, about two minutes on two cores.
+# Every figure of the paper under five seeds and more: verdicts and report, some ten minutes on two cores.
 reproduce: build
 	$(BIN)/stillflux reproduce
 
@@ -93,7 +93,7 @@ bench-tools:
 # The documentation site, with the examples run: some minutes.
 .PHONY: site
 site: build
-	$(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 # The playground: drive and plant as WebAssembly in a page of static files that opens without a server. Needs a compiler
 # for wasm32-unknown-unknown; says so where it is missing. The first build takes one to two minutes.
@@ -126,3 +126,22 @@ firmware:
 
 firmware-bench:
 	cd crates/stillflux-firmware && $(PYTHON) -m tools bench
+
+# --- Rust's checks with compilers of their own. Miri needs `rustup component add --toolchain nightly miri rust-src`; it
+# interprets the unsafe code of the C library, and the core with its dependencies, for a 32-bit ARM: some minutes. The
+# minimum Rust version needs `rustup toolchain install 1.89`. cargo-semver-checks compares with the revision SEMVER_BASE.
+.PHONY: miri msrv semver
+MIRI := cargo +nightly miri test --locked --target armv7-unknown-linux-gnueabihf
+MSRV := $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+SEMVER_BASE ?= main
+
+miri:
+	cd crates/stillflux-c && CARGO_TARGET_DIR="$(abspath target/miri)" $(MIRI)
+	CARGO_TARGET_DIR="$(abspath target/miri)" $(MIRI) -p stillflux --lib -- page:: words:: trace:: interrupt:: telemetry::
+
+msrv:
+	CARGO_TARGET_DIR="$(abspath target/msrv)" cargo +$(MSRV) check --locked -p stillflux -p stillflux-sim --features stillflux/commission
+	cd crates/stillflux-c && CARGO_TARGET_DIR="$(abspath target/msrv)" cargo +$(MSRV) check --locked
+
+semver:
+	cargo semver-checks -p stillflux -p stillflux-sim --baseline-rev $(SEMVER_BASE)

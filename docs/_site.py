@@ -35,6 +35,7 @@ def on_files(files: Files, config: Any) -> Files:
         return f"![{Path(name).stem}](gallery/{name})"
 
     files.append(File.generated(config, "gallery/drive.svg", content=diagram.drive()))
+    files.append(File.generated(config, "gallery/innovation.svg", content=diagram.innovation()))
     for name in SCRIPTS:
         source = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
         with tempfile.TemporaryDirectory() as folder:

@@ -7,7 +7,7 @@ import pytest
 import stillflux as sf
 
 #: Files whose tests take longest: they compile images for a target.
-_LONG = ("test_firmware.py", "test_c.py", "test_figures.py")
+_LONG = ("test_firmware.py", "test_firmware_examples.py", "test_c.py", "test_figures.py")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -34,6 +34,7 @@ FUNCTIONS = {
     *(
         "stillflux_open",
         "stillflux_period",
+        "stillflux_period_at",
         "stillflux_counts_from_raw",
         "stillflux_status",
         "stillflux_fault",

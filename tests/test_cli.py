@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +13,10 @@ import pytest
 import stillflux as sf
 from stillflux import plots
 from stillflux.cli import main
+from stillflux.evidence import demo
 from stillflux.evidence.claims import at_most
 from stillflux.evidence.report import page
+from stillflux.outputs import naming
 
 SCENARIO = """
 motor = "2.2kW"
@@ -35,6 +39,16 @@ def test_simulate_writes_plot_and_record(tmp_path: Path, capsys: pytest.CaptureF
     assert result.scenario.plant["current_offset"] == 0.01 + 0.02j
     assert result["R_s"][-1] == 4.2
     assert plot.stat().st_size > 10_000
+
+
+def test_the_run_of_the_examples(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    examples = Path(__file__).parents[1] / "examples"
+    machine = ["--motor", str(examples / "machines" / "pump-4kW.toml")]
+    for own in ([], machine):
+        assert main(["simulate", str(examples / "run.toml"), *own]) == 0
+        shown = capsys.readouterr().out
+        assert "status: running" in shown
+        assert float(re.findall(r"field angle error: (\S+)° at most", shown)[0]) < 5.0
 
 
 def test_simulate_plots_chosen_signals(tmp_path: Path) -> None:
@@ -80,6 +94,22 @@ def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert "usage: stillflux" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("command", ["demo", "reproduce", "beyond"])
+def test_a_folder_that_cannot_be_is_named_before_the_runs(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    assert main([command, "--out", str(file / "reports")]) == 2
+    assert capsys.readouterr().err == f"stillflux: {file / 'reports'}: Not a directory\n"
+
+
+def test_a_full_disk_is_named_with_the_file() -> None:
+    with pytest.raises(OSError, match="No space") as caught, naming("run.npz"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert caught.value.filename == "run.npz"
+
+
 def test_report_is_self_contained(scenario: sf.Scenario, tmp_path: Path) -> None:
     section = page.Section("A < B", "run", sf.simulate(scenario), [at_most("x", 2.0, 1.0)])
     path = tmp_path / "sub" / "report.html"
@@ -99,6 +129,22 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--machine", "2.2kW", "--out", str(tmp_path)]) == 0
     assert "FAILED" not in capsys.readouterr().out
     assert 10_000 < (tmp_path / "demo.html").stat().st_size < 3_000_000
+
+
+def test_a_demo_that_is_interrupted_keeps_its_runs(
+    scenario: sf.Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def sections(machine: str, arithmetic: str) -> Iterator[page.Section]:
+        result = sf.simulate(scenario.replace(signals=None))
+        yield page.Section(f"{machine}: first", "first", result, [at_most("x", 1.0, 2.0)])
+        raise KeyboardInterrupt("interrupted at t = 3 s")
+
+    monkeypatch.setattr(demo, "_sections", sections)
+    assert main(["demo", "--machine", "2.2kW", "--out", str(tmp_path)]) == 130
+    text = (tmp_path / "demo.html").read_text(encoding="utf-8")
+    assert "2.2kW: first" in text
+    assert "Not whole: interrupted at t = 3 s" in text
+    assert "interrupted at t = 3 s" in capsys.readouterr().err
 
 
 def test_thinning_keeps_extremes_and_the_end() -> None:

@@ -22,7 +22,7 @@ from stillflux.evidence.figure import Controlled, Experiment, Limit
 from stillflux.evidence.figures import fig15
 from stillflux.evidence.machines import MACHINES
 from stillflux.evidence.registry import choose_figures, experiments, figures
-from stillflux.evidence.reproduce import judge, outcomes
+from stillflux.evidence.reproduce import Run, jobs, judge, outcomes, whole
 from stillflux.evidence.reproduce import run as run_once
 from stillflux.evidence.seeds import SEEDS
 from stillflux.evidence.table import Group, Table, agree, line_of, of_outcome, order
@@ -149,6 +149,15 @@ def test_choose() -> None:
     assert choose_figures(["2"]) == ("2",)
     with pytest.raises(ValueError, match="no figure 7"):
         choose_figures(["7"])
+
+
+def test_figures_of_which_a_run_is_missing_are_left_out() -> None:
+    wanted = jobs(["9", "15"], ["2.2kW"])
+    runs = [Run(*job, ()) for job in wanted]
+    assert whole(runs, ["9", "15"], ["2.2kW"]) == runs
+    cut = whole(runs[:-1], ["9", "15"], ["2.2kW"])
+    assert {run.figure for run in cut} == {"9"}
+    assert outcomes([]) == []
 
 
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

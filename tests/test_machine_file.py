@@ -10,7 +10,7 @@ import pytest
 import stillflux as sf
 from stillflux.cli import main
 from stillflux.evidence import reproduce
-from stillflux.evidence.machines import MACHINES, OwnMachine, inverter_of, motor_of
+from stillflux.evidence.machines import MACHINES, OwnMachine, inverter_of, motor_of, option
 from stillflux.evidence.registry import experiments
 from stillflux.machine_file import machine_to_toml
 
@@ -50,7 +50,12 @@ def test_every_circuit_and_a_changed_preset(tmp_path: Path) -> None:
     [
         ("[motor]\nR_s = 3.7\n", r"\[motor\] has no complete equivalent circuit"),
         ("[motor]\npreset = '2.2kW'\nR_s = -1.0\n", r"\[motor\] R_s = -1"),
-        ("[motor]\npreset = '2.2kW'\nR_x = 1.0\n", r"\[motor\].*R_x"),
+        ("[motor]\npreset = '2.2kW'\nR_x = 1.0\n", r"\[motor\] R_x is not known; there are R_s, R_R,"),
+        (
+            "[motor]\npreset = '2.2kW'\n[inverter]\nudc = 3\n",
+            r"\[inverter\] udc is not known; there are u_dc",
+        ),
+        ("[nameplate]\nP_N = 4e3\nU_N = 400.0\n", r"\[nameplate\] has no I_N, f_N, n_N, cos_phi"),
         ("[motor]\npreset = '2.2kW'\n[inverter]\nf_s = 1.0\n", r"\[inverter\] f_s = 1"),
         ("[motor]\npreset = '2.2kW'\n[deviation]\nR_s = 'x'\n", r"\[deviation\] R_s = 'x'"),
         ("[engine]\n", "engine is not known"),
@@ -76,6 +81,8 @@ def test_an_own_machine_goes_to_processes_with_its_parameters() -> None:
     assert motor_of(again) == motor_of(name) == sf.load_machine(PUMP).motor
     assert inverter_of(again).f_s == 8e3
     assert "R_s=1.6" in repr(again), "a journal tells machines of one name apart"
+    assert option(again) == f"--motor {PUMP}", "as a report names it"
+    assert option("11kW") == "--machine 11kW"
 
 
 def test_a_scenario_of_a_motor_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,6 +92,18 @@ def test_a_scenario_of_a_motor_file(tmp_path: Path, capsys: pytest.CaptureFixtur
     path.write_text('motor = "2.2kW"\nduration = 0.1\n')
     assert main(["simulate", str(path), "--motor", str(PUMP), "--save", str(tmp_path / "r.npz")]) == 0
     assert sf.Result.load(tmp_path / "r.npz").scenario.motor == scenario.motor
+    text = machine_to_toml(
+        scenario.motor,
+        plant_motor=scenario.motor.replace(R_s=1.7),
+        deviation=dict.fromkeys(("R_s", "R_R", "L_sigma", "L_M", "J", "loss", "c_out"), 0.02),
+    )
+    (tmp_path / "found.toml").write_text(text)
+    found = ["--motor", str(tmp_path / "found.toml"), "--save", str(tmp_path / "r.npz")]
+    assert main(["simulate", str(path), *found]) == 0
+    ran = sf.Result.load(tmp_path / "r.npz").scenario
+    assert (ran.motor.R_s, ran.plant_motor.R_s if ran.plant_motor else None) == (1.6, 1.7)
+    assert "prior_R_s" in ran.settings
+    assert ran.settings == sf.load_machine(tmp_path / "found.toml").settings
     assert main(["simulate", str(path), "--motor", "none.toml"]) == 2
     assert "none.toml" in capsys.readouterr().err
 

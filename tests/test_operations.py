@@ -28,8 +28,20 @@ from stillflux.options import DriveSettings
         ("supply-dip", "11kW"),
         ("overmodulation", "2.2kW"),
         ("hoist", "2.2kW"),
+        ("open-phase", "11kW"),
+        ("open-phase-start", "2.2kW"),
+        ("channel-held", "4kW"),
+        ("channel-inverted", "2.2kW"),
+        ("channel-swapped", "11kW"),
+        ("bad-sample", "2.2kW"),
+        ("missed-calls", "2.2kW"),
+        ("stall", "4kW"),
+        ("restart-1ms", "2.2kW"),
+        ("restart-300ms", "11kW"),
+        ("supply-back", "2.2kW"),
         ("temperature-regenerating", "45kW"),
         ("temperature-torque", "11kW"),
+        ("temperature-torque-regenerating", "2.2kW"),
     ],
 )
 def test_operation_succeeds_and_its_control_fails_for_its_reason(name: str, machine: str) -> None:
@@ -120,3 +132,19 @@ def test_a_link_on_a_capacitor_keeps_its_energy() -> None:
     rotor = np.trapezoid(part["torque"] * 0.03 * 157.0, t)
     threshold = 3 * INVERTER.u_th * 2 / np.pi * np.trapezoid(np.abs(part["i_s"]), t)
     assert given == pytest.approx(shaft + copper + rotor + threshold, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"open_phase": 3},
+        {"channel": (3, "held")},
+        {"channel": (0, "held", 1.0)},
+        {"channel": (0, "stuck")},
+        {"channel": (0, "of", 3.0)},
+        {"channel": "held"},
+    ],
+)
+def test_a_change_that_is_none_is_refused_by_name(change: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=next(iter(change))):
+        sf.Scenario(motor=MOTOR, inverter=INVERTER, duration=1.0, changes=[(0.5, change)])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,12 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Workspaces, and the packages that are for others.
-WORKSPACES = {".": ["stillflux", "stillflux-sim"], "crates/stillflux-c": [], "crates/stillflux-firmware": []}
+WORKSPACES = {
+    ".": ["stillflux", "stillflux-sim"],
+    "crates/stillflux-c": [],
+    "crates/stillflux-firmware": [],
+    "examples/firmware": [],
+}
 #: Licences that ask for no more than their own text. Of alternatives one has to be among them.
 PERMISSIVE = {
     "0BSD",
@@ -67,6 +74,12 @@ def test_every_dependency_has_a_permissive_licence(workspace: str) -> None:
     assert len(packages) > 5
     other = {p["name"]: p["license"] for p in packages if not is_permissive(p["license"] or "none")}
     assert {n: x for n, x in other.items() if TOOLS.get(n) != x} == {}
+
+
+def test_the_list_of_licences_is_that_of_the_lock_files() -> None:
+    sys.path.insert(0, str(ROOT / "docs"))
+    licences: Any = importlib.import_module("_licences")
+    assert licences.PAGE.read_text(encoding="utf-8") == licences.text(), "python3 docs/_licences.py"
 
 
 def test_a_published_crate_says_what_a_registry_asks_for() -> None:

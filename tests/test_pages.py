@@ -61,13 +61,13 @@ def test_a_figure_takes_the_colours_of_the_page() -> None:
     assert html_page.svg(figure) == text
 
 
-def test_the_diagram_of_the_drive_lies_within_its_frame() -> None:
-    text = diagram.drive()
+@pytest.mark.parametrize(("text", "boxes"), [(diagram.drive(), 7), (diagram.innovation(), 1)])
+def test_a_diagram_lies_within_its_frame(text: str, boxes: int) -> None:
     width, height = map(float, re.findall(r"viewBox='0 0 (\d+) (\d+)'", text)[0])
     for x, y in re.findall(r"<(?:rect|text) x='([\d.]+)' y='([\d.]+)'", text):
         assert 0.0 < float(x) < width
         assert 0.0 < float(y) < height
-    assert text.count("<rect") == 7
+    assert text.count("<rect") == boxes
 
 
 def point(omega: float, torque: float, angle: float = 1.0, lost: str = "") -> PlanePoint:

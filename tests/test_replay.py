@@ -210,7 +210,10 @@ def test_two_currents_line_voltages_and_dq(run: sf.Result) -> None:
         (lambda x: x | {"u_dc": np.full(len(x["t"]), 0.54)}, "'u_dc'.*1000.*kV"),
         (lambda x: x | {"t": 1e3 * x["t"]}, "column 't': rows are 0.1 s apart.*in ms"),
         (lambda x: x | {"t": x["t"][::-1]}, "row 1, column 't': time goes from"),
-        (lambda x: {k: v for k, v in x.items() if k != "t"}, "no column 't': give the sampling rate"),
+        (
+            lambda x: {k: v for k, v in x.items() if k != "t"},
+            "no column 't': name it, .* or give the sampling rate",
+        ),
         (lambda x: {k: v for k, v in x.items() if k[0] != "i"}, "has no current: needed are"),
         (lambda x: x | {"i_a": x["i_a"][:-1]}, "different lengths"),
     ],
@@ -315,6 +318,99 @@ def test_files_of_instruments_and_of_this_package_are_read(run: sf.Result, tmp_p
     again = sf.replay(path, MOTOR, INVERTER, voltage="compensated")
     assert np.array_equal(found.R_s, again.R_s)
     assert found._repr_html_().startswith("<pre>")
+
+
+def test_the_header_is_found_where_programs_write_it(run: sf.Result, tmp_path: Path) -> None:
+    log = {k: v[:2000] for k, v in terminals(run).items()}
+    want = sf.replay(log, MOTOR, INVERTER).R_s
+    path = tmp_path / "log.txt"
+    write_csv(path, log)
+    text = path.read_text()
+    for other in (
+        f"Scope 5\nDate,2026-11-22\nModel,123\n\n{text}",
+        f"# {text}",
+        f"# made by\n#{text}",
+        text.replace(",", " "),
+        text.replace(",", "\t").replace("\n", "\ns\tA\tA\tA\tV\tV\tV\n", 1),
+    ):
+        path.write_text(other)
+        assert np.array_equal(sf.replay(path, MOTOR, INVERTER).R_s, want)
+    path.write_text(text.splitlines()[0])
+    with pytest.raises(ValueError, match="has a header and no rows"):
+        sf.replay(path, MOTOR, INVERTER)
+
+
+def test_a_time_of_too_few_digits_needs_the_rate(run: sf.Result) -> None:
+    log = terminals(run)
+    want, coarse = sf.replay(log, MOTOR, INVERTER).R_s, log | {"t": np.round(log["t"], 3)}
+    with pytest.raises(ValueError, match=r"stands still at 3 s, written with too few digits\? Give the"):
+        sf.replay(coarse, MOTOR, INVERTER)
+    found = sf.replay(coarse, MOTOR, INVERTER, rate=10e3)
+    assert "too few digits" in found.notes[0]
+    assert found.R_s[-1] == pytest.approx(want[-1], rel=1e-3)
+    with pytest.raises(ValueError, match="rate = 5000 Hz, but the 10001 rows"):
+        sf.replay(coarse, MOTOR, INVERTER, rate=5e3)
+    for kind in ("datetime64[ns]", "timedelta64[ns]"):
+        stamps = log | {"t": np.round(1e9 * log["t"]).astype(np.int64).astype(kind)}
+        assert sf.replay(stamps, MOTOR, INVERTER).R_s[-1] == pytest.approx(want[-1], rel=1e-3)
+
+
+def test_structures_of_matlab_and_its_newest_files(run: sf.Result, tmp_path: Path) -> None:
+    from h5py import File
+    from scipy.io import savemat
+
+    log = {k: v[:2000] for k, v in terminals(run).items()}
+    want = sf.replay(log, MOTOR, INVERTER).R_s
+    columns = {name: f"scope.{name}" for name in log}
+    savemat(tmp_path / "a.mat", {"scope": log})
+    assert np.array_equal(sf.replay(tmp_path / "a.mat", MOTOR, INVERTER, columns=columns).R_s, want)
+    # Version 7.3 is HDF5 behind 512 bytes with a text, columns as rows, complex numbers as pairs.
+    path = tmp_path / "b.mat"
+    with File(path, "w", userblock_size=512) as file:
+        scope = file.create_group("scope")
+        for name in ("t", "u_a", "u_b", "u_c"):
+            scope[name] = log[name].reshape(1, -1)
+        i_s: Any = 2 / 3 * sum(TURN**k * log[f"i_{p}"] for k, p in enumerate("abc"))
+        scope["i_s"] = i_s.view([("real", float), ("imag", float)]).reshape(1, -1)
+        file.create_group("#refs#")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
+    names = {name: f"scope.{name}" for name in ("t", "i_s", "u_a", "u_b", "u_c")}
+    assert sf.replay(path, MOTOR, INVERTER, columns=names).R_s[-1] == pytest.approx(want[-1], rel=1e-6)
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(1000))
+    with pytest.raises(ValueError, match=r"b.mat is not a MAT file"):
+        sf.replay(path, MOTOR, INVERTER)
+
+
+def test_a_log_that_does_not_fit_the_motor_is_noted(run: sf.Result) -> None:
+    log = terminals(run)
+    turned = 30.0 * log["t"]
+    dq = {"t": log["t"], "angle": np.degrees(turned)}
+    for letter in "ui":
+        vector = 2 / 3 * sum(TURN**k * log[f"{letter}_{p}"] for k, p in enumerate("abc"))
+        vector = vector * np.exp(-1j * turned)
+        dq |= {f"{letter}_d": vector.real, f"{letter}_q": vector.imag}
+    for motor, other in (
+        (sf.Motor.preset("11kW"), log),
+        (MOTOR, log | {name: 1.732 * log[name] for name in ("u_a", "u_b", "u_c")}),
+        (MOTOR, dq),
+    ):
+        assert "hardly fit this motor" in " ".join(sf.replay(other, motor, INVERTER).notes)
+    assert sf.replay(log, MOTOR.replace(R_s=1.3 * MOTOR.R_s), INVERTER).notes == ()
+
+
+def test_what_is_no_number_is_named(run: sf.Result) -> None:
+    log = terminals(run)
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"rate": "10k"}, "rate = '10k' is not a number"),
+        ({"max_gap": float("nan")}, "max_gap = nan s is outside"),
+        ({"max_gap": -1.0}, "max_gap = -1 s is outside"),
+        ({"columns": ["i_a"]}, r"columns = \['i_a'\] is not a mapping"),
+        ({"columns": {"i_a": "Ix"}}, "column 'Ix' is missing"),
+    ]
+    for how, text in wrong:
+        with pytest.raises((ValueError, TypeError), match=text):
+            sf.replay(log, MOTOR, INVERTER, **how)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".parquet", ".mat"])

@@ -6,7 +6,7 @@ import runpy
 import signal
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -100,6 +100,49 @@ def test_ray_by_its_interface(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.to_csv() == sf.sweep(points()[:2], ["angle_max"], "serial").to_csv()
 
 
+@pytest.mark.slow
+def test_the_same_bytes_from_ray(tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="pip install 'stillflux[ray]'")
+    grid, journal = sf.grid(BASE, {"plant_motor.R_s": [3.7, -1.0, 4.0]}), tmp_path / "sweep.jsonl"
+    metrics: Any = {**METRICS, "last": lambda result: result.t[-1]}
+    found = sf.sweep(grid, metrics, executors.Ray(num_cpus=1), journal)
+    assert found.to_csv() == sf.sweep(grid, metrics, "serial").to_csv()
+    assert len(journal.read_text().splitlines()) == 2
+    with pytest.raises(sf.SweepInterrupted, match="after 1 of 4"):
+        sf.sweep(points(), ["angle_max"], executors.Ray(num_cpus=1), progress=interrupt)
+
+
+def interrupt(done: int, total: int, row: Any) -> None:
+    raise KeyboardInterrupt
+
+
+class Dying:
+    """A cluster whose worker ends with its second task."""
+
+    def __init__(self) -> None:
+        self.tasks = 0
+
+    def submit(self, function: Any, *arguments: Any) -> Future[Any]:
+        self.tasks += 1
+        future: Future[Any] = Future()
+        if self.tasks == 2:
+            future.set_exception(MemoryError("worker 3 has gone"))
+        else:
+            future.set_result(function(*arguments))
+        return future
+
+
+def test_a_task_that_its_worker_took_along_is_a_row_and_tried_again(tmp_path: Path) -> None:
+    journal = tmp_path / "sweep.jsonl"
+    found = sf.sweep(points(), ["angle_max"], Dying(), journal)
+    assert [row["error"] for row in found] == ["", "worker: MemoryError: worker 3 has gone", "", ""]
+    assert len(journal.read_text().splitlines()) == 3
+    run: list[Any] = []
+    found = sf.sweep(points(), ["angle_max"], "serial", journal, progress=lambda *x: run.append(x))
+    assert len(run) == 1
+    assert not found.failed
+
+
 def test_failures_are_rows() -> None:
     grid = sf.grid(BASE, {"plant_motor.R_s": [3.7, -1.0]})
     found = sf.sweep(grid, ["angle_max", cosine_fails], "serial")
@@ -149,23 +192,24 @@ def test_a_killed_sweep_goes_on_and_loses_at_most_one_task(tmp_path: Path) -> No
     # Another metric, another scenario: not those rows.
     other = sf.sweep(points()[:1], ["angle_rms"], "serial", journal)
     assert np.isfinite(other["angle_rms"][0])
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match="folder"):
+        sf.sweep(points(), ["angle_max"], "serial", tmp_path / "folder", progress=lambda *x: run.append(x))
+    assert len(run) == 2, "named before the first run"
     journal.write_text("t,i_a\n")
     with pytest.raises(ValueError, match="holds no rows of a sweep"):
         sf.sweep(points(), ["angle_max"], "serial", journal)
 
 
 def test_ctrl_c_keeps_what_was_done() -> None:
-    def stop(done: int, total: int, row: Any) -> None:
-        if done == 1:
-            raise KeyboardInterrupt
-
     with pytest.raises(sf.SweepInterrupted, match="after 1 of 4") as caught:
-        sf.sweep(points(), ["angle_max"], "serial", progress=stop)
+        sf.sweep(points(), ["angle_max"], "serial", progress=interrupt)
     assert len(caught.value.result) == 1
 
 
 def test_maps_and_distributions(tmp_path: Path) -> None:
     found = sf.sweep(points(), ["angle_max"], "serial")
+    assert found.units == {"angle_max": "°"}
     for figure in (found.map("plant_motor.R_s", "load_torque", "angle_max"), found.spread()):
         figure.savefig(tmp_path / "x.png")
         assert (tmp_path / "x.png").stat().st_size > 5_000
@@ -176,7 +220,7 @@ def test_maps_and_distributions(tmp_path: Path) -> None:
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "sweep.toml"
-    text = (EXAMPLES / "sweep_map.toml").read_text().replace("2.6", "1.6").replace("[0.0, 7.0]", "[0.0]")
+    text = (EXAMPLES / "sweep_map.toml").read_text().replace("[1.6e-6, 2.0e-6, 2.4e-6]", "[2.0e-6]")
     file.write_text(text)
     out, plot, journal = tmp_path / "x.csv", tmp_path / "x.png", tmp_path / "x.jsonl"
     assert main(["sweep", str(file), "--out", str(out), "--plot", str(plot), "--resume", str(journal)]) == 0

@@ -1,6 +1,6 @@
 """The compiled part of stillflux. SI units, complex amplitude-invariant space vectors."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -256,6 +256,11 @@ class Drive:
         raise: they are faults, see `status`.
         """
     @property
+    def pulses(self) -> tuple[list[float], list[float], list[float]] | None:
+        """Pulses of the next period with `current_sensors=1`: half widths of the three legs' pulses before
+        and after the middle of the carrier period, and the two instants after it at which the shunt is
+        sampled, all in half periods of the carrier. None with more sensors."""
+    @property
     def gates_on(self) -> bool:
         """False: the bridge has to be blocked; the duties are then 0.5 each."""
     @property
@@ -464,14 +469,19 @@ class Plant:
 
     def __new__(cls, motor: Motor, inverter: Inverter, **options: Unpack[PlantOptions]) -> Plant: ...
     def step(
-        self, duty: Iterable[float], load_torque: float = 0.0, gates_on: bool = True
+        self,
+        duty: Iterable[float],
+        load_torque: float = 0.0,
+        gates_on: bool = True,
+        pulses: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None,
     ) -> tuple[NDArray[np.float64], float]:
         """Runs one PWM period and returns the reading at its end: i_abc in A, shape (3,), and u_dc in V.
 
         `duty` (three values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
         register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
         `load_torque` in N·m, up to ten times the rated torque, opposes positive rotation and is active, as a
-        crane's."""
+        crane's. `pulses`, of `Drive.pulses`, take the place of `duty`: with the option `shunt` the reading is
+        that of the shunt at their two instants and at the end of the period, in A."""
     def step_voltage(self, u_s: complex, dt: float, load_torque: float = 0.0) -> None:
         """Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, past the
         bridge."""
@@ -516,7 +526,7 @@ class CommissioningCore:
     """A commissioning, one control period at a time."""
 
     def __new__(
-        cls, plate: Nameplate, inverter: Inverter, shaft: str, arithmetic: str
+        cls, plate: Nameplate, inverter: Inverter, shaft: str, arithmetic: str, only: str | None
     ) -> CommissioningCore: ...
     def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
         """One control period."""
@@ -550,6 +560,7 @@ class CommissioningRun:
         inverter: Inverter,
         shaft: str,
         arithmetic: str,
+        only: str | None,
         plant_motor: Motor,
         plant_inverter: Inverter,
         channels: tuple[int, int, int] | None,

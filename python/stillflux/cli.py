@@ -1,9 +1,8 @@
-"""Command line: `stillflux demo`, `commission`, `reproduce`, `beyond`, `simulate`, `sweep`, `replay`."""
+"""Command line: `stillflux simulate`, `replay`, `sweep`, `commission`, `demo`, `reproduce`, `beyond`."""
 
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from stillflux import __version__, sweep_file
 from stillflux.machine_file import load_machine, read_toml
+from stillflux.outputs import check_file, naming
 from stillflux.parameters import PRESETS
 from stillflux.replay import replay
 from stillflux.scenario import Scenario
@@ -58,7 +58,7 @@ class Command:
 
 
 COMMANDS = (
-    Command("demo", "the headline run: a minute at zero stator frequency", "stillflux.evidence.commands"),
+    Command("demo", "a minute at zero stator frequency, by both schemes", "stillflux.evidence.commands"),
     Command(
         "commission",
         "find a motor's parameters from its nameplate, simulated",
@@ -79,9 +79,13 @@ COMMANDS = (
 
 def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of a command line; of the registered commands only the one given is imported."""
-    parser = argparse.ArgumentParser(prog="stillflux", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="stillflux",
+        description="Sensorless control of induction motors down to zero stator frequency, simulated. "
+        "`stillflux COMMAND --help` has the options of a command.",
+    )
     parser.add_argument("--version", action="version", version=f"stillflux {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="command")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", title="commands")
     wanted = next((word for word in given if not word.startswith("-")), "")
     for command in COMMANDS:
         added = commands.add_parser(command.name, help=command.help)
@@ -107,7 +111,9 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
         "(the same with u_, u_ab, u_bc) or duties (d_a, d_b, d_c) with u_dc; t in s",
     )
     _motor_option(log, "2.2kW")
-    log.add_argument("--scheme", choices=["enhanced", "paper"], default="enhanced")
+    log.add_argument(
+        "--scheme", choices=["enhanced", "paper"], default="enhanced", help="estimators; default: enhanced"
+    )
     log.add_argument(
         "--column",
         action="append",
@@ -151,27 +157,15 @@ def _motor_option(parser: argparse.ArgumentParser, default: str | None) -> None:
 _PLOTS = (".png", ".svg", ".pdf")
 
 
-def _check_outputs(path: Path | None, *suffixes: str) -> None:
-    """Before a run: whether its output can be written. Raises ValueError or OSError."""
-    if path is None:
-        return
-    if path.suffix.lower() not in suffixes:
-        raise ValueError(f"{path}: {path.suffix or 'no suffix'} is not one of {', '.join(suffixes)}")
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        reason = "is a folder" if path.is_dir() else f"there is no folder {path.parent}"
-        raise ValueError(f"{path}: {reason}")
-    if not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
-        raise ValueError(f"{path} cannot be written")
-
-
 def _plot(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=110)
+    with naming(path):
+        figure.savefig(path, dpi=110)
     print(f"plot: {path}")
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    _check_outputs(options.save, ".npz")
-    _check_outputs(options.plot, *_PLOTS)
+    check_file(options.save, ".npz")
+    check_file(options.plot, *_PLOTS)
     scenario = Scenario.from_dict(_with_motor(read_toml(options.file), options.motor))
     try:
         result, status = simulate(scenario, progress=True), 0
@@ -179,7 +173,8 @@ def _simulate(options: argparse.Namespace) -> int:
         result, status = stop.result, 130
     print(result.summary())
     if options.save:
-        result.save(options.save)
+        with naming(options.save):
+            result.save(options.save)
         print(f"record: {options.save}")
     if options.plot:
         _plot(result.plot(), options.plot)
@@ -187,8 +182,8 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    _check_outputs(options.out, ".csv", ".npz", ".parquet")
-    _check_outputs(options.plot, *_PLOTS)
+    check_file(options.out, ".csv", ".npz", ".parquet")
+    check_file(options.plot, *_PLOTS)
     columns: dict[str, Any] = {}
     for text in options.column:
         quantity, equals, name = text.partition("=")
@@ -208,9 +203,10 @@ def _replay(options: argparse.Namespace) -> int:
         delay=options.delay,
         max_gap=options.max_gap,
     )
-    print(found.summary())
+    print(f"machine: {machine.name}\n{found.summary()}")
     if options.out:
-        found.save(options.out)
+        with naming(options.out):
+            found.save(options.out)
         print(f"estimates: {options.out}")
     if options.plot:
         _plot(found.plot(), options.plot)
@@ -218,8 +214,8 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _sweep(options: argparse.Namespace) -> int:
-    _check_outputs(options.out, ".csv")
-    _check_outputs(options.plot, *_PLOTS)
+    check_file(options.out, ".csv")
+    check_file(options.plot, *_PLOTS)
     asked = sweep_file.parse(_with_motor(read_toml(options.file), options.motor, "scenario"))
     status = 0
     try:
@@ -231,7 +227,8 @@ def _sweep(options: argparse.Namespace) -> int:
     for row in found.failed[:5]:
         print(f"failed: {row['error']}")
     if options.out:
-        found.save(options.out)
+        with naming(options.out):
+            found.save(options.out)
         print(f"rows: {options.out}")
     if options.plot and len(found):
         _plot(found.map(**asked.plot) if asked.plot else found.spread(), options.plot)
@@ -239,12 +236,19 @@ def _sweep(options: argparse.Namespace) -> int:
 
 
 def _with_motor(data: dict[str, Any], motor: str | None, table: str = "") -> dict[str, Any]:
-    """The tables of a file with the motor and inverter of `--motor` instead of those in it."""
+    """The tables of a file with the motor and inverter of `--motor` instead of those in it; with those that
+    its file simulates, and with the settings that follow from how well it knows its values."""
     if motor is None:
         return data
     machine = load_machine(motor)
-    own = {"motor": asdict(machine.motor), "inverter": asdict(machine.inverter)}
-    return {**data, table: {**data.get(table, {}), **own}} if table else {**data, **own}
+    scenario = dict(data.get(table, {}) if table else data)
+    scenario |= {"motor": asdict(machine.motor), "inverter": asdict(machine.inverter)}
+    for name, real in (("plant_motor", machine.plant_motor), ("plant_inverter", machine.plant_inverter)):
+        if real is not None:
+            scenario.setdefault(name, asdict(real))
+    if machine.settings and scenario.get("scheme", "enhanced") == "enhanced":
+        scenario["settings"] = {**machine.settings, **scenario.get("settings", {})}
+    return {**data, table: scenario} if table else scenario
 
 
 if __name__ == "__main__":

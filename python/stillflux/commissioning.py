@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,24 @@ from stillflux.simulation import in_pieces
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-__all__ = ["Commissioned", "Commissioning", "CommissioningInterrupted", "Shaft", "commission"]
+__all__ = [
+    "PROCEDURES",
+    "Commissioned",
+    "Commissioning",
+    "CommissioningInterrupted",
+    "Procedure",
+    "Shaft",
+    "commission",
+]
 
 Shaft = Literal["locked", "free"]
 """Whether the shaft may turn: "free" adds a run to three tenths of rated speed, for J."""
+
+
+Procedure = Literal["wiring", "bridge", "leakage", "magnetising", "inertia"]
+"""A procedure that can be run alone, after the check of the wiring."""
+PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
+"""All of them, in the order in which they are run."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,14 +121,24 @@ class Commissioning:
         "locked" (or not to be turned), or "free": then a run to three tenths of rated speed follows.
     arithmetic
         "f32", "f64" or "q".
+    only
+        One procedure alone, after the check of the wiring: "wiring" (that check and nothing else), "bridge",
+        "leakage", "magnetising", or, with a free shaft, "inertia". The values of the others are those of
+        nameplate and data sheet. None: all of them.
 
     Raises ValueError for a value outside its range. Bad wiring does not raise, see `status`.
     """
 
     def __init__(
-        self, plate: Nameplate, inverter: Inverter, shaft: Shaft = "locked", arithmetic: str = "f32"
+        self,
+        plate: Nameplate,
+        inverter: Inverter,
+        shaft: Shaft = "locked",
+        arithmetic: str = "f32",
+        *,
+        only: Procedure | None = None,
     ) -> None:
-        self._core = CommissioningCore(plate, inverter, shaft, arithmetic)
+        self._core = CommissioningCore(plate, inverter, shaft, arithmetic, only)
 
     def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
         """One control period: phase currents in A (three numbers), dc-link voltage in V; returns the duties
@@ -172,6 +196,7 @@ def commission(
     plant_inverter: Inverter | None = None,
     shaft: Shaft = "locked",
     arithmetic: str = "f32",
+    only: Procedure | None = None,
     channels: tuple[int, int, int] | None = None,
     channel_factor: tuple[float, float, float] | None = None,
     progress: Callable[[float, str], object] | None = None,
@@ -181,7 +206,7 @@ def commission(
 
     Parameters
     ----------
-    plate, inverter, shaft, arithmetic
+    plate, inverter, shaft, arithmetic, only
         As of `Commissioning`.
     plant_motor, plant_inverter
         The real ones; `plant_inverter` is `inverter` if it is not given.
@@ -198,7 +223,7 @@ def commission(
     """
     real = inverter if plant_inverter is None else plant_inverter
     run = CommissioningRun(
-        plate, inverter, shaft, arithmetic, plant_motor, real, channels, channel_factor, dict(plant)
+        plate, inverter, shaft, arithmetic, only, plant_motor, real, channels, channel_factor, dict(plant)
     )
 
     def show() -> None:

@@ -38,11 +38,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stillflux.commissioning import Commissioned, CommissioningInterrupted
+from stillflux.commissioning import PROCEDURES, Commissioned, CommissioningInterrupted
 from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
 from stillflux.machine_file import load_machine, part, read_toml, typical_inverter
 from stillflux.nameplate import Nameplate
+from stillflux.outputs import check_file
 from stillflux.parameters import PRESETS, Inverter, Motor
 from stillflux.simulation import progress_bar
 
@@ -79,6 +80,11 @@ def commission(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--shaft", choices=["locked", "free"], default="locked", help="free: J is found as well"
     )
+    parser.add_argument(
+        "--only",
+        choices=PROCEDURES,
+        help="run one procedure alone, after the check of the wiring (inertia: with --shaft free)",
+    )
     parser.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the motor file there (TOML)")
     parser.add_argument(
@@ -88,9 +94,8 @@ def commission(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    for path in (options.out, options.report):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise ValueError(f"{path}: there is no folder {path.parent}")
+    check_file(options.out)
+    check_file(options.report)
     task = _task(options.machine or options.motor)
     bar = progress_bar("commissioning")
     status = 0
@@ -102,6 +107,7 @@ def _run(options: argparse.Namespace) -> int:
             plant_inverter=task.inverter,
             shaft=options.shaft,
             arithmetic=options.arithmetic,
+            only=options.only,
             progress=lambda fraction, stage: bar(fraction),
             **task.options,
         )

@@ -6,7 +6,8 @@ Dask needs none: `sf.sweep(…, executor=client)` with a `distributed.Client`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
 from threading import Thread
 from typing import Any
 
@@ -21,7 +22,8 @@ def joblib(workers: int | None = None) -> Any:
 
 
 class Ray:
-    """Tasks on a Ray cluster; `ray.init()` is called if it was not."""
+    """Tasks on a Ray cluster; `ray.init()` is called if it was not. Keywords are those of
+    `RemoteFunction.options`, such as `num_cpus=1`."""
 
     def __init__(self, **options: Any) -> None:
         self._ray = needed("ray", "ray")
@@ -38,10 +40,17 @@ class Ray:
         future: Future[Any] = Future()
 
         def wait() -> None:
-            try:
-                future.set_result(self._ray.get(reference))
-            except BaseException as error:
-                future.set_exception(error)
+            # A future that was cancelled meanwhile takes neither.
+            with suppress(InvalidStateError):
+                try:
+                    future.set_result(self._ray.get(reference))
+                except Exception as error:
+                    future.set_exception(error)
 
+        def ended(done: Future[Any]) -> None:
+            if done.cancelled():
+                self._ray.cancel(reference)
+
+        future.add_done_callback(ended)
         Thread(target=wait, daemon=True).start()
         return future

@@ -42,7 +42,8 @@ td, th { padding: .3rem .8rem .3rem 0; border-bottom: 1px solid var(--line); ver
 figure { margin: 1rem 0; overflow-x: auto } svg { max-width: 100%; height: auto; fill: var(--ink) }
 code { background: var(--shade); padding: .1rem .3rem; border-radius: .2rem } pre { white-space: pre-wrap }
 @media (max-width: 40rem) {
- body { margin: 1rem auto } nav ul { columns: auto } figure svg { min-width: 34rem }
+ body { margin: 1rem auto } nav ul { columns: auto }
+ figure svg { min-width: min(46rem, .85 * var(--width, 40rem)) }
  table, tbody, tr { display: block } tr:has(> th) { display: none }
  tr { border-bottom: 1px solid var(--line); padding: .5rem 0 }
  td { display: inline-block; border: 0; padding: .1rem 1.2rem .1rem 0 } td:empty { display: none }
@@ -95,7 +96,9 @@ def svg(figure: Figure) -> str:
     text = text[text.index("<svg") :]
     for colour, variable in _COLOURS.items():
         text = text.replace(colour, variable)
-    return text
+    # On a narrow screen a figure is made somewhat smaller, and scrolls; a small one is not made larger.
+    width = round(96 * float(figure.get_figwidth()))
+    return text.replace("<svg ", f"<svg style='--width: {width}px' ", 1)
 
 
 def _with_contents(body: str) -> tuple[str, str]:

@@ -37,6 +37,7 @@ parameters that follow from the rated point.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
@@ -137,8 +138,12 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
     plant_motor = _checked(path, "plant.motor", _motor, real.pop("motor")) if "motor" in real else None
     plant_inverter = None
     if "inverter" in real:
-        fields = {**asdict(inverter), **_with_preset(Inverter, real.pop("inverter"))}
-        plant_inverter = _checked(path, "plant.inverter", lambda t: Inverter(**t), fields)
+        plant_inverter = _checked(
+            path,
+            "plant.inverter",
+            lambda t: Inverter(**{**asdict(inverter), **_inverter_fields(t)}),
+            real.pop("inverter"),
+        )
     if real:
         raise ValueError(f"{path}: [plant] {next(iter(real))}: there are motor and inverter")
     return Machine(
@@ -203,7 +208,7 @@ def part(cls: type[Motor] | type[Inverter], value: Any) -> Any:
         return machine.motor if cls is Motor else machine.inverter
     if cls is Motor:
         return _motor(value)
-    return Inverter(**_with_preset(Inverter, value))
+    return Inverter(**_inverter_fields(value))
 
 
 def _checked(path: Path, table: str, build: Any, fields: Any) -> Any:
@@ -218,6 +223,8 @@ def _motor(table: Mapping[str, Any]) -> Motor:
     fields = _with_preset(Motor, table)
     for build, names in _CIRCUITS:
         if all(name in fields for name in names):
+            rating = (one.name for one in dataclasses.fields(Motor) if one.name not in _CIRCUITS[0][1])
+            _only(fields, (*names, *rating))
             motor: Motor = build(**fields)
             return motor
     known = "; ".join(", ".join(names) for _, names in _CIRCUITS)
@@ -227,7 +234,7 @@ def _motor(table: Mapping[str, Any]) -> Motor:
 def _inverter(table: Mapping[str, Any] | None, motor: Motor) -> Inverter:
     if table is None:
         return typical_inverter(motor)
-    fields = _with_preset(Inverter, table)
+    fields = _inverter_fields(table)
     return (
         Inverter(**fields) if "preset" in table else Inverter(**{**asdict(typical_inverter(motor)), **fields})
     )
@@ -246,6 +253,24 @@ def _with_preset(cls: type[Any], table: Mapping[str, Any]) -> dict[str, Any]:
     return fields if preset is None else {**asdict(cls.preset(preset)), **fields}
 
 
+def _inverter_fields(table: Mapping[str, Any]) -> dict[str, Any]:
+    fields = _with_preset(Inverter, table)
+    _only(fields, [one.name for one in dataclasses.fields(Inverter)])
+    return fields
+
+
+def _only(table: Mapping[str, Any], known: Sequence[str]) -> None:
+    """Raises ValueError for a field that there is not."""
+    for name in table:
+        if name not in known:
+            raise ValueError(f"{name} is not known; there are {', '.join(known)}")
+
+
 def _of_nameplate(table: Mapping[str, Any]) -> tuple[Motor, Mapping[str, float]]:
+    known = [one.name for one in dataclasses.fields(Nameplate)]
+    _only(table, known)
+    needed = [x.name for x in dataclasses.fields(Nameplate) if x.default is dataclasses.MISSING]
+    if missing := [name for name in needed if name not in table]:
+        raise ValueError(f"has no {', '.join(missing)}: a plate has {', '.join(needed)}")
     plate = Nameplate(**table)
     return plate.motor(), dict(plate.deviation)

@@ -49,7 +49,7 @@ def new_figure(**how: Any) -> Figure:
 def panels(runs: Mapping[str, Result], signals: Sequence[str]) -> Figure:
     """Signals over the time, a panel each, of one run or several. Space vectors by magnitude, angles in
     degrees."""
-    figure = new_figure(figsize=(9, 1.0 + 2.0 * len(signals)), layout="constrained")
+    figure = new_figure(figsize=(7.5, 1.0 + 1.9 * len(signals)), layout="constrained")
     axes = np.atleast_1d(figure.subplots(len(signals), 1, sharex=True))
     for panel, name in zip(axes, signals, strict=True):
         for label, run in runs.items():
@@ -64,7 +64,7 @@ def panels(runs: Mapping[str, Result], signals: Sequence[str]) -> Figure:
         panel.grid(alpha=0.3)
     axes[-1].set_xlabel("time, s")
     if len(runs) > 1:
-        axes[0].legend(loc="upper right", fontsize="small")
+        _legend_above(axes[0], 2)
     return figure
 
 
@@ -88,17 +88,15 @@ def overview(result: Result) -> Figure:
     shown = [(label, lines) for label, lines in _overview(result) if lines]
     if not shown:
         return panels({"": result}, list(result))
-    figure = new_figure(figsize=(9, 2.0 * len(shown)), layout="constrained")
+    figure = new_figure(figsize=(7.5, 0.4 + 1.9 * len(shown)), layout="constrained")
     axes = np.atleast_1d(figure.subplots(len(shown), 1, sharex=True))
     for panel, (label, lines) in zip(axes, shown, strict=True):
-        _lines(panel, result, label, {name: x for name, x in lines.items() if name != "reference"})
-        if "reference" in lines:
-            panel.plot(*thin(result.t, lines["reference"]), "k:", linewidth=0.8, label="reference")
+        _lines(panel, result, label, lines)
         if label.startswith("$R_s"):
             low, high = panel.get_ylim()
             nominal = result.scenario.motor.R_s + result.scenario.inverter.r_d
             panel.set_ylim(min(low, 0.9 * nominal), max(high, 1.1 * nominal))
-        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+        _legend_above(panel, len(lines))
     axes[-1].set_xlabel("time, s")
     figure.suptitle(result.scenario.name or "closed loop")
     return figure
@@ -115,7 +113,7 @@ def _overview(result: Result) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
     if found and result.scenario.torque_ref is None:
         found |= of({"reference": "reference"})
     yield "speed, rad/s", found
-    torques = of({"motor": "torque", "estimated": "estimate.torque"})
+    torques = of({"true": "torque", "estimated": "estimate.torque"})
     if torques:
         torques |= of({"load": "load_torque"})
     yield "torque, N·m", torques
@@ -126,11 +124,11 @@ def _overview(result: Result) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
         yield "field angle error, °", {"estimated − true": error}
     for offset in of({"": "estimate.u_off"}).values():
         yield r"$\hat u_{off}$, mV", {r"$\alpha$": 1e3 * offset.real, r"$\beta$": 1e3 * offset.imag}
-    resistances = of({"estimated": "estimate.R_s"})
+    resistances = {}
     if "R_s" in result:
         r_d = (result.scenario.plant_inverter or result.scenario.inverter).r_d
         resistances["true"] = result["R_s"] + r_d
-    yield r"$R_s + r_d$, $\Omega$", resistances
+    yield r"$R_s + r_d$, $\Omega$", resistances | of({"estimated": "estimate.R_s"})
 
 
 def flux_trajectory(result: Result) -> Figure:
@@ -144,17 +142,18 @@ def flux_trajectory(result: Result) -> Figure:
         path = np.cumsum(np.abs(np.diff(psi)))
         if len(path):
             psi = psi[np.unique(np.searchsorted(path, np.linspace(0.0, path[-1], 2 * _MOST)))]
-        panel.plot(psi.real, psi.imag, linewidth=0.7, label=label)
+        panel.plot(psi.real, psi.imag, label=label, **_WIDTHS.get(label, {}))
     panel.set(xlabel=r"$\psi_\alpha$, V·s", ylabel=r"$\psi_\beta$, V·s", aspect="equal", title="stator flux")
     panel.grid(alpha=0.3)
-    panel.legend(loc="upper right", fontsize="small")
+    # The flux keeps its magnitude: the middle is free.
+    panel.legend(loc="center", fontsize="small")
     return figure
 
 
 def replayed(found: Replay) -> Figure:
     """Estimates of a replayed log over time: speed, torque with a band of two standard deviations, flux,
     resistance, deviation of the angle with the confidence."""
-    figure = new_figure(figsize=(9, 11), layout="constrained")
+    figure = new_figure(figsize=(7.5, 10), layout="constrained")
     speed, torque, flux, resistance, angle = axes = figure.subplots(5, 1, sharex=True)
     known = found.angle_deviation < np.pi
 
@@ -181,7 +180,7 @@ def replayed(found: Replay) -> Figure:
     right.set_ylabel("confidence", color="C1")
     axes[-1].set_xlabel("time, s")
     figure.suptitle(f"{found.source}, scheme {found.scheme}")
-    torque.legend(loc="upper left", fontsize="small")
+    _legend_above(torque, 2)
     for panel in axes:
         panel.grid(alpha=0.3)
     return figure
@@ -207,7 +206,7 @@ def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
     figure = new_figure(figsize=(6.4, 4.8), layout="constrained")
     panel = figure.subplots()
     mesh = panel.pcolormesh(np.arange(len(columns)), np.arange(len(rows)), cells, shading="nearest")
-    figure.colorbar(mesh, ax=panel, label=metric)
+    figure.colorbar(mesh, ax=panel, label=_labelled(found, metric))
     at = np.argwhere(lost)
     if len(at):
         panel.plot(at[:, 1], at[:, 0], "x", color="C3", label="fault or failure")
@@ -220,6 +219,10 @@ def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
     return figure
 
 
+def _labelled(found: Sweep, metric: str) -> str:
+    return f"{metric}, {found.units[metric]}" if metric in found.units else metric
+
+
 def sweep_spread(found: Sweep, metrics: Sequence[str]) -> Figure:
     """Distribution of metrics over the rows of a sweep; rows that failed count as not reached."""
     figure = new_figure(figsize=(1.0 + 3.2 * len(metrics), 3.4), layout="constrained")
@@ -227,13 +230,27 @@ def sweep_spread(found: Sweep, metrics: Sequence[str]) -> Figure:
         values = np.sort(found[name].astype(float))
         values = values[np.isfinite(values)]
         panel.step(values, np.arange(1, len(values) + 1) / max(1, len(found)), where="post")
-        panel.set(xlabel=name, ylabel="part of the rows", ylim=(0.0, 1.02))
+        panel.set(xlabel=_labelled(found, name), ylabel="part of the rows", ylim=(0.0, 1.02))
         panel.grid(alpha=0.3)
     return figure
 
 
+_WIDTHS: Mapping[str, Mapping[str, Any]] = {
+    # Wide and beneath, so that an estimate that coincides with it is seen.
+    "true": {"linewidth": 2.0, "alpha": 0.55},
+    "estimated": {"linewidth": 0.9},
+    "reference": {"linewidth": 0.9, "linestyle": ":", "color": "#000000"},
+}
+
+
 def _lines(panel: Axes, result: Result, label: str, signals: dict[str, NDArray[Any]]) -> None:
     for name, values in signals.items():
-        panel.plot(*thin(result.t, values), linewidth=0.9, label=name)
+        panel.plot(*thin(result.t, values), label=name, **_WIDTHS.get(name, {"linewidth": 0.9}))
     panel.set_ylabel(label)
     panel.grid(alpha=0.3)
+
+
+def _legend_above(panel: Axes, columns: int) -> None:
+    """Between the panels: within one it would hide lines, beside it a narrow screen would cut it off."""
+    place: Any = {"loc": "lower left", "bbox_to_anchor": (0.0, 0.98), "borderaxespad": 0.1}
+    panel.legend(**place, ncols=columns, frameon=False, fontsize="small", handlelength=1.4)

@@ -43,7 +43,7 @@ from stillflux.logs.signals import (
 )
 from stillflux.logs.start import Start, starts
 from stillflux.logs.wiring import check_wiring
-from stillflux.parameters import Inverter, Motor
+from stillflux.parameters import Inverter, Motor, number
 from stillflux.result import Result
 
 if TYPE_CHECKING:
@@ -259,6 +259,10 @@ def replay(
     kind = voltage or ("bridge" if "d_a" in table.data else "terminal")
     if kind not in ("terminal", "bridge", "compensated"):
         raise ValueError(f"voltage = {voltage!r} is not one of 'terminal', 'bridge', 'compensated'")
+    rate, delay = (None if x is None else number(name, x) for name, x in (("rate", rate), ("delay", delay)))
+    max_gap = number("max_gap", max_gap)
+    if not 0.0 <= max_gap < math.inf:
+        raise ValueError(f"max_gap = {max_gap:g} s is outside the admissible range from 0 s on")
     notes: list[str] = []
     table = without_nan(table, rate, max_gap, notes)
     t, pieces = times(table, rate, max_gap, notes)
@@ -274,7 +278,7 @@ def replay(
     for begin, end in pieces:
         rows = resampled(signals, slice(begin, end), many, step)
         if check and not found:
-            check_wiring(table, rows, motor, model)
+            check_wiring(table, rows, motor, model, notes)
         parts, offset = starts(rows, motor, model, scheme, notes if not found else [])
         if estimator is None:
             own: DriveSettings = {**settings, "calibrate_offset": calibrated and offset is not None}

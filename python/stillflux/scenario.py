@@ -68,13 +68,19 @@ class Scenario:
     load_torque: ProfileLike = 0.0
     """Load torque, N·m; opposes positive rotation."""
     changes: Sequence[tuple[float, dict[str, Any]]] = ()
-    """(t, {name: value}) in ascending order: R_s (Ω), current_offset (A), u_dc (V), speed (rad/s or None)."""
+    """(t, {name: value}) in ascending order.
+
+    Of the plant: R_s (Ω), current_offset (A), u_dc (V), speed (rad/s or None), open_phase (0 to 2), channel:
+    (0 to 2, how) with how "held", or (0 to 2, how, value) with "stuck" and "once" (one sample) in A, "gain",
+    or "of" another channel. Of the drive: stop (True, or False to go on), reset (True: leave a fault)."""
     record_every: int = 10
     """Record every so many control periods."""
     signals: Sequence[str] | None = None
     """Names of the signals to record; None: all."""
     memory: dict[str, Any] | None = None
     """What an earlier run left in `Result.memory`."""
+    cycle_stamps: bool = False
+    """Every call of the drive carries the stamp of its PWM period."""
     name: str = ""
     """Title of plots."""
 
@@ -88,7 +94,7 @@ class Scenario:
         rows = self.duration * self.inverter.f_c / max(self.record_every, 1)
         names = _core.signals() if self.signals is None else self.signals
         size = 16.0 * rows * (1 + len(names))
-        if size > _RECORD_LIMIT:
+        if math.isfinite(size) and size > _RECORD_LIMIT:
             raise ValueError(
                 f"duration = {self.duration} s would record {size:.1e} bytes, admissible are up to "
                 f"{_RECORD_LIMIT:.0e}: raise record_every or choose signals"
@@ -116,6 +122,8 @@ class Scenario:
         for name, text in (("name", self.name), ("scheme", self.scheme), ("arithmetic", self.arithmetic)):
             if not isinstance(text, str):
                 raise TypeError(f"{name} = {text!r} is not a text")
+        if self.memory is not None and not isinstance(self.memory, Mapping):
+            raise TypeError(f"memory = {self.memory!r} is not what Result.memory holds")
         set_field("duration", number("duration", self.duration))
         if not isinstance(self.record_every, int) or isinstance(self.record_every, bool):
             whole = number("record_every", self.record_every)

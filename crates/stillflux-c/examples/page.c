@@ -14,8 +14,8 @@ static const stillflux_machine machine = {
     .U_N = 400.0, .I_N = 5.0, .f_N = 50.0, .T_N = 14.6, .L_u = 0.34, .a = 0.84, .S = 7.0,
 };
 static const stillflux_inverter inverter = {
-    .u_dc = 540.0, .f_s = 10e3, .u_th = 1.0, .r_d = 0.2, .dead_time = 2e-6, .f_clk = 170e6, .c_out = 1e-9, .half_periods = 2, .current_sensors = 3,
-    .i_full = 17.7, .u_full = 810.0,
+    .u_dc = 540.0, .f_s = 10e3, .u_th = 1.0, .r_d = 0.2, .dead_time = 2e-6, .f_clk = 170e6, .c_out = 1e-9,
+    .half_periods = 2, .current_sensors = 3, .i_full = 17.7, .u_full = 810.0,
 };
 
 static void expect(int condition, const char *what)
@@ -46,7 +46,7 @@ static void refusals(const uint32_t *page)
   expect(stillflux_timer_full(&drive) == 8500, "170 MHz at 10 kHz");
 
   /* A saturated channel: the top code of a 12-bit converter. */
-  const stillflux_converters adc = {STILLFLUX_RIGHT, 12, {2048, 2048, 2048}, STILLFLUX_RIGHT, 12};
+  const stillflux_converters adc = {STILLFLUX_RIGHT, 12, {2048, 2048, 2048}, {0, 0, 0}, STILLFLUX_RIGHT, 12};
   const uint16_t saturated[3] = {4095, 2048, 2048};
   stillflux_counts raw;
   stillflux_counts_from_raw(saturated, 2700, &adc, &raw);
@@ -55,16 +55,77 @@ static void refusals(const uint32_t *page)
   stillflux_period(&drive, &raw, &speed, &command);
   char text[32];
   stillflux_fault_text(stillflux_fault(&drive), text, sizeof text);
-  expect(stillflux_fault(&drive) == STILLFLUX_FAULT_MEASUREMENT && command.gates_on == 0, "a saturated channel is a fault");
+  expect(stillflux_fault(&drive) == STILLFLUX_FAULT_MEASUREMENT, "a saturated channel is a fault");
+  expect(command.gates_on == 0, "which blocks the bridge");
   expect(strcmp(text, "measurement") == 0, "the fault has a text");
   stillflux_fault_text(STILLFLUX_FAULT_MEASUREMENT, text, 5);
   expect(strcmp(text, "meas") == 0, "a text is cut to its buffer");
   stillflux_reset(&drive);
   expect(stillflux_status(&drive) == STILLFLUX_STOPPED, "a reset leaves the fault");
 
+  const stillflux_converters offset = {
+      STILLFLUX_LEFT_OFFSET, 12, {2048, 2048, 2048}, {2048, 2048, 2048}, STILLFLUX_LEFT, 12};
+  const uint16_t above[3] = {100 << 3, 0, (uint16_t)(-(50 << 3))};
+  stillflux_counts_from_raw(above, 4000 << 4, &offset, &raw);
+  expect(raw.i_abc[0] == 100 << 4 && raw.i_abc[1] == 0 && raw.i_abc[2] == -(50 << 4) && raw.u_dc == 4000 << 3,
+         "an offset by hardware is one bit lower");
+
   uint32_t stored[STILLFLUX_PAGE_WORDS];
   expect(stillflux_store(&drive, page, stored) == STILLFLUX_OK, "what the drive remembers is stored");
   expect(stillflux_open(&drive, sizeof drive, stored) == STILLFLUX_OK, "and taken back");
+}
+
+/* A page with one setting changed: whether it differs from the one with the defaults; stops where it is refused. */
+static int differs(const stillflux_settings *settings, const stillflux_memory *memory, const uint32_t *page)
+{
+  stillflux_error error;
+  uint32_t changed[STILLFLUX_PAGE_WORDS];
+  if (stillflux_page(&machine, &inverter, settings, memory, changed, &error) != STILLFLUX_OK) {
+    fprintf(stderr, "%s = %g: %g to %g\n", error.field, error.value, error.min, error.max);
+    exit(1);
+  }
+  return memcmp(changed, page, sizeof changed) != 0;
+}
+
+static void settings_reach_the_page(const stillflux_settings *defaults, const stillflux_memory *memory,
+                                    const uint32_t *page)
+{
+  expect(!differs(defaults, memory, page), "defaults give the same page");
+  stillflux_settings s = *defaults;
+  s.overmodulation = 1;
+  expect(differs(&s, memory, page), "overmodulation");
+  s = *defaults;
+  s.field_weakening = 0;
+  expect(differs(&s, memory, page), "field weakening");
+  s = *defaults;
+  s.acceleration = 100.0;
+  expect(differs(&s, memory, page), "acceleration");
+  s = *defaults;
+  s.torque_limits[0] = -1.0;
+  s.torque_limits[1] = 10.0;
+  expect(differs(&s, memory, page), "limits of the torque");
+  s = *defaults;
+  s.speed_limits[1] = 100.0;
+  expect(differs(&s, memory, page), "limits of the speed");
+  s = *defaults;
+  s.machine_overload[0] = 5.0;
+  s.machine_overload[1] = 600.0;
+  expect(differs(&s, memory, page), "overload of the machine");
+  s = *defaults;
+  s.low_confidence = STILLFLUX_LOW_CONFIDENCE_LIMIT_TORQUE;
+  expect(differs(&s, memory, page), "reaction to low confidence");
+  s = *defaults;
+  s.temperature = 1;
+  s.winding_temperature = 20.0;
+  expect(differs(&s, memory, page), "temperature");
+
+  stillflux_error error;
+  uint32_t refused[STILLFLUX_PAGE_WORDS];
+  s = *defaults;
+  s.discontinuous_above = 1.5;
+  expect(stillflux_page(&machine, &inverter, &s, memory, refused, &error) == STILLFLUX_ERROR_PARAMETER &&
+             strcmp(error.field, "discontinuous_above") == 0,
+         "discontinuous modulation beyond its range is refused by name");
 }
 
 int main(int argc, char **argv)
@@ -88,6 +149,7 @@ int main(int argc, char **argv)
     fprintf(stderr, "%s = %g: %g to %g\n", error.field, error.value, error.min, error.max);
     return 1;
   }
+  settings_reach_the_page(&settings, &memory, page);
   refusals(page);
 
   FILE *to = argc > 1 ? fopen(argv[1], "wb") : NULL;

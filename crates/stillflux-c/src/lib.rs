@@ -1,19 +1,20 @@
 //! The drive in C: what `stillflux.h` declares. Nothing of its own: every function hands over to the core.
 //!
 //! The comments of this file are those of the header.
-#![no_std]
+#![cfg_attr(not(test), no_std)]
 #![allow(non_camel_case_types, non_snake_case)]
 
 use core::ffi::c_char;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
+#[cfg(not(test))]
 use core::panic::PanicInfo;
 use core::{ptr, slice};
 
-use drive::config::{DriveParams, Scheme};
+use drive::config::{DriveParams, EnhancedParams, LowConfidence, Scheme};
 use drive::counts::{Converters, Counts, Layout, Resolution};
 use drive::drive::{Fault, Status};
-use drive::interrupt::CountsDrive;
+use drive::interrupt::{Command, CountsDrive};
 use drive::page::{Page, Ready, WORDS};
 use drive::params::{Inverter, Machine, ParamError, Saturation};
 use drive::si::MemorySi;
@@ -57,11 +58,11 @@ pub const STILLFLUX_SPEED: u32 = 1;
 /// Set point: torque control, `value` is the torque in N m.
 pub const STILLFLUX_TORQUE: u32 = 2;
 
-/// Data register right-aligned (ALIGN = 0), no offset; oversampled results and those of an offset with SATEN too.
+/// Data register right-aligned (ALIGN = 0), no offset or one with SATEN: unsigned; oversampled results too.
 pub const STILLFLUX_RIGHT: u32 = 0;
-/// Data register left-aligned (ALIGN = 1), no offset.
+/// Data register left-aligned (ALIGN = 1), no offset or one with SATEN: unsigned.
 pub const STILLFLUX_LEFT: u32 = 1;
-/// Data register right-aligned, offset by hardware (OFFSETy_EN = 1, SATEN = 0): signed.
+/// Data register right-aligned, offset by hardware (OFFSETy_EN = 1, SATEN = 0, OFFSETPOS = 0 or 1): signed.
 pub const STILLFLUX_RIGHT_OFFSET: u32 = 2;
 /// Data register left-aligned, offset by hardware (OFFSETy_EN = 1, SATEN = 0, OFFSETPOS = 0): signed, one bit lower.
 pub const STILLFLUX_LEFT_OFFSET: u32 = 3;
@@ -70,6 +71,13 @@ pub const STILLFLUX_LEFT_OFFSET: u32 = 3;
 pub const STILLFLUX_PAPER: u32 = 0;
 /// The enhanced scheme.
 pub const STILLFLUX_ENHANCED: u32 = 1;
+
+/// Low confidence: nothing.
+pub const STILLFLUX_LOW_CONFIDENCE_KEEP: u32 = 0;
+/// Low confidence: torque limited in proportion to it.
+pub const STILLFLUX_LOW_CONFIDENCE_LIMIT_TORQUE: u32 = 1;
+/// Low confidence: a fault.
+pub const STILLFLUX_LOW_CONFIDENCE_FAULT: u32 = 2;
 
 /// A drive: state of known size, without pointers; it may be copied and moved. All zero is no drive, which blocks the
 /// bridge.
@@ -109,11 +117,13 @@ pub struct stillflux_counts {
 pub struct stillflux_converters {
     /// Layout of the data registers of the current channels: STILLFLUX_RIGHT to STILLFLUX_LEFT_OFFSET.
     pub current: u32,
-    /// Bits of their results: 6, 8, 10, 12, and if oversampled 14 or 16; any other number reads as 12.
+    /// Bits of their results: 6, 8, 10 or 12, if oversampled 6 to 16; any other number reads as 12.
     pub current_bits: u32,
-    /// Code of each current channel at zero current, nominally half of the range; with an offset by hardware, the
-    /// content of its OFFSETy.
+    /// Code of each current channel at zero current, nominally half of the range: 2048 of 12 bits.
     pub zero: [u16; 3],
+    /// What the hardware subtracts from the codes of the current channels, 0 without an offset; negative with
+    /// OFFSETPOS. A code as all others: OFFSETy at 12 bits, OFFSETy >> 2 of 10 bits, >> 4 of 8, >> 6 of 6.
+    pub offset: [i16; 3],
     /// Layout of the data register of the dc-link channel: STILLFLUX_RIGHT or STILLFLUX_LEFT.
     pub u_dc: u32,
     /// Bits of its results.
@@ -136,6 +146,18 @@ pub struct stillflux_command {
     pub compare: [u32; 3],
     /// 0: block the bridge at once. 1: gates on.
     pub gates_on: u32,
+}
+
+/// Pulses of the next period for a single shunt, which need not be centred, counts.
+#[repr(C)]
+pub struct stillflux_pulses {
+    /// Compare values of the half period with the rising edges, 0 to `stillflux_timer_full`.
+    pub rising: [u32; 3],
+    /// Compare values of the half period with the falling edges.
+    pub falling: [u32; 3],
+    /// Counts in the half period with the falling edges at which the two samples have to be complete, ascending. A third
+    /// one is taken at the end of the period. They are `i_abc` of the counts of the next call but one, in this order.
+    pub sample: [u32; 2],
 }
 
 /// State and estimates, SI.
@@ -216,12 +238,13 @@ pub struct stillflux_inverter {
     pub f_clk: f64,
     /// Capacitance of one leg's node, F.
     pub c_out: f64,
-    /// Half periods of the carrier in a control period: 2; 1 for an update at each of its extremes (feature `modes`); 4, 6 to 16.
+    /// Half periods of the carrier in a control period: 2; 1 for an update at each of its extremes (feature `modes`);
+    /// 4, 6 to 16.
     pub half_periods: u32,
     /// Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current, s: from
     /// commissioning; zeros if unknown.
     pub leg_delay: [[f64; 2]; 3],
-    /// Current sensors: 3, or 2 in phases a and b (feature `modes`).
+    /// Current sensors: 3, or 2 in phases a and b (feature `modes`), or 1, a single shunt in the dc link (feature `shunt`).
     pub current_sensors: u32,
     /// Current that a current channel reads as full scale, A.
     pub i_full: f64,
@@ -262,6 +285,50 @@ pub struct stillflux_settings {
     pub offset_time: f64,
     /// Duration of the magnetisation, s.
     pub magnetise_time: f64,
+    /// Time for which a state that a single shunt is sampled in lasts, s: dead time, settling, sampling. Without effect with
+    /// more sensors.
+    pub shunt_window: f64,
+    /// Time constant of the shunt's amplifier, s; 0: none.
+    pub shunt_settling: f64,
+    /// 0: the flux is not lowered where the voltage is used up, and the speed ends there. 1: field weakening.
+    pub field_weakening: u32,
+    /// 1: use the voltage between the circle within the hexagon and the hexagon, 5.2 % more. 0: do not.
+    pub overmodulation: u32,
+    /// Discontinuous modulation from this part of u_dc/sqrt(3) on, 0.3 to 1 (feature `modes`); 0: never.
+    pub discontinuous_above: f64,
+    /// Largest acceleration of the speed reference, mechanical rad/s^2; 0: no limit.
+    pub acceleration: f64,
+    /// Largest jerk of the speed reference, mechanical rad/s^3, with an acceleration; 0: no limit.
+    pub jerk: f64,
+    /// Negative and positive limit of the torque reference, N m; both 0: that of torque_max.
+    pub torque_limits: [f64; 2],
+    /// Negative and positive limit of the mechanical speed reference, rad/s; both 0: that of omega_max.
+    pub speed_limits: [f64; 2],
+    /// Continuous current of the machine, A rms, and the time constant of its heat, s; both 0: no derating.
+    pub machine_overload: [f64; 2],
+    /// The same of the bridge.
+    pub bridge_overload: [f64; 2],
+    /// While the confidence is low: STILLFLUX_LOW_CONFIDENCE_KEEP, ..._LIMIT_TORQUE or ..._FAULT; any other number is
+    /// the first.
+    pub low_confidence: u32,
+    /// Time after a stop within which a start is as short as the current allows, s; 0: never.
+    pub fresh_time: f64,
+    /// 1: monitors of phases, current channels and stall (feature `supervision`). 0: off, for tests of the bridge.
+    pub supervision: u32,
+    /// Time at the torque limit at low speed that is a stall, s; 0: any (feature `supervision`).
+    pub stall_time: f64,
+    /// 1: no torque for a moment where the torque is at its limit and the field stands still (feature `supervision`).
+    pub realignment: u32,
+    /// 1: the rotor resistance follows the temperature of the winding (enhanced scheme). 0: it does not.
+    pub temperature: u32,
+    /// Temperature of the winding that R_s and R_R hold for, degrees Celsius.
+    pub winding_temperature: f64,
+    /// Constant of the cage's material, K: 225 for aluminium, 235 for copper.
+    pub cage_constant: f64,
+    /// Rise of the rotor's temperature over that of the winding's.
+    pub rotor_rise: f64,
+    /// Rise of the winding's temperature at rated current, K, and its time constant, s; both 0: not known.
+    pub winding_heat: [f64; 2],
 }
 
 /// What a drive remembers over a stop, SI.
@@ -338,15 +405,51 @@ pub extern "C" fn stillflux_period(
         (command.compare, command.gates_on) = ([0; 3], 0);
         return;
     };
-    let counts = Counts { i_abc: counts.i_abc, u_dc: counts.u_dc };
-    let set_point = match set_point.kind {
+    let out = drive.period(&counts_of(counts), &set_point_of(set_point));
+    command.compare = out.compare;
+    command.gates_on = u32::from(out.gates_on);
+}
+
+/// stillflux_period() with the stamp of the PWM period, a number that the hardware counts up by one in each, 0 to
+/// 65535, then 0 again: calls that are missed or come twice are a fault if there are too many of them (feature
+/// `supervision`; without it the stamp has no effect).
+///
+/// Returns 1, and 0 for a period that has been computed before: `command` is untouched then.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_period_at(
+    drive: &mut stillflux_drive,
+    stamp: u16,
+    counts: &stillflux_counts,
+    set_point: &stillflux_set_point,
+    command: &mut stillflux_command,
+) -> u32 {
+    let out = match drive.get_mut() {
+        #[cfg(feature = "supervision")]
+        Some(drive) => drive.period_at(stamp, &counts_of(counts), &set_point_of(set_point)),
+        #[cfg(not(feature = "supervision"))]
+        Some(drive) => {
+            let _ = stamp;
+            Some(drive.period(&counts_of(counts), &set_point_of(set_point)))
+        }
+        None => Some(Command::BLOCKED),
+    };
+    let Some(out) = out else { return 0 };
+    (command.compare, command.gates_on) = (out.compare, u32::from(out.gates_on));
+    1
+}
+
+#[inline(always)]
+fn counts_of(counts: &stillflux_counts) -> Counts {
+    Counts { i_abc: counts.i_abc, u_dc: counts.u_dc }
+}
+
+#[inline(always)]
+fn set_point_of(set_point: &stillflux_set_point) -> SetPoint {
+    match set_point.kind {
         STILLFLUX_SPEED => SetPoint::Speed(set_point.value),
         STILLFLUX_TORQUE => SetPoint::Torque(set_point.value),
         _ => SetPoint::Stop,
-    };
-    let out = drive.period(&counts, &set_point);
-    command.compare = out.compare;
-    command.gates_on = u32::from(out.gates_on);
+    }
 }
 
 /// Readings from the content of the converters' data registers (STM32: JDRy). A channel at an end of its range reads
@@ -364,8 +467,12 @@ pub unsafe extern "C" fn stillflux_counts_from_raw(
     counts: &mut stillflux_counts,
 ) {
     let c = converters;
-    let layouts =
-        Converters { current: layout(c.current, c.current_bits), zero: c.zero, u_dc: layout(c.u_dc, c.u_dc_bits) };
+    let layouts = Converters {
+        current: layout(c.current, c.current_bits),
+        zero: c.zero,
+        offset: c.offset,
+        u_dc: layout(c.u_dc, c.u_dc_bits),
+    };
     // SAFETY: the caller's promise.
     let i_abc = unsafe { ptr::read(i_abc.cast::<[u16; 3]>()) };
     let read = Counts::from_raw(i_abc, u_dc, &layouts);
@@ -373,20 +480,28 @@ pub unsafe extern "C" fn stillflux_counts_from_raw(
 }
 
 fn layout(layout: u32, bits: u32) -> Layout {
-    let bits = match bits {
-        6 => Resolution::Six,
-        8 => Resolution::Eight,
-        10 => Resolution::Ten,
-        14 => Resolution::Fourteen,
-        16 => Resolution::Sixteen,
-        _ => Resolution::Twelve,
-    };
+    let bits = Resolution::of(bits).unwrap_or(Resolution::Twelve);
     match layout {
         STILLFLUX_LEFT => Layout::Left(bits),
         STILLFLUX_RIGHT_OFFSET => Layout::RightOffset(bits),
         STILLFLUX_LEFT_OFFSET => Layout::LeftOffset(bits),
         _ => Layout::Right(bits),
     }
+}
+
+/// Pulses of the next period with a single shunt, after `stillflux_period`, in place of the compare values there.
+///
+/// Returns 1, or 0 with more sensors, without a drive, or in a library without the feature `shunt`: `pulses` is untouched
+/// then.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_pulses_read(drive: &stillflux_drive, pulses: &mut stillflux_pulses) -> u32 {
+    #[cfg(feature = "shunt")]
+    if let Some(p) = drive.get().and_then(CountsDrive::pulses) {
+        *pulses = stillflux_pulses { rising: p.rising, falling: p.falling, sample: p.sample };
+        return 1;
+    }
+    let _ = (drive, pulses);
+    0
 }
 
 /// State of the sequence: STILLFLUX_STOPPED to STILLFLUX_FAULTED.
@@ -500,8 +615,7 @@ pub unsafe extern "C" fn stillflux_store(drive: &stillflux_drive, page: *const u
     let Some(drive) = drive.get().and_then(CountsDrive::drive) else { return STILLFLUX_ERROR_CLOSED };
     // SAFETY: the caller's promise.
     let words = unsafe { ptr::read(page.cast::<[u32; WORDS]>()) };
-    let Some(ready) = Page::new(words).open::<Arithmetic>() else { return STILLFLUX_ERROR_PAGE };
-    let stored = Page::seal(&Ready { memory: drive.memory(), ..ready });
+    let Some(stored) = Page::new(words).with_memory::<Arithmetic>(&drive.memory()) else { return STILLFLUX_ERROR_PAGE };
     // SAFETY: the caller's promise.
     unsafe { ptr::write(to.cast::<[u32; WORDS]>(), *stored.words()) };
     STILLFLUX_OK
@@ -531,7 +645,41 @@ pub extern "C" fn stillflux_defaults(
         pll_bandwidth: d.pll_bandwidth,
         offset_time: d.offset_time,
         magnetise_time: d.magnetise_time,
+        shunt_window: d.shunt_window,
+        shunt_settling: d.shunt_settling,
+        field_weakening: u32::from(d.field_weakening),
+        overmodulation: u32::from(d.overmodulation),
+        discontinuous_above: d.discontinuous_above.unwrap_or(0.0),
+        acceleration: d.acceleration.unwrap_or(0.0),
+        jerk: d.jerk.unwrap_or(0.0),
+        torque_limits: words_of(d.torque_limits),
+        speed_limits: words_of(d.speed_limits),
+        machine_overload: words_of(d.machine_overload),
+        bridge_overload: words_of(d.bridge_overload),
+        low_confidence: match d.low_confidence {
+            LowConfidence::LimitTorque => STILLFLUX_LOW_CONFIDENCE_LIMIT_TORQUE,
+            LowConfidence::Fault => STILLFLUX_LOW_CONFIDENCE_FAULT,
+            _ => STILLFLUX_LOW_CONFIDENCE_KEEP,
+        },
+        fresh_time: d.fresh_time,
+        supervision: u32::from(d.supervision),
+        stall_time: d.stall_time,
+        realignment: u32::from(d.realignment),
+        temperature: u32::from(d.enhanced.winding_temperature.is_some()),
+        winding_temperature: d.enhanced.winding_temperature.unwrap_or(0.0),
+        cage_constant: d.enhanced.cage_constant,
+        rotor_rise: d.enhanced.rotor_rise,
+        winding_heat: words_of(d.enhanced.winding_heat),
     };
+}
+
+/// A pair of which both zero is none.
+fn words_of(pair: Option<(f64, f64)>) -> [f64; 2] {
+    pair.map_or([0.0; 2], |(a, b)| [a, b])
+}
+
+fn pair_of(words: [f64; 2]) -> Option<(f64, f64)> {
+    (words != [0.0; 2]).then_some((words[0], words[1]))
 }
 
 /// What a drive that has not run yet remembers: the parameters.
@@ -572,6 +720,8 @@ pub unsafe extern "C" fn stillflux_page(
     error: &mut stillflux_error,
 ) -> u32 {
     let (m, i, s) = (machine_of(machine), inverter_of(inverter), settings);
+    let d = DriveParams::new(&m, &i);
+    let some = |x: f64| (x != 0.0).then_some(x);
     let params = DriveParams {
         scheme: if s.scheme == STILLFLUX_PAPER { Scheme::Paper } else { Scheme::Enhanced },
         psi_ref: s.psi_ref,
@@ -589,7 +739,34 @@ pub unsafe extern "C" fn stillflux_page(
         current_sensors: inverter.current_sensors,
         offset_time: s.offset_time,
         magnetise_time: s.magnetise_time,
-        ..DriveParams::new(&m, &i)
+        shunt_window: s.shunt_window,
+        shunt_settling: s.shunt_settling,
+        field_weakening: s.field_weakening != 0,
+        overmodulation: s.overmodulation != 0,
+        discontinuous_above: some(s.discontinuous_above),
+        acceleration: some(s.acceleration),
+        jerk: some(s.jerk),
+        torque_limits: pair_of(s.torque_limits),
+        speed_limits: pair_of(s.speed_limits),
+        machine_overload: pair_of(s.machine_overload),
+        bridge_overload: pair_of(s.bridge_overload),
+        low_confidence: match s.low_confidence {
+            STILLFLUX_LOW_CONFIDENCE_LIMIT_TORQUE => LowConfidence::LimitTorque,
+            STILLFLUX_LOW_CONFIDENCE_FAULT => LowConfidence::Fault,
+            _ => LowConfidence::Keep,
+        },
+        fresh_time: s.fresh_time,
+        supervision: s.supervision != 0,
+        stall_time: s.stall_time,
+        realignment: s.realignment != 0,
+        enhanced: EnhancedParams {
+            winding_temperature: (s.temperature != 0).then_some(s.winding_temperature),
+            cage_constant: s.cage_constant,
+            rotor_rise: s.rotor_rise,
+            winding_heat: pair_of(s.winding_heat),
+            ..d.enhanced
+        },
+        ..d
     };
     let &stillflux_memory { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = memory;
     let memory = MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay };
@@ -626,9 +803,13 @@ fn inverter_of(i: &stillflux_inverter) -> Inverter {
 }
 
 /// Unreachable from every function of the header.
+#[cfg(not(test))]
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     loop {
         core::hint::spin_loop();
     }
 }
+
+#[cfg(test)]
+mod tests;

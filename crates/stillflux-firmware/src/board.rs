@@ -1,12 +1,8 @@
 //! The board: QEMU's mps2-an386 (Cortex-M4F). **The one file to replace for a port**, with `memory.x`.
 //!
-//! On an STM32G4 the same functions are: [`Mailbox::readings`] the injected data registers of the converters through
-//! [`Counts::from_raw`](stillflux::counts::Counts::from_raw), which the timer triggers at the carrier's peak;
-//! [`Mailbox::command`] the timer's `CCR1..3` with preload and its main-output-enable bit; the interrupt is the
-//! converters' end of injected sequence; [`Clock`] is `DWT::CYCCNT`. `docs/firmware.md` has the wiring.
-//!
 //! Here the peripherals are a mailbox that the main loop fills from a file on the host; the interrupt is
-//! SysTick, pended by software once for each period.
+//! SysTick, pended by software once for each period. On an STM32G4 the interrupt is the converters' end of injected
+//! sequence, and the peripherals are its converters and its timer: `examples/firmware`.
 
 use crate::exchange::{FRAME, Frame};
 use core::cell::UnsafeCell;
@@ -45,43 +41,62 @@ impl<T> Handover<T> {
 }
 
 /// Peripheral registers of this board: readings and reference in, command out.
-pub struct Mailbox {
+struct Mailbox {
     frame: Frame,
     command: Command,
 }
 
-impl Mailbox {
-    /// Gates off.
-    #[allow(clippy::new_without_default, reason = "a static takes a const fn")]
-    pub const fn new() -> Self {
-        Self {
-            frame: Frame { counts: Counts { i_abc: [0; 3], u_dc: 0 }, set_point: SetPoint::Stop },
-            command: Command { compare: [0; 3], gates_on: false },
+/// The control interrupt's state `C` with the peripherals that it reads and writes.
+pub struct Interrupt<C> {
+    control: Handover<C>,
+    mailbox: Handover<Mailbox>,
+}
+
+impl<C> Interrupt<C> {
+    /// Before its first period, gates off.
+    pub const fn new(control: C) -> Self {
+        let frame = Frame { counts: Counts { i_abc: [0; 3], u_dc: 0 }, set_point: SetPoint::Stop };
+        let mailbox = Mailbox { frame, command: Command::BLOCKED };
+        Self { control: Handover::new(control), mailbox: Handover::new(mailbox) }
+    }
+
+    /// Content of the interrupt: what the converters have read and what the application wants in, what the timer takes
+    /// out.
+    ///
+    /// # Safety
+    /// Called from the control interrupt alone.
+    #[inline(always)]
+    pub unsafe fn run(&self, period: impl FnOnce(&mut C, &Frame) -> Command) {
+        // SAFETY: the main loop touches both only while this interrupt is not pended.
+        unsafe {
+            self.control.with(|control| {
+                self.mailbox.with(|mailbox| {
+                    let frame = mailbox.frame;
+                    mailbox.command = period(control, &frame);
+                });
+            });
         }
     }
 
-    /// What the converters have read, and what the application wants.
-    #[inline(always)]
-    pub fn readings(&self) -> Frame {
-        self.frame
+    /// One sampling instant: runs the control interrupt on `frame`, returns what it commanded.
+    pub fn sample(&self, frame: Frame) -> Command {
+        // SAFETY: the interrupt is pended only between the two accesses.
+        unsafe {
+            self.mailbox.with(|m| m.frame = frame);
+            SCB::set_pendst();
+            cortex_m::asm::dsb();
+            cortex_m::asm::isb();
+            self.mailbox.with(|m| m.command)
+        }
     }
 
-    /// Preloads the timer.
-    #[inline(always)]
-    pub fn command(&mut self, command: Command) {
-        self.command = command;
-    }
-}
-
-/// One sampling instant: runs the control interrupt on `frame`, returns what it commanded.
-pub fn sample(mailbox: &Handover<Mailbox>, frame: Frame) -> Command {
-    // SAFETY: the interrupt is pended only between the two accesses.
-    unsafe {
-        mailbox.with(|m| m.frame = frame);
-        SCB::set_pendst();
-        cortex_m::asm::dsb();
-        cortex_m::asm::isb();
-        mailbox.with(|m| m.command)
+    /// The state, for the main loop.
+    ///
+    /// # Safety
+    /// Called from the main loop alone, and not again from within `f`.
+    pub unsafe fn between<U>(&self, f: impl FnOnce(&mut C) -> U) -> U {
+        // SAFETY: the interrupt is pended in `sample` only.
+        unsafe { self.control.with(f) }
     }
 }
 

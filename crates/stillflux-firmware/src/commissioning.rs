@@ -1,8 +1,8 @@
-//! Commissioning of the processor in the loop: nameplate and data sheet of the motor on the bench, and the format of what
-//! comes back, the same source on host and target.
+//! Commissioning of the processor in the loop: nameplate and data sheet of the motor on the bench, and the format of
+//! what comes back, the same source on host and target.
 //!
-//! To the target travel the frames of [`crate::exchange`], of which only the readings count. Back, 4 words a period: compare
-//! values and state. At the end the parameter page with what was found ([`stillflux::page`]), 1 KiB.
+//! To the target travel the frames of [`crate::exchange`], of which only the readings count. Back, 4 words a period:
+//! compare values and state. At the end the parameter page with what was found ([`stillflux::page`]), 1 KiB.
 
 use stillflux::commission::{Nameplate, Stage, Status};
 use stillflux::interrupt::{Command, CountsCommissioning};

@@ -10,4 +10,3 @@ pub mod board;
 #[cfg(feature = "commission")]
 pub mod commissioning;
 pub mod exchange;
-pub mod violation;

@@ -44,7 +44,8 @@ def run(elf: Path, arithmetic: str, scheme: str = "enhanced") -> Comparison:
     return compare(answers.read_bytes(), back.read_bytes())
 
 
-#: Features of an image of the commissioning whose page is that of the recording on the host: both have the same schemes.
+#: Features of an image of the commissioning whose page is that of the recording on the host: both have the same
+#: schemes.
 COMMISSION = ["commission", "paper", "enhanced", "variants", "supervision", "dclink", "modes"]
 
 

@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::commission::si::{Shaft, SiCommissioning};
-use stillflux::commission::{Deviation, Nameplate as Plate, Status, Warnings, priors as priors_of};
+use stillflux::commission::{Deviation, Nameplate as Plate, Stage, Status, Warnings, priors as priors_of};
 use stillflux::si::MeasurementSi;
 use stillflux_sim::commission::{self as sim, Wiring};
 
@@ -111,6 +111,26 @@ fn shaft(name: &str) -> PyResult<Shaft> {
     }
 }
 
+/// Stage that is run alone; that of the free shaft is `Complete`.
+fn only(name: Option<&str>, shaft: Shaft) -> PyResult<Option<Stage>> {
+    Ok(Some(match name {
+        None => return Ok(None),
+        Some("wiring") => Stage::Wiring,
+        Some("bridge") => Stage::Bridge,
+        Some("leakage") => Stage::Leakage,
+        Some("magnetising") => Stage::Magnetising,
+        Some("inertia") if shaft == Shaft::Free => Stage::Complete,
+        Some("inertia") => {
+            return Err(PyValueError::new_err("only = \"inertia\" needs shaft = \"free\": the shaft turns"));
+        }
+        Some(other) => {
+            return Err(PyValueError::new_err(format!(
+                "only = {other:?} is not one of 'wiring', 'bridge', 'leakage', 'magnetising', 'inertia'"
+            )));
+        }
+    }))
+}
+
 /// What the flags say, in words.
 fn warnings(w: &Warnings) -> Vec<&'static str> {
     [
@@ -167,11 +187,16 @@ pub struct CommissioningCore {
 #[pymethods]
 impl CommissioningCore {
     #[new]
-    fn new(plate: Nameplate, inverter: Inverter, shaft: &str, arithmetic: &str) -> PyResult<Self> {
+    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only))]
+    fn new(plate: Nameplate, inverter: Inverter, shaft: &str, arithmetic: &str, only: Option<&str>) -> PyResult<Self> {
         let inverter = inverter.params()?;
-        let arithmetic = self::arithmetic(arithmetic)?;
-        let inner =
-            SiCommissioning::new(&plate.plate(), &inverter, self::shaft(shaft)?, arithmetic).map_err(value_error)?;
+        let (shaft, arithmetic) = (self::shaft(shaft)?, self::arithmetic(arithmetic)?);
+        let only = self::only(only, shaft)?;
+        let inner = SiCommissioning::new(&plate.plate(), &inverter, shaft, arithmetic).map_err(value_error)?;
+        let inner = match only {
+            Some(stage) => inner.only(stage),
+            None => inner,
+        };
         Ok(Self { inner, f_s: inverter.f_c(), gates_on: false })
     }
 
@@ -235,12 +260,13 @@ pub struct CommissioningRun {
 impl CommissioningRun {
     #[new]
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (plate, inverter, shaft, arithmetic, plant_motor, plant_inverter, channels, gain, options))]
+    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only, plant_motor, plant_inverter, channels, gain, options))]
     fn new(
         plate: Nameplate,
         inverter: Inverter,
         shaft: &str,
         arithmetic: &str,
+        only: Option<&str>,
         plant_motor: Motor,
         plant_inverter: Inverter,
         channels: Option<[usize; 3]>,
@@ -253,9 +279,14 @@ impl CommissioningRun {
             return Err(PyValueError::new_err(format!("channels = {channels:?}: each is 0, 1 or 2")));
         }
         let (shaft, arithmetic) = (self::shaft(shaft)?, self::arithmetic(arithmetic)?);
+        let only = self::only(only, shaft)?;
         let wiring = Wiring { channels, gain };
         let run = sim::CommissioningRun::new(&plate.plate(), &inverter, shaft, arithmetic, plant, wiring)
             .map_err(value_error)?;
+        let run = match only {
+            Some(stage) => run.only(stage),
+            None => run,
+        };
         Ok(Self { run, f_s: inverter.f_c() })
     }
 

@@ -286,8 +286,8 @@ impl Drive {
     /// torque_ref
     ///     Torque reference in N·m, instead of a speed reference. Neither: stop.
     /// cycle
-    ///     Stamp of the PWM period, a number that the hardware counts up by one in each, 0 to 65535, then 0 again: missed
-    ///     and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the first.
+    ///     Stamp of the PWM period, a number that the hardware counts up by one in each, 0 to 65535, then 0 again:
+    ///     missed and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the first.
     ///
     /// Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
     /// Raises ValueError if both references are given or one is not finite. Implausible measurements do not
@@ -322,6 +322,14 @@ impl Drive {
         Ok(PyArray1::from_slice(i_abc.py(), &self.duty))
     }
 
+    /// Pulses of the next period with `current_sensors=1`: half widths of the three legs' pulses before and after the middle
+    /// of the carrier period, and the two instants after it at which the shunt is sampled, all in half periods of the
+    /// carrier. None with more sensors.
+    #[getter]
+    fn pulses(&self) -> Option<([f64; 3], [f64; 3], [f64; 2])> {
+        self.drive.pulses().map(|p| (p.rising, p.falling, p.sample))
+    }
+
     /// False: the bridge has to be blocked; the duties are then 0.5 each.
     #[getter]
     fn gates_on(&self) -> bool {
@@ -347,7 +355,8 @@ impl Drive {
     }
 
     /// Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A), loss_error
-    /// (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`), L_sigma and L_M (H).
+    /// (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`), L_sigma and L_M
+    /// (H).
     fn memory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         memory_dict(py, &self.drive.memory())
     }

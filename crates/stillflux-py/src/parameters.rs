@@ -249,12 +249,13 @@ drive_settings! {
     common:
     psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
     current_bandwidth, flux_bandwidth, speed_bandwidth, pll_bandwidth,
-    inverter_model, calibrate_offset, offset_time, current_sensors, magnetise_time, fresh_time, supervision, stall_time,
-    realignment, discontinuous_above, field_weakening, overmodulation, acceleration, jerk, torque_limits, speed_limits, machine_overload, bridge_overload,
+    inverter_model, calibrate_offset, offset_time, current_sensors, shunt_window, shunt_settling, magnetise_time, fresh_time, supervision, stall_time,
+    realignment, discontinuous_above, field_weakening, overmodulation, acceleration, jerk, torque_limits,
+    speed_limits, machine_overload, bridge_overload,
     u_dc_brake, u_dc_buffer, u_dc_chopper;
     paper:
-    offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation, resistance_gain,
-    resistance_at_rest, resistance_at_light_load, resistance_quotient, initial_flux, low_pass, limiter;
+    offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation,
+    resistance_gain, resistance_at_rest, resistance_at_light_load, resistance_quotient, initial_flux, low_pass, limiter;
     enhanced:
     identify_offset, identify_resistance, identify_legs, apply_innovation, omega_s_min,
     prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M,

@@ -4,10 +4,11 @@ use numpy::{Complex64, PyArray1};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use stillflux::control::shunt::Pulses;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
 use stillflux_sim::{
-    DcLink, DeepBar, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, SlotRipple, Thermal, Truth,
+    DcLink, DeepBar, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, Shunt, SlotRipple, Thermal, Truth,
 };
 
 use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
@@ -56,6 +57,7 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
             p.slot_ripple = extract::<Option<(u32, f64, f64)>>(name, value)?
                 .map(|(slots, permeance, leakage)| SlotRipple { slots, permeance, leakage });
         }
+        "shunt" => p.shunt = extract::<Option<f64>>(name, value)?.map(|settling| Shunt { settling }),
         "adc_skew" => p.adc.skew = three(name, value)?,
         "missed_calls" => p.calls.missed = extract(name, value)?,
         "doubled_calls" => p.calls.doubled = extract(name, value)?,
@@ -213,10 +215,23 @@ impl Plant {
     /// `duty` (three values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
     /// register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
     /// `load_torque` in N·m, up to ten times the rated torque, opposes positive rotation and is active, as a
-    /// crane's.
-    #[pyo3(signature = (duty, load_torque=0.0, gates_on=true))]
-    fn step<'py>(&mut self, duty: &Bound<'py, PyAny>, load_torque: f64, gates_on: bool) -> PyResult<Reading<'py>> {
-        let s = self.plant.step(three("duty", duty)?, gates_on, self.load(load_torque)?);
+    /// crane's. `pulses`, of `Drive.pulses`, take the place of `duty`: with the option `shunt` the reading is that of the
+    /// shunt at their two instants and at the end of the period, in A.
+    #[pyo3(signature = (duty, load_torque=0.0, gates_on=true, pulses=None))]
+    fn step<'py>(
+        &mut self,
+        duty: &Bound<'py, PyAny>,
+        load_torque: f64,
+        gates_on: bool,
+        pulses: Option<([f64; 3], [f64; 3], [f64; 2])>,
+    ) -> PyResult<Reading<'py>> {
+        let (duties, load) = (three("duty", duty)?, self.load(load_torque)?);
+        let s = match pulses {
+            None => self.plant.step(duties, gates_on, load),
+            Some((rising, falling, sample)) => {
+                self.plant.step_pulses(&Pulses { rising, falling, sample }, gates_on, load)
+            }
+        };
         Ok(reading(duty.py(), s))
     }
 

@@ -20,7 +20,10 @@ pub struct RecordEstimator {
 macro_rules! columns {
     ($py:expr, $rows:expr; complex: $($z:ident),* ; real: $($x:ident),*) => {{
         let dict = PyDict::new($py);
-        $(dict.set_item(stringify!($z), PyArray1::from_vec($py, $rows.iter().map(|e| complex(e.$z)).collect::<Vec<_>>()))?;)*
+        $(dict.set_item(
+            stringify!($z),
+            PyArray1::from_vec($py, $rows.iter().map(|e| complex(e.$z)).collect::<Vec<_>>()),
+        )?;)*
         $(dict.set_item(stringify!($x), PyArray1::from_vec($py, $rows.iter().map(|e| e.$x).collect::<Vec<_>>()))?;)*
         dict
     }};

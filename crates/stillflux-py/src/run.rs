@@ -6,6 +6,7 @@ use numpy::{Complex64, PyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use stillflux_sim::ChannelFault;
 use stillflux_sim::simulate::{self as sim, Change, Profile, ReferenceProfile, SIGNALS};
 
 use crate::convert::{each_keyword, extract, offsets, value_error};
@@ -49,6 +50,7 @@ struct Scenario<'py> {
     record_every: u32,
     signals: Option<Vec<String>>,
     memory: Option<Bound<'py, PyDict>>,
+    cycle_stamps: bool,
 }
 
 impl Scenario<'_> {
@@ -73,7 +75,7 @@ impl Scenario<'_> {
             record_every: self.record_every,
             signals: self.signals,
             memory: self.memory.map(|m| memory_from(&m)).transpose()?,
-            cycle_stamps: false,
+            cycle_stamps: self.cycle_stamps,
         })
     }
 }
@@ -92,12 +94,22 @@ fn check_signals(names: Option<&[String]>) -> PyResult<()> {
 fn changes(list: &[(f64, Bound<'_, PyDict>)]) -> PyResult<Vec<(f64, Change)>> {
     let mut all = Vec::new();
     for (t, what) in list {
-        each_keyword(Some(what), "a change of the plant", |name, value| {
+        each_keyword(Some(what), "a change of plant or drive", |name, value| {
             let change = match name {
                 "R_s" => Change::StatorResistance(resistance(extract(name, value)?)?),
                 "current_offset" => Change::CurrentOffset(offsets(name, value)?),
                 "u_dc" => Change::DcLink(dc_link(extract(name, value)?)?),
                 "speed" => Change::Speed(shaft_speed(extract(name, value)?)?),
+                "open_phase" => Change::OpenPhase(phase(name, extract(name, value)?)?),
+                "channel" => channel(value)?,
+                "stop" => Change::Stop(extract(name, value)?),
+                "reset" => {
+                    if extract(name, value)? {
+                        Change::Reset
+                    } else {
+                        return Ok(true);
+                    }
+                }
                 _ => return Ok(false),
             };
             all.push((*t, change));
@@ -105,6 +117,39 @@ fn changes(list: &[(f64, Bound<'_, PyDict>)]) -> PyResult<Vec<(f64, Change)>> {
         })?;
     }
     Ok(all)
+}
+
+/// Number of a phase or channel.
+fn phase(name: &str, number: usize) -> PyResult<usize> {
+    if number < 3 {
+        return Ok(number);
+    }
+    Err(PyValueError::new_err(format!("{name} = {number} is outside the admissible range 0 to 2")))
+}
+
+/// A channel that fails: its number, how, and a value where it takes one.
+fn channel(value: &Bound<'_, PyAny>) -> PyResult<Change> {
+    let (number, kind, value): (usize, String, Option<f64>) = match value.extract::<(usize, String)>() {
+        Ok((number, kind)) => (number, kind, None),
+        Err(_) => value.extract().map_err(|_| {
+            PyValueError::new_err(format!("channel = {value} is not (number, how) or (number, how, value)"))
+        })?,
+    };
+    let fault = match (kind.as_str(), value) {
+        ("held", None) => ChannelFault::Held,
+        ("stuck", Some(ampere)) => ChannelFault::Stuck(ampere),
+        ("once", Some(ampere)) => ChannelFault::Once(ampere),
+        ("gain", Some(factor)) => ChannelFault::Gain(factor),
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        ("of", Some(other)) if other >= 0.0 => ChannelFault::Of(phase("channel", other as usize)?),
+        _ => {
+            return Err(PyValueError::new_err(format!(
+                "channel = ({number}, {kind:?}, {value:?}): admissible are \"held\" without a value, and \"stuck\", \
+                 \"once\", \"gain\" and \"of\" with one"
+            )));
+        }
+    };
+    Ok(Change::Channel(phase("channel", number)?, fault))
 }
 
 /// Names and units of all signals a run can record.

@@ -128,9 +128,15 @@ impl Real for Counted {
         book(1);
         Self(self.0.recip())
     }
+    fn dividend(self) -> Self {
+        self
+    }
     fn over_64(self, y: Self) -> Self {
         book(1);
         Self(self.0 / (64.0 * y.0))
+    }
+    fn over_64_of_negative(self, y: Self) -> Self {
+        self.over_64(y)
     }
     fn rsqrt(self) -> Self {
         book(1);
@@ -271,7 +277,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (
             "flux_control",
             operations(|| {
-                flux_control.step(config.flux_control_config(), r(1.0), r(0.99), r(0.3), r(0.05), Range::Low)
+                flux_control.step(
+                    config.flux_control_config(),
+                    (r(1.0), [r(1.0); 2]),
+                    r(0.99),
+                    r(0.3),
+                    r(0.05),
+                    Range::Low,
+                )
             }),
         ),
         (

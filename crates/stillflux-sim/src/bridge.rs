@@ -132,22 +132,26 @@ impl Leg {
         self.turn_on = t + dead_time + self.on_delay[new];
     }
 
-    /// Lists the changes of one period `T` for a pulse of half width `half` about its centre.
+    /// Lists the changes of one period `T` for a pulse from `rising` before its centre to `falling` after it.
     #[inline(always)]
-    fn load(&mut self, half: f64, period: f64, dead_time: f64) {
+    fn load(&mut self, rising: f64, falling: f64, period: f64, dead_time: f64) {
         let carried = self.next..self.n;
         (self.n, self.next) = (0, 0);
         for k in carried {
             self.push(self.t[k] - period, self.to[k]);
         }
         let centre = 0.5 * period;
-        let full = half >= centre;
-        if self.level != full {
-            self.edge(0.0, full, dead_time);
+        let from_begin = rising >= centre;
+        if self.level != from_begin {
+            self.edge(0.0, from_begin, dead_time);
         }
-        if half > 0.0 && !full {
-            self.edge(centre - half, true, dead_time);
-            self.edge(centre + half, false, dead_time);
+        if rising + falling > 0.0 {
+            if !from_begin {
+                self.edge(centre - rising, true, dead_time);
+            }
+            if falling < centre {
+                self.edge(centre + falling, false, dead_time);
+            }
         }
         self.take_turn_on(period);
     }
@@ -273,9 +277,10 @@ impl Bridge {
         if half < centre * (1.0 - 1e-9) { half } else { centre }
     }
 
-    /// Prepares one period, or the half of it with the rising or the falling edges. Blocking acts at once, unblocking turns
-    /// the lower switches on at once.
-    pub fn load(&mut self, duty: [f64; 3], on: bool, rising: Option<bool>) {
+    /// Prepares one period of pulses with these half widths before and after their middle, in parts of half of it, or the
+    /// half of it with the rising or the falling edges. Blocking acts at once, unblocking turns the lower switches on at
+    /// once.
+    pub fn load(&mut self, [before, after]: [[f64; 3]; 2], on: bool, rising: Option<bool>) {
         if !on {
             self.legs = self.legs.map(|leg| leg.at_rest(OFF));
         } else {
@@ -283,10 +288,15 @@ impl Bridge {
                 self.legs = self.legs.map(|leg| leg.at_rest(LOW));
             }
             for k in 0..3 {
-                let half = self.half_width(duty[k]);
+                let (before, after) = (self.half_width(before[k]), self.half_width(after[k]));
                 match rising {
-                    None => self.legs[k].load(half, self.period, self.dead_time),
-                    Some(rising) => self.legs[k].load_half(half, 0.5 * self.period, self.dead_time, rising),
+                    None => self.legs[k].load(before, after, self.period, self.dead_time),
+                    Some(rising) => self.legs[k].load_half(
+                        if rising { before } else { after },
+                        0.5 * self.period,
+                        self.dead_time,
+                        rising,
+                    ),
                 }
             }
         }
@@ -484,7 +494,7 @@ mod tests {
     const T: f64 = 100e-6;
 
     fn gates(leg: &mut Leg, half: f64, dead: f64) -> Vec<(f64, Gate)> {
-        leg.load(half, T, dead);
+        leg.load(half, half, T, dead);
         let list: Vec<_> = (0..leg.n).map(|k| ((leg.t[k] * 1e7).round() / 10.0, leg.to[k])).collect();
         while leg.t[leg.next] <= T {
             leg.gate = leg.to[leg.next];
@@ -513,7 +523,7 @@ mod tests {
                 list.into_iter().filter(|(t, _)| *t < begin + length).collect::<Vec<_>>()
             };
             for _ in 0..3 {
-                whole.load(half, T, 2e-6);
+                whole.load(half, half, T, 2e-6);
                 let want = edges(&mut whole, 0.0, T);
                 halves.load_half(half, 0.5 * T, 2e-6, true);
                 let mut got = edges(&mut halves, 0.0, 0.5 * T);

@@ -14,8 +14,10 @@ use crate::machine::{BRANCHED, Circuit, Energy, Extras, FULL, Field, LINEAR, SAT
 use crate::mechanics::{Mechanics, Shaft};
 use crate::nodes::Nodes;
 use crate::rectifier::Grid;
+use crate::shunt::{Amplifier, Shunt};
 use crate::slots::{LeakageSaturation, SlotRipple};
 use crate::thermal::Thermal;
+use stillflux::control::shunt::Pulses;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 use stillflux::si::MeasurementSi;
 
@@ -51,6 +53,9 @@ pub struct PlantParams {
     pub mechanics: Mechanics,
     /// Measurement.
     pub adc: Adc,
+    /// A single shunt in place of the current channels: the readings are then those of the instants that
+    /// [`Plant::step_pulses`] is given, in their order, and at the end of the period. `None`: three phase currents.
+    pub shunt: Option<Shunt>,
     /// Eddy currents in the iron.
     pub iron_loss: Option<IronLoss>,
     /// Skin effect in the rotor's bars.
@@ -85,6 +90,7 @@ impl PlantParams {
             gate_delays: GateDelays::default(),
             mechanics: Mechanics::default(),
             adc: Adc::new(&machine, &inverter),
+            shunt: None,
             iron_loss: None,
             deep_bar: None,
             leakage_saturation: None,
@@ -113,6 +119,12 @@ impl PlantParams {
         self.adc.validate()?;
         for skew in self.adc.skew {
             check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s.max(self.inverter.f_c()), "s")?;
+        }
+        if let Some(shunt) = self.shunt {
+            shunt.validate()?;
+            let halves = if self.mode == Mode::Switching { self.inverter.half_periods } else { 0 };
+            check("half_periods", f64::from(halves), 2.0, 16.0, "")
+                .map_err(|e| e.with_note("a shunt sees the edges of whole carrier periods, in the switching model"))?;
         }
         self.iron_loss.map_or(Ok(()), |l| l.validate(&self.machine))?;
         self.deep_bar.map_or(Ok(()), |b| b.validate())?;
@@ -212,8 +224,9 @@ pub struct Plant {
     /// Up to this length a segment takes a Taylor step. Zero without node capacitance.
     h_taylor: f64,
     tol: Tolerance,
-    /// Duties for the coming period.
-    preload: [f64; 3],
+    /// Pulses for the coming period.
+    preload: Pulses<f64>,
+    shunt: Option<Amplifier>,
     /// Instants within the period at which channels are sampled ahead of its end, else infinite, and what they saw.
     instants: [f64; 3],
     seen: [f64; 3],
@@ -251,6 +264,12 @@ impl Plant {
     /// The first parameter found outside its range.
     pub fn new(params: PlantParams) -> Result<Self, ParamError> {
         params.validate()?;
+        let mut adc = params.adc;
+        if params.shunt.is_some() {
+            // One amplifier, and no channel with an instant of its own.
+            (adc.offset, adc.gain) = ([adc.offset[0]; 3], [adc.gain[0]; 3]);
+            (adc.offset_drift, adc.skew) = ([adc.offset_drift[0]; 3], [0.0; 3]);
+        }
         let PlantParams { machine: m, inverter: inv, .. } = params;
         let period = 1.0 / inv.f_s.max(inv.f_c());
         let circuit = Circuit::new(
@@ -275,7 +294,7 @@ impl Plant {
             bridge: Bridge::new(&inv, &params.gate_delays),
             nodes,
             shaft: Shaft::new(params.mechanics, m.J),
-            adc: Converter::new(params.adc, params.seed),
+            adc: Converter::new(adc, params.seed),
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
             f: Field::default(),
             t: 0.0,
@@ -292,10 +311,11 @@ impl Plant {
                 time: 1e-13 / inv.f_s,
                 near: 2e-3 * i_n,
             },
-            preload: [0.5; 3],
-            instants: params.adc.skew.map(|s| if s > 0.0 { period - s } else { f64::INFINITY }),
+            preload: centred([0.5; 3]),
+            shunt: params.shunt.map(Amplifier::new),
+            instants: adc.skew.map(|s| if s > 0.0 { period - s } else { f64::INFINITY }),
             seen: [0.0; 3],
-            skewed: params.adc.skew.iter().any(|s| *s > 0.0),
+            skewed: adc.skew.iter().any(|s| *s > 0.0),
             int_i: [0.0; 2],
             band: average_band(&m, &inv),
             stale: false,
@@ -319,20 +339,33 @@ impl Plant {
     /// acts in the *next* period; this one runs with the duties given the period before. `gates_on` acts at
     /// once. `load_torque` in N·m opposes positive rotation and is active, as a crane's.
     pub fn step(&mut self, duty: [f64; 3], gates_on: bool, load_torque: f64) -> MeasurementSi {
-        let active = std::mem::replace(&mut self.preload, duty.map(|d| if d > 0.0 { d.min(1.0) } else { 0.0 }));
+        self.step_pulses(&centred(duty), gates_on, load_torque)
+    }
+
+    /// [`Plant::step`] with pulses that need not be centred, and the instants at which a single shunt is sampled. With a
+    /// double update the half widths before the middle count in one control period, those after it in the next.
+    pub fn step_pulses(&mut self, pulses: &Pulses<f64>, gates_on: bool, load_torque: f64) -> MeasurementSi {
+        let within = |d: f64| if d > 0.0 { d.min(1.0) } else { 0.0 };
+        let Pulses { rising, falling, sample } = pulses;
+        let pulses = Pulses { rising: rising.map(within), falling: falling.map(within), sample: sample.map(within) };
+        let active = std::mem::replace(&mut self.preload, pulses);
+        if let Some(shunt) = &mut self.shunt {
+            let middle = 0.5 * self.period;
+            shunt.instants = active.sample.map(|s| middle + self.bridge.half_width(s));
+        }
         let begin = self.begin(load_torque);
         let taken = self.taken();
         let averaged = self.params.mode == Mode::Averaged && gates_on;
         for _ in 0..self.stretches {
             match (averaged, self.circuit.kind()) {
-                (false, LINEAR) => self.switched::<LINEAR>(active, gates_on),
-                (false, SATURATING) => self.switched::<SATURATING>(active, gates_on),
-                (false, BRANCHED) => self.switched::<BRANCHED>(active, gates_on),
-                (false, _) => self.switched::<FULL>(active, gates_on),
-                (true, LINEAR) => self.averaged::<LINEAR>(active),
-                (true, SATURATING) => self.averaged::<SATURATING>(active),
-                (true, BRANCHED) => self.averaged::<BRANCHED>(active),
-                (true, _) => self.averaged::<FULL>(active),
+                (false, LINEAR) => self.switched::<LINEAR>(&active, gates_on),
+                (false, SATURATING) => self.switched::<SATURATING>(&active, gates_on),
+                (false, BRANCHED) => self.switched::<BRANCHED>(&active, gates_on),
+                (false, _) => self.switched::<FULL>(&active, gates_on),
+                (true, LINEAR) => self.averaged::<LINEAR>(active.duty()),
+                (true, SATURATING) => self.averaged::<SATURATING>(active.duty()),
+                (true, BRANCHED) => self.averaged::<BRANCHED>(active.duty()),
+                (true, _) => self.averaged::<FULL>(active.duty()),
             }
         }
         self.rising = self.rising.map(|rising| !rising);
@@ -342,6 +375,9 @@ impl Plant {
             self.bridge.u_dc = link.advance(self.bridge.u_dc, drawn, length);
         }
         self.finish(begin, length);
+        if let Some(Amplifier { seen: [first, second], y, .. }) = self.shunt {
+            return self.adc.read([first, second, y], self.bridge.u_dc);
+        }
         let mut i = self.phase_currents();
         for k in 0..3 {
             if self.instants[k].is_finite() {
@@ -369,7 +405,7 @@ impl Plant {
 
     /// A reading at the present instant. Every call draws fresh noise.
     pub fn sample(&mut self) -> MeasurementSi {
-        let i = self.phase_currents();
+        let i = self.shunt.map_or_else(|| self.phase_currents(), |shunt| [shunt.y; 3]);
         self.adc.read(i, self.bridge.u_dc)
     }
 
@@ -413,9 +449,9 @@ impl Plant {
         self.refresh();
     }
 
-    /// Sets the present offset of the current channels, A; the drift goes on from there.
+    /// Sets the present offset of the current channels, A, of a single shunt that of the first; the drift goes on from there.
     pub fn set_offset(&mut self, offset: [f64; 3]) {
-        self.adc.offset = offset;
+        self.adc.offset = if self.shunt.is_some() { [offset[0]; 3] } else { offset };
     }
 
     /// Energy that the bridge has taken from the link, as far as it is accounted.
@@ -581,6 +617,11 @@ impl Plant {
         (t.omega_m, t.theta_m, t.torque) = (self.x.omega, self.x.theta, self.f.torque);
         (t.R_s, t.u_dc) = (self.circuit.R_s, self.bridge.u_dc);
     }
+}
+
+/// Centred pulses.
+fn centred(duty: [f64; 3]) -> Pulses<f64> {
+    Pulses { rising: duty, falling: duty, sample: [0.5; 2] }
 }
 
 /// What the bridge takes from the link; the average model has no losses of its own.

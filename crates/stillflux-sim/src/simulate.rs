@@ -7,6 +7,7 @@
 use std::borrow::Cow;
 
 use stillflux::config::DriveParams;
+use stillflux::control::shunt::Pulses;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 
 use crate::adc::ChannelFault;
@@ -68,7 +69,7 @@ pub enum ReferenceProfile {
     Torque(Profile),
 }
 
-/// Something that happens to the plant during a run.
+/// Something that happens during a run, to the plant or to the drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
     /// Stator resistance at its reference temperature, Ω.
@@ -83,6 +84,10 @@ pub enum Change {
     OpenPhase(usize),
     /// A current channel (0 to 2) that fails, or a single sample that is wrong.
     Channel(usize, ChannelFault),
+    /// The drive is told to stop, or to follow its reference again.
+    Stop(bool),
+    /// The drive is told to leave a fault.
+    Reset,
 }
 
 /// A closed-loop experiment.
@@ -252,6 +257,7 @@ pub struct Run<'s> {
     sample: MeasurementSi,
     /// What the drive last asked for, and the chance of its next call.
     duty: [f64; 3],
+    pulses: Option<Pulses<f64>>,
     gates_on: bool,
     chance: Rng,
     period: u64,
@@ -259,6 +265,7 @@ pub struct Run<'s> {
     reference_at: usize,
     load_at: usize,
     next_change: usize,
+    stopped: bool,
     u_i_integral: Vector,
     psi_begin: Option<Vector>,
 }
@@ -316,6 +323,7 @@ impl<'s> Run<'s> {
             record: Record { t: Vec::with_capacity(rows), columns: Vec::new() },
             sample,
             duty: [0.5; 3],
+            pulses: None,
             gates_on: false,
             chance: Rng::new(s.plant.seed ^ CALLS),
             period: 0,
@@ -323,6 +331,7 @@ impl<'s> Run<'s> {
             reference_at: 0,
             load_at: 0,
             next_change: 0,
+            stopped: false,
             u_i_integral: [0.0; 2],
             psi_begin: None,
             scenario,
@@ -417,9 +426,11 @@ impl<'s> Run<'s> {
                 Change::Speed(w) => self.plant.set_speed(w),
                 Change::OpenPhase(k) => self.plant.set_open_phase(k, true),
                 Change::Channel(k, fault) => self.plant.set_channel(k, Some(fault)),
+                Change::Stop(stopped) => self.stopped = stopped,
+                Change::Reset => self.drive.reset(),
             }
         }
-        let (command, reference) = match &self.scenario.reference {
+        let (mut command, reference) = match &self.scenario.reference {
             ReferenceProfile::Speed(p) => {
                 let w = p.at(t, &mut self.reference_at);
                 (ReferenceSi::Speed(w), w)
@@ -429,6 +440,9 @@ impl<'s> Run<'s> {
                 (ReferenceSi::Torque(x), x)
             }
         };
+        if self.stopped {
+            command = ReferenceSi::Stop;
+        }
         for _ in 0..self.calls() {
             let out = if self.scenario.cycle_stamps {
                 self.drive.step_at(self.period as u16, &self.sample, &command)
@@ -437,6 +451,7 @@ impl<'s> Run<'s> {
             };
             if let Some(out) = out {
                 (self.duty, self.gates_on) = out;
+                self.pulses = self.drive.pulses();
                 self.book_drift();
             }
         }
@@ -445,7 +460,10 @@ impl<'s> Run<'s> {
         }
         let load = self.scenario.load.at(t, &mut self.load_at);
         self.plant.set_chopper(self.drive.chopper(self.sample.u_dc));
-        self.sample = self.plant.step(self.duty, self.gates_on, load);
+        self.sample = match &self.pulses {
+            None => self.plant.step(self.duty, self.gates_on, load),
+            Some(pulses) => self.plant.step_pulses(pulses, self.gates_on, load),
+        };
         self.period += 1;
     }
 

@@ -14,7 +14,7 @@ mod enhanced;
 #[cfg(feature = "paper")]
 mod paper;
 mod settings;
-use settings::BOOST;
+pub(crate) use settings::BOOST;
 
 pub use settings::{
     BALANCE_PERIODS, DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme,
@@ -27,10 +27,10 @@ use crate::control::dclink::{self, DcLinkConfig};
 use crate::control::flux::FluxControlConfig;
 use crate::control::overload::{self, OverloadConfig};
 use crate::control::ramp::{self, RampConfig};
-#[cfg(feature = "supervision")]
-use crate::control::realign::RealignConfig;
 #[cfg(feature = "enhanced")]
 use crate::control::shift::ShiftConfig;
+#[cfg(feature = "shunt")]
+use crate::control::shunt::ShuntConfig;
 use crate::control::speed::SpeedControlConfig;
 use crate::control::weakening::{self, WeakeningConfig};
 #[cfg(feature = "enhanced")]
@@ -56,11 +56,9 @@ use crate::supervision::innovation::InnovationConfig;
 #[cfg(feature = "supervision")]
 use crate::supervision::phases::PhaseConfig;
 use crate::supervision::plausibility::PlausibilityConfig;
-#[cfg(feature = "supervision")]
-use crate::supervision::stall::StallConfig;
 use crate::words::{Words, words};
 #[cfg(feature = "enhanced")]
-pub(crate) use enhanced::EnhancedConfig;
+pub(crate) use enhanced::{EnhancedConfig, REDUCED, SMALL};
 #[cfg(feature = "paper")]
 pub(crate) use paper::PaperConfig;
 
@@ -142,8 +140,9 @@ pub struct DriveConfig<R: Real> {
     pub(crate) omega_most: R,
     pub(crate) ramp: RampConfig<R>,
     pub(crate) overload: [OverloadConfig<R>; 2],
+    /// Calls for which the field stands at the torque limit before it is realigned; `u32::MAX`: never.
     #[cfg(feature = "supervision")]
-    pub(crate) realign: RealignConfig,
+    pub(crate) realign_calls: u32,
     #[cfg(feature = "dclink")]
     pub(crate) dclink: DcLinkConfig<R>,
     /// Periods after a stop for which offsets and identified parameters are fresh, and the current that builds up the
@@ -156,6 +155,9 @@ pub struct DriveConfig<R: Real> {
     /// The current of phase c is computed from the other two.
     #[cfg(feature = "modes")]
     two_sensors: bool,
+    /// A single shunt in the dc link.
+    #[cfg(feature = "shunt")]
+    pub(crate) shunt: Option<ShuntConfig<R>>,
     pub(crate) offset_periods: u32,
     pub(crate) inv_offset_periods: R,
     pub(crate) magnetise_periods: u32,
@@ -171,11 +173,12 @@ words! {
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
     i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
-    #[cfg(feature = "supervision")] realign,
+    #[cfg(feature = "supervision")] realign_calls,
     #[cfg(feature = "dclink")] dclink,
     fresh_periods, i_quick,
     bridged_periods, calibrate_offset,
     #[cfg(feature = "modes")] two_sensors,
+    #[cfg(feature = "shunt")] shunt,
     offset_periods, inv_offset_periods, magnetise_periods, boost_periods,
 }
 
@@ -262,6 +265,15 @@ impl<R: Real> DriveConfig<R> {
         false
     }
 
+    /// Whether the currents are those of a single shunt.
+    #[inline(always)]
+    pub(crate) fn single_shunt(&self) -> bool {
+        #[cfg(feature = "shunt")]
+        return self.shunt.is_some();
+        #[cfg(not(feature = "shunt"))]
+        false
+    }
+
     /// Whether the duties are updated at both extremes of the carrier.
     #[inline(always)]
     pub(crate) fn double_update(&self) -> bool {
@@ -282,7 +294,7 @@ impl<R: Real> DriveConfig<R> {
 
     /// Magnetising current of the start-up: boosted until the flux has built up, then held.
     pub(crate) fn magnetising_current(&self, stage: u32) -> Dq<R> {
-        let i_d = self.flux_control.feedforward(self.flux_control.psi_rated, R::ZERO);
+        let i_d = self.flux_control.magnetising_current(self.flux_control.psi_rated);
         Dq::new(if stage < self.boost_periods { i_d * R::from_f64(BOOST) } else { i_d }, R::ZERO)
     }
 
@@ -303,7 +315,6 @@ impl<R: Real> DriveConfig<R> {
         let slow_periods = |t: f64| periods(t / f64::from(SLOW_PERIODS));
         #[cfg(feature = "supervision")]
         let watched = |t: f64| if p.supervision { slow_periods(t) } else { u32::MAX };
-        let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
         let i_q_max = libm::sqrt(i_max * i_max - i_0 * i_0);
@@ -321,6 +332,9 @@ impl<R: Real> DriveConfig<R> {
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
         let (u_limit, u_use) =
             if p.overmodulation { (U_REACH, U_OVERMODULATED) } else { (U_UTILISATION, U_UTILISATION) };
+        // A single shunt takes its window from the middle duty.
+        let window = p.window(inverter);
+        let (u_limit, u_use) = (u_limit * (1.0 - window), u_use * (1.0 - window));
         let u_max = u_use * pu.u_dc;
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
@@ -329,7 +343,8 @@ impl<R: Real> DriveConfig<R> {
         // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
 
-        let inv_two_l_product = 0.5 / l_product;
+        // Reciprocal of `k` of (12): torque current at pull-out over the flux.
+        let inv_k = 0.5 * pu.l_m / (l_s * sigma_l_s);
         let k_i = t_s * k_p * pu.hz(p.current_bandwidth) / 5.0;
         let speed_k_i = t_slow * speed_gain * pu.hz(p.speed_bandwidth) / 4.0;
         fits::<R>("J", machine.J, "kg m^2", speed_gain, 1.0)?;
@@ -345,9 +360,10 @@ impl<R: Real> DriveConfig<R> {
         if p.scheme == Scheme::Enhanced {
             FilterConfig::<R>::check(machine, inverter)?;
         }
-        fits::<R>("L_M", machine.L_M, "H", pu.l_m * pu.l_m, 2.0)?;
-        fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * l_product * l_product, 4.0)?;
-        fits::<R>("L_sigma", machine.L_sigma, "H", inv_two_l_product, -1.0)?;
+        fits::<R>("L_M", machine.L_M, "H", pu.l_m, 1.0)?;
+        fits::<R>("L_M", machine.L_M, "H", 1.0 / pu.l_m, -1.0)?;
+        fits::<R>("L_sigma", machine.L_sigma, "H", sigma_l_s, 1.0)?;
+        fits::<R>("L_sigma", machine.L_sigma, "H", inv_k, -1.0)?;
         fits::<R>("i_max", p.i_max, "A", 1.0 / (0.9 * i_q_max * p.psi_ref), -1.0)?;
         let ramp_acceleration = slow * ramp::CALLS / b.omega_m;
         let ramp_jerk = slow * ramp_acceleration;
@@ -362,6 +378,9 @@ impl<R: Real> DriveConfig<R> {
             if let Some((current, _)) = body {
                 fits::<R>(field, current, "A", 0.5 * b.i * b.i / (current * current), -2.0)?;
             }
+        }
+        if p.current_sensors == 1 {
+            fits::<R>("f_s", inverter.f_s, "Hz", b.omega / inverter.f_s * pu.u_dc / sigma_l_s, -1.0)?;
         }
         #[cfg(feature = "paper")]
         if p.scheme == Scheme::Paper {
@@ -392,10 +411,9 @@ impl<R: Real> DriveConfig<R> {
             flux_control: FluxControlConfig {
                 psi_rated: r(p.psi_ref),
                 inv_psi_rated: r(1.0 / p.psi_ref),
-                l_sum: r(l_s + sigma_l_s),
-                root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
-                root_i_q: r(4.0 * l_product * l_product),
-                inv_two_l_product: r(inv_two_l_product),
+                leakage: r(sigma_l_s),
+                gamma: r(1.0 / pu.l_m),
+                inv_k: r(inv_k),
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
                 limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
@@ -438,14 +456,14 @@ impl<R: Real> DriveConfig<R> {
                 channels: ChannelConfig {
                     limit: r(0.05 * i_range + 0.08),
                     // A computed current makes the sum zero.
-                    calls: if p.current_sensors == 2 { u32::MAX } else { watched(0.004) },
+                    calls: if p.current_sensors < 3 { u32::MAX } else { watched(0.004) },
                 },
                 #[cfg(feature = "supervision")]
                 innovation: InnovationConfig {
                     gain: r(if p.supervision { f64::from(SLOW_PERIODS) / inverter.f_c() / LOST_FIELD } else { 0.0 }),
                 },
                 #[cfg(feature = "supervision")]
-                stall: StallConfig { calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX } },
+                stall_calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX },
             },
             low_confidence: p.low_confidence,
             t_ahead: r(1.5 * t_s),
@@ -456,7 +474,7 @@ impl<R: Real> DriveConfig<R> {
             // Leaves a quarter of the current to the torque.
             i_d_max: r(libm::sqrt(15.0 / 16.0) * i_max),
             i_q_max: r(i_q_max),
-            pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
+            pull_out_use: r(0.8 * inv_k),
             u_limit: r(u_limit),
             u_use: r(u_use),
             u_dc_min: r(p.u_dc_min / b.u),
@@ -476,7 +494,7 @@ impl<R: Real> DriveConfig<R> {
                 OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
             }),
             #[cfg(feature = "supervision")]
-            realign: RealignConfig { calls: if p.realignment { slow_periods(REALIGN) } else { u32::MAX } },
+            realign_calls: if p.realignment { slow_periods(REALIGN) } else { u32::MAX },
             #[cfg(feature = "dclink")]
             dclink: {
                 let u = |volts: Option<f64>, without: f64| volts.map_or(without, |u| u / b.u);
@@ -496,6 +514,14 @@ impl<R: Real> DriveConfig<R> {
             calibrate_offset: p.calibrate_offset,
             #[cfg(feature = "modes")]
             two_sensors: p.current_sensors == 2,
+            #[cfg(feature = "shunt")]
+            shunt: (p.current_sensors == 1).then(|| {
+                ShuntConfig::new(
+                    (window, 2.0 * p.shunt_settling * inverter.f_s),
+                    b.omega / inverter.f_s / (2.0 * sigma_l_s),
+                    pu.u_dc,
+                )
+            }),
             offset_periods: periods(p.offset_time),
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),
             magnetise_periods,

@@ -11,12 +11,14 @@
 use crate::base::Base;
 use crate::config::DriveParams;
 use crate::control::modulator::Duty;
+#[cfg(feature = "shunt")]
+use crate::control::shunt::Pulses;
 use crate::drive::Measurement;
 use crate::params::{Machine, ParamError, check};
 use crate::scalar::{Real, Timer};
 use crate::words::words;
 
-/// Bits of a converter's result.
+/// Bits of a converter's result: 6, 8, 10 or 12 of a conversion (`RES`), any other number of oversampled ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -24,96 +26,155 @@ use crate::words::words;
 pub enum Resolution {
     /// 6 bits.
     Six = 6,
+    /// 7 bits.
+    Seven = 7,
     /// 8 bits.
     Eight = 8,
+    /// 9 bits.
+    Nine = 9,
     /// 10 bits.
     Ten = 10,
+    /// 11 bits.
+    Eleven = 11,
     /// 12 bits.
     Twelve = 12,
-    /// 14 bits: four samples of 12 bits added up by the hardware.
+    /// 13 bits.
+    Thirteen = 13,
+    /// 14 bits.
     Fourteen = 14,
-    /// 16 bits: sixteen samples of 12 bits added up by the hardware.
+    /// 15 bits.
+    Fifteen = 15,
+    /// 16 bits.
     Sixteen = 16,
 }
 
+impl Resolution {
+    /// Of so many bits, 6 to 16.
+    #[must_use]
+    pub const fn of(bits: u32) -> Option<Self> {
+        Some(match bits {
+            6 => Self::Six,
+            7 => Self::Seven,
+            8 => Self::Eight,
+            9 => Self::Nine,
+            10 => Self::Ten,
+            11 => Self::Eleven,
+            12 => Self::Twelve,
+            13 => Self::Thirteen,
+            14 => Self::Fourteen,
+            15 => Self::Fifteen,
+            16 => Self::Sixteen,
+            _ => return None,
+        })
+    }
+
+    /// Of the sum of `ratio` samples of 12 bits that the hardware shifts right by `shift` bits, rounded: 2 to 256
+    /// samples (`OVSR`), 0 to 8 bits (`OVSS`). `None` for what the hardware does not do, and where more than 16 bits
+    /// remain: it cuts the upper ones off.
+    #[must_use]
+    pub const fn oversampled(ratio: u32, shift: u32) -> Option<Self> {
+        if !ratio.is_power_of_two() || ratio < 2 || ratio > 256 || shift > 8 {
+            return None;
+        }
+        Self::of(12 + ratio.trailing_zeros() - shift)
+    }
+
+    /// The code of a saturated converter. Of a sum without or with little shift the lowest bits stay zero; one that is
+    /// shifted further than it has grown is rounded up to a power of two, which is beyond this.
+    const fn top(self) -> i32 {
+        let bits = self as u32;
+        if bits > 12 { (1 << bits) - (1 << (bits - 12)) } else { (1 << bits) - 1 }
+    }
+}
+
 /// How a result lies in the 16-bit data register of a converter. Names of bits are those of the STM32G4 (RM0440, data
-/// management of the converters); F3, H7, L4 and U5 lie the same.
+/// management of the converters); F3 and L4 lie the same. The converters of H7 and U5 shift to the left by a number of
+/// bits instead: without that shift and without offset they are [`Layout::Right`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Layout {
-    /// `ALIGN` = 0, no offset: `D11…D0` in bits 11 to 0. So are oversampled results, whatever `ALIGN` says, and those of
-    /// an offset with `SATEN`.
+    /// `ALIGN` = 0, no offset, or one with `SATEN`: `D11…D0` in bits 11 to 0, unsigned. So are oversampled results,
+    /// whatever `ALIGN` and `OFFSETy_EN` say.
     Right(Resolution),
-    /// `ALIGN` = 1, no offset: `D11…D0 0000`, bits 15 to 4; 6 bits in bits 7 to 2.
+    /// `ALIGN` = 1, no offset, or one with `SATEN`: `D11…D0 0000`, bits 15 to 4, unsigned; 6 bits in bits 7 to 2.
     Left(Resolution),
-    /// `ALIGN` = 0, `OFFSETy_EN` = 1, `SATEN` = 0: signed.
+    /// `ALIGN` = 0, `OFFSETy_EN` = 1, `SATEN` = 0: `SEXT… D11…D0`, signed; `OFFSETPOS` = 0 or 1.
     RightOffset(Resolution),
-    /// `ALIGN` = 1, `OFFSETy_EN` = 1, `SATEN` = 0, `OFFSETPOS` = 0: signed, `SEXT D11…D0 000`, one bit lower than without
-    /// offset.
+    /// `ALIGN` = 1, `OFFSETy_EN` = 1, `SATEN` = 0, `OFFSETPOS` = 0: `SEXT D11…D0 000`, signed, one bit lower than
+    /// without offset; 6 bits in bits 6 to 1.
     LeftOffset(Resolution),
 }
 
 impl Layout {
-    /// Bits of the result.
     #[inline]
-    const fn bits(self) -> u32 {
+    const fn resolution(self) -> Resolution {
         match self {
-            Self::Right(r) | Self::Left(r) | Self::RightOffset(r) | Self::LeftOffset(r) => r as u32,
+            Self::Right(r) | Self::Left(r) | Self::RightOffset(r) | Self::LeftOffset(r) => r,
         }
     }
 
-    /// The converter's own code: 0 to `2^bits - 1`. `offset`: what the hardware subtracts.
+    /// Whether the hardware subtracts an offset and keeps the sign.
     #[inline]
-    const fn code(self, register: u16, offset: u16) -> i32 {
+    const fn is_signed(self) -> bool {
+        matches!(self, Self::RightOffset(_) | Self::LeftOffset(_))
+    }
+
+    /// The number in a register.
+    #[inline]
+    const fn number(self, register: u16) -> i32 {
         match self {
             Self::Right(_) => register as i32,
             Self::Left(Resolution::Six) => (register >> 2) as i32,
             Self::Left(r) => (register >> (16 - r as u32)) as i32,
-            Self::RightOffset(_) => register as i16 as i32 + offset as i32,
-            Self::LeftOffset(Resolution::Six) => (register as i16 >> 1) as i32 + offset as i32,
-            Self::LeftOffset(Resolution::Sixteen) => register as i16 as i32 + offset as i32,
-            Self::LeftOffset(r) => (register as i16 >> (15 - r as u32)) as i32 + offset as i32,
+            Self::LeftOffset(Resolution::Six) => (register as i16 >> 1) as i32,
+            Self::RightOffset(_) | Self::LeftOffset(Resolution::Sixteen) => register as i16 as i32,
+            Self::LeftOffset(r) => (register as i16 >> (15 - r as u32)) as i32,
         }
     }
 
-    /// Full scale for a code at an end of the range, else nothing.
+    /// The converter's own code, 0 to [`Resolution::top`], or the end of its range: `false` the lower, `true` the upper
+    /// one. `offset`: what the hardware subtracts.
     #[inline]
-    const fn saturated(self, code: i32) -> Option<i16> {
-        if code <= 0 {
-            Some(i16::MIN)
-        } else if code >= (1 << self.bits()) - 1 {
-            Some(i16::MAX)
+    const fn code(self, register: u16, offset: i16) -> Result<i32, bool> {
+        let (number, top) = (self.number(register), self.resolution().top());
+        let code = number + offset as i32;
+        // An unsigned number at an end of its own range was cut off there: by the converter, or by `SATEN`.
+        if code <= 0 || (number <= 0 && !self.is_signed()) {
+            Err(false)
+        } else if code >= top || (number >= top && !self.is_signed()) {
+            Err(true)
         } else {
-            None
+            Ok(code)
         }
     }
 
     /// A reading around the code `zero`, positive above it, as part of half of the range.
     #[inline]
-    const fn signed(self, register: u16, zero: u16) -> i16 {
-        let code = self.code(register, zero);
-        if let Some(end) = self.saturated(code) {
-            return end;
-        }
-        let n = (code - zero as i32) << (16 - self.bits());
-        if n > i16::MAX as i32 {
-            i16::MAX
-        } else if n < i16::MIN as i32 {
-            i16::MIN
-        } else {
-            n as i16
+    const fn signed(self, register: u16, offset: i16, zero: u16) -> i16 {
+        match self.code(register, offset) {
+            Err(false) => i16::MIN,
+            Err(true) => i16::MAX,
+            Ok(code) => {
+                let n = (code - zero as i32) << (16 - self.resolution() as u32);
+                if n > i16::MAX as i32 {
+                    i16::MAX
+                } else if n < i16::MIN as i32 {
+                    i16::MIN
+                } else {
+                    n as i16
+                }
+            }
         }
     }
 
     /// A reading from the code 0 on, as part of the whole range.
     #[inline]
     const fn unsigned(self, register: u16) -> i16 {
-        let code = self.code(register, 0);
-        match self.saturated(code) {
-            Some(i16::MAX) => i16::MAX,
-            Some(_) => 0,
-            None => ((code << (16 - self.bits())) >> 1) as i16,
+        match self.code(register, 0) {
+            Err(false) => 0,
+            Err(true) => i16::MAX,
+            Ok(code) => ((code << (16 - self.resolution() as u32)) >> 1) as i16,
         }
     }
 }
@@ -124,18 +185,29 @@ impl Layout {
 pub struct Converters {
     /// Layout of the three current channels.
     pub current: Layout,
-    /// Code of each current channel at zero current, nominally half of the range (2048 of 12 bits); with an offset by
-    /// hardware, the content of its `OFFSETy`.
+    /// Code of each current channel at zero current, nominally half of the range: 2048 of 12 bits.
     pub zero: [u16; 3],
+    /// What the hardware subtracts from the codes of the current channels, 0 without an offset; negative with
+    /// `OFFSETPOS`. A code as all others: `OFFSETy` holds it at 12 bits, `OFFSETy >> 2` of 10 bits, `>> 4` of 8, `>> 6`
+    /// of 6.
+    pub offset: [i16; 3],
     /// Layout of the dc-link channel, which has no offset.
     pub u_dc: Layout,
 }
 
 impl Converters {
-    /// The same layout in all channels, without offset by hardware, zero current at half of the range.
+    /// The same resolution and alignment in all channels, zero current at half of the range; with a layout for an
+    /// offset by hardware, that is the offset of the current channels.
     #[must_use]
     pub const fn new(layout: Layout) -> Self {
-        Self { current: layout, zero: [1 << (layout.bits() - 1); 3], u_dc: layout }
+        let half = 1 << (layout.resolution() as u32 - 1);
+        // Half of 16 bits is no `i16`; but no hardware takes an offset off such a result.
+        let (offset, u_dc) = match layout {
+            Layout::Right(_) | Layout::Left(_) => (0, layout),
+            Layout::RightOffset(r) => (half as i16, Layout::Right(r)),
+            Layout::LeftOffset(r) => (half as i16, Layout::Left(r)),
+        };
+        Self { current: layout, zero: [half; 3], offset: [offset; 3], u_dc }
     }
 }
 
@@ -156,12 +228,12 @@ impl Counts {
     #[inline]
     #[must_use]
     pub const fn from_raw(i_abc: [u16; 3], u_dc: u16, converters: &Converters) -> Self {
-        let Converters { current, zero, u_dc: voltage } = converters;
+        let Converters { current, zero, offset, u_dc: voltage } = converters;
         Self {
             i_abc: [
-                current.signed(i_abc[0], zero[0]),
-                current.signed(i_abc[1], zero[1]),
-                current.signed(i_abc[2], zero[2]),
+                current.signed(i_abc[0], offset[0], zero[0]),
+                current.signed(i_abc[1], offset[1], zero[1]),
+                current.signed(i_abc[2], offset[2], zero[2]),
             ],
             u_dc: voltage.unsigned(u_dc),
         }
@@ -210,12 +282,34 @@ pub fn compare<R: Real>(duty: &Duty<R>, timer: &Timer) -> [u32; 3] {
     duty.map(|d| d.quantise(timer).0)
 }
 
+/// Compare values of the three legs and of the converter's trigger for a single shunt.
+#[cfg(feature = "shunt")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PulseCounts {
+    /// Compare values of the half period with the rising edges, 0 to [`Timer::full`].
+    pub rising: [u32; 3],
+    /// Compare values of the half period with the falling edges.
+    pub falling: [u32; 3],
+    /// Counts in the half period with the falling edges at which the two samples have to be complete, ascending. A third
+    /// one is taken at the end of the period.
+    pub sample: [u32; 2],
+}
+
+#[cfg(feature = "shunt")]
+impl PulseCounts {
+    /// Of a timer.
+    pub fn new<R: Real>(pulses: &Pulses<R>, timer: &Timer) -> Self {
+        let count = |x: R| x.quantise(timer).0;
+        Self { rising: pulses.rising.map(count), falling: pulses.falling.map(count), sample: pulses.sample.map(count) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::params::Inverter;
     use crate::scalar::Q;
-    use std::vec::Vec;
 
     fn setup() -> (Machine, DriveParams) {
         let machine = Machine::preset_2k2();
@@ -243,85 +337,181 @@ mod tests {
         }
     }
 
-    /// Data registers of the reference manual, bit by bit: `D` data, `S` sign extension.
-    fn register(layout: Layout, code: i32, offset: i32) -> u16 {
-        let figure = match layout {
-            Layout::Right(r) | Layout::RightOffset(r) => return register_right(r, code, offset),
-            Layout::Left(Resolution::Six) => "00000000DDDDDD00",
-            Layout::Left(Resolution::Eight) => "DDDDDDDD00000000",
-            Layout::Left(Resolution::Ten) => "DDDDDDDDDD000000",
-            Layout::Left(Resolution::Twelve) => "DDDDDDDDDDDD0000",
-            Layout::LeftOffset(Resolution::Six) => "SSSSSSSSSDDDDDD0",
-            Layout::LeftOffset(Resolution::Eight) => "SDDDDDDDD0000000",
-            Layout::LeftOffset(Resolution::Ten) => "SDDDDDDDDDD00000",
-            Layout::LeftOffset(Resolution::Twelve) => "SDDDDDDDDDDDD000",
-            _ => unreachable!("oversampled results are right-aligned"),
-        };
-        let value = code - offset;
-        let mut bit = figure.matches('D').count();
-        figure.chars().fold(0, |word, c| {
-            let b = match c {
-                'D' => {
-                    bit -= 1;
-                    (value >> bit) & 1
-                }
-                'S' => i32::from(value < 0),
-                _ => 0,
-            };
-            word << 1 | b as u16
-        })
+    /// Configuration of a converter by the bits of its registers.
+    #[derive(Clone, Copy, Debug)]
+    struct Hardware {
+        /// 6, 8, 10 or 12.
+        res: u32,
+        align: bool,
+        /// `OFFSETy`, `OFFSETPOS` and `SATEN` of an enabled offset.
+        offset: Option<(i32, bool, bool)>,
+        /// Samples and shift.
+        oversampling: Option<(i32, u32)>,
     }
 
-    fn register_right(_: Resolution, code: i32, offset: i32) -> u16 {
-        (code - offset) as i16 as u16
+    impl Hardware {
+        /// The data register of the reference manual, bit by bit, of the code of a conversion.
+        fn register(&self, code: i32) -> u16 {
+            if let Some((ratio, shift)) = self.oversampling {
+                // Neither offset nor alignment. Rounded by the bits shifted out, cut to 16 bits.
+                return (((ratio * code) + (1 << shift >> 1)) >> shift) as u16;
+            }
+            let Some((offset, positive, saturated)) = self.offset else {
+                return self.align(code, false);
+            };
+            // The offset is taken off the code as it lies in 12 bits.
+            let place = 12 - self.res;
+            let mut value = ((code << place) + if positive { offset } else { -offset }) >> place;
+            if saturated {
+                value = value.clamp(0, (1 << self.res) - 1);
+            }
+            self.align(value, !saturated)
+        }
+
+        /// Figures of the alignment: `D` data, `S` sign extension. Right-aligned, the sign extends the number as it is.
+        fn align(&self, value: i32, signed: bool) -> u16 {
+            let figure = match (self.align, signed, self.res) {
+                (false, ..) => return value as i16 as u16,
+                (true, false, 6) => "00000000DDDDDD00",
+                (true, false, 8) => "DDDDDDDD00000000",
+                (true, false, 10) => "DDDDDDDDDD000000",
+                (true, false, _) => "DDDDDDDDDDDD0000",
+                (true, true, 6) => "SSSSSSSSSDDDDDD0",
+                (true, true, 8) => "SDDDDDDDD0000000",
+                (true, true, 10) => "SDDDDDDDDDD00000",
+                (true, true, _) => "SDDDDDDDDDDDD000",
+            };
+            let mut bit = figure.matches('D').count();
+            figure.chars().fold(0, |word, c| {
+                let b = match c {
+                    'D' => {
+                        bit -= 1;
+                        (value >> bit) & 1
+                    }
+                    'S' => i32::from(value < 0),
+                    _ => 0,
+                };
+                word << 1 | b as u16
+            })
+        }
     }
 
     #[test]
-    fn every_code_of_every_register_layout_reads_as_its_part_of_full_scale() {
-        use Resolution::{Eight, Fourteen, Six, Sixteen, Ten, Twelve};
-        let aligned = [Six, Eight, Ten, Twelve];
-        let mut layouts: Vec<(Layout, bool)> = Vec::new();
-        layouts.extend(aligned.map(|r| (Layout::Left(r), false)));
-        layouts.extend(aligned.map(|r| (Layout::LeftOffset(r), true)));
-        layouts.extend([Six, Eight, Ten, Twelve, Fourteen, Sixteen].map(|r| (Layout::Right(r), false)));
-        layouts.extend(aligned.map(|r| (Layout::RightOffset(r), true)));
-        for (layout, hardware) in layouts {
-            let full = 1 << layout.bits();
+    fn every_code_of_every_alignment_and_offset_mode_reads_as_its_part_of_full_scale() {
+        for res in [6, 8, 10, 12] {
+            let (r, full) = (Resolution::of(res).unwrap(), 1 << res);
             for zero in [full / 2, full / 2 + full / 40, full / 2 - full / 40] {
-                let converters = Converters { current: layout, zero: [zero as u16; 3], u_dc: layout };
-                for code in 0..full {
-                    let raw = register(layout, code, if hardware { zero } else { 0 });
-                    let n = Counts::from_raw([raw; 3], 0, &converters).i_abc[1];
-                    if code == 0 {
-                        assert_eq!(n, i16::MIN, "{layout:?}");
-                    } else if code == full - 1 {
-                        assert_eq!(n, i16::MAX, "{layout:?}");
-                    } else {
-                        // Exact: whole counts, limited to what 16 bits hold.
-                        let want = ((code - zero) * (65_536 / full)).clamp(i32::from(i16::MIN), i32::from(i16::MAX));
-                        assert_eq!(i32::from(n), want, "{layout:?} {code} {zero}");
-                    }
-                    if !hardware {
-                        let u = Counts::from_raw([0; 3], raw, &converters).u_dc;
-                        let want = if code == full - 1 { 32_767 } else { code * 32_768 / full };
-                        assert_eq!(i32::from(u), want, "{layout:?} {code}");
+                let none = [(false, None, Layout::Right(r)), (true, None, Layout::Left(r))];
+                let offset = |align, o: i32, saturated| {
+                    let layout = match (align, saturated) {
+                        (false, false) => Layout::RightOffset(r),
+                        (true, false) => Layout::LeftOffset(r),
+                        (false, true) => Layout::Right(r),
+                        (true, true) => Layout::Left(r),
+                    };
+                    (align, Some((o, saturated)), layout)
+                };
+                let modes = none.into_iter().chain([
+                    offset(false, zero, false),
+                    offset(true, zero, false),
+                    // Not that of zero current.
+                    offset(false, zero / 3, false),
+                    offset(true, zero / 3, false),
+                    offset(false, zero / 3, true),
+                    offset(true, zero / 3, true),
+                    // OFFSETPOS.
+                    offset(false, -zero / 3, false),
+                    offset(false, -zero / 3, true),
+                    offset(true, -zero / 3, true),
+                ]);
+                for (align, offset, layout) in modes {
+                    let (o, saturated) = offset.unwrap_or((0, false));
+                    let hardware = Hardware {
+                        res,
+                        align,
+                        offset: offset.map(|_| (o.abs() << (12 - res), o < 0, saturated)),
+                        oversampling: None,
+                    };
+                    let converters =
+                        Converters { current: layout, zero: [zero as u16; 3], offset: [o as i16; 3], u_dc: layout };
+                    for code in 0..full {
+                        let n = Counts::from_raw([hardware.register(code); 3], 0, &converters).i_abc[1];
+                        let want = if code == 0 || (saturated && code <= o) {
+                            i32::from(i16::MIN)
+                        } else if code == full - 1 || (saturated && code >= full - 1 + o) {
+                            i32::from(i16::MAX)
+                        } else {
+                            // Exact: whole counts, limited to what 16 bits hold.
+                            ((code - zero) * (65_536 / full)).clamp(i32::from(i16::MIN), i32::from(i16::MAX))
+                        };
+                        assert_eq!(i32::from(n), want, "{hardware:?} {code} {zero}");
+                        if offset.is_none() {
+                            let u = Counts::from_raw([0; 3], hardware.register(code), &converters).u_dc;
+                            let want = if code == full - 1 { 32_767 } else { code * 32_768 / full };
+                            assert_eq!(i32::from(u), want, "{hardware:?} {code}");
+                        }
                     }
                 }
             }
         }
     }
 
+    #[test]
+    fn an_oversampled_result_reads_as_its_part_of_full_scale_and_shows_a_saturated_channel() {
+        let mut served = 0;
+        for n in 1..=8 {
+            for shift in 0..=8 {
+                let ratio = 1 << n;
+                let Some(r) = Resolution::oversampled(ratio, shift) else {
+                    assert!(!(-6..=4).contains(&(n - shift as i32)), "{ratio} {shift}");
+                    continue;
+                };
+                served += 1;
+                let bits = r as u32;
+                assert_eq!(bits, 12 + n as u32 - shift);
+                let hardware = Hardware {
+                    res: 12,
+                    align: shift % 2 == 0,
+                    offset: None,
+                    oversampling: Some((ratio as i32, shift)),
+                };
+                // Zero current beside the middle: a saturated channel reads less than full scale unless it is noticed.
+                let zero = (1 << (bits - 1)) + (1 << bits) / 20;
+                let converters = Converters { zero: [zero as u16; 3], ..Converters::new(Layout::Right(r)) };
+                for code in 0..4096 {
+                    let raw = hardware.register(code);
+                    let got = Counts::from_raw([raw; 3], raw, &converters);
+                    if code == 4095 {
+                        assert_eq!((got.i_abc[0], got.u_dc), (i16::MAX, i16::MAX), "{ratio} {shift}");
+                    } else if code == 0 {
+                        assert_eq!((got.i_abc[0], got.u_dc), (i16::MIN, 0), "{ratio} {shift}");
+                    } else {
+                        // To a step of what the hardware rounds to; the steps at the ends count as saturated.
+                        let step = 65_536 >> bits.min(12);
+                        let want = (code * 16 - (zero << (16 - bits))).clamp(-32_768, 32_767);
+                        let end = got.i_abc[0] == i16::MAX || got.i_abc[0] == i16::MIN;
+                        let near = (i32::from(got.i_abc[0]) - want).abs() <= step;
+                        let (low, high) = (code * 16 <= step, code * 16 >= 65_536 - 2 * step);
+                        assert!(near || (end && (low || high)), "{ratio} {shift} {code}: {got:?} {want}");
+                    }
+                }
+            }
+        }
+        // Of 72, but 10 beyond 16 bits and one below 6.
+        assert_eq!(served, 61);
+        assert_eq!(Resolution::oversampled(32, 0), None, "17 bits");
+        assert_eq!(Resolution::oversampled(3, 0), None);
+        assert_eq!(Resolution::oversampled(512, 8), None);
+    }
+
     /// What the register of a converter with its offset enabled holds at positive full scale is a quarter of the
     /// 16-bit range, and without offset the top code is negative as a signed number: neither is a left-aligned reading.
     #[test]
     fn the_raw_register_is_not_a_reading() {
-        let top = register(Layout::LeftOffset(Resolution::Twelve), 4094, 2048);
+        let offset = Some((2048, false, false));
+        let top = Hardware { res: 12, align: true, offset, oversampling: None }.register(4094);
         assert_eq!(top, 2046 << 3);
-        let converters = Converters {
-            current: Layout::LeftOffset(Resolution::Twelve),
-            zero: [2048; 3],
-            u_dc: Layout::Left(Resolution::Twelve),
-        };
+        let converters = Converters::new(Layout::LeftOffset(Resolution::Twelve));
         let counts = Counts::from_raw([top; 3], 4000 << 4, &converters);
         assert_eq!((counts.i_abc[0], counts.u_dc), (2046 << 4, 4000 << 3));
         assert!(((4000_u16 << 4) as i16) < 0);

@@ -35,6 +35,8 @@ pub use interface::{Estimate, Measurement, Memory, Output, Reference, Status};
 
 use crate::config::DriveConfig;
 use crate::control::modulator::zero_duty;
+#[cfg(feature = "shunt")]
+use crate::control::shunt::Pulses;
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 use crate::supervision::{Course, Currents, Supervision};
@@ -128,6 +130,17 @@ impl<R: Real> Drive<R> {
         }
     }
 
+    /// Pulses of the next period and instants of its samples with a single shunt ([`DriveParams::current_sensors`] = 1),
+    /// `None` with more sensors. Their duties are those of [`Output::duty`]; while the bridge is blocked they have no effect.
+    ///
+    /// [`DriveParams::current_sensors`]: crate::config::DriveParams::current_sensors
+    #[cfg(feature = "shunt")]
+    pub fn pulses(&self) -> Option<Pulses<R>> {
+        let half = [R::HALF; 3];
+        let blocked = Pulses { rising: half, falling: half, sample: [R::HALF; 2] };
+        self.config.single_shunt().then(|| self.common.control.voltage.pulses().unwrap_or(blocked))
+    }
+
     /// Data worth keeping over a stop or a loss of supply.
     pub fn memory(&self) -> Memory<R> {
         let i_off = self.common.sequence.i_off();
@@ -182,6 +195,15 @@ impl<R: Real> Common<R> {
         reference: &Reference<R>,
     ) -> Output<R> {
         self.sequence.count();
+        #[cfg(feature = "shunt")]
+        let seen;
+        #[cfg(feature = "shunt")]
+        let measured = if likely(!c.single_shunt()) {
+            measured
+        } else {
+            seen = self.seen(c, measured);
+            &seen
+        };
         let bridged;
         let measured = if likely(self.sequence.accepts(c, measured)) {
             measured
@@ -194,7 +216,7 @@ impl<R: Real> Common<R> {
         };
         let (i_abc, i_s) = self.sequence.currents(c, measured, estimators);
         let mut start_up = None;
-        if !(likely(matches!(self.sequence.status(), Status::Running)) && likely(reference.is_admissible())) {
+        if !self.is_under_control(reference) {
             start_up = self.prepare(c, estimators, measured, reference, i_s);
             if start_up.is_none() {
                 return self.blocked();
@@ -211,6 +233,36 @@ impl<R: Real> Common<R> {
             return self.blocked();
         }
         Output { duty, gates_on: true }
+    }
+
+    /// Phase currents of the readings of a single shunt. A reading at or beyond its range stays what it is, and is found as
+    /// that.
+    #[cfg(feature = "shunt")]
+    #[cold]
+    #[inline(never)]
+    fn seen(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> Measurement<R> {
+        let (shunt, period) = (&mut self.control.voltage.shunt, self.sequence.period());
+        let of_three = |i| Measurement { i_abc: [i; 3], u_dc: m.u_dc };
+        // Written so that NaN is not readable.
+        let readable = |i: R| i.abs() < c.i_range;
+        if let Some(bad) = m.i_abc.into_iter().find(|i| !readable(*i)) {
+            return of_three(bad);
+        }
+        if let Some(reading) = shunt.zero(period, &m.i_abc) {
+            self.sequence.follow_offset(reading);
+        }
+        let offset = self.sequence.i_off()[2];
+        match c.shunt.as_ref().and_then(|c| shunt.currents(c, period, &m.i_abc, offset)) {
+            Some(i_abc) => Measurement { i_abc, u_dc: m.u_dc },
+            // Three equal currents have no space vector: none flows while the bridge is blocked.
+            None => of_three(m.i_abc[2]),
+        }
+    }
+
+    /// Whether this is a period under control.
+    #[inline(always)]
+    fn is_under_control(&self, reference: &Reference<R>) -> bool {
+        matches!(self.sequence.status(), Status::Running) && reference.is_admissible()
     }
 
     /// All states but `Running`: progress of the start-up, if this is a period of it.
@@ -288,7 +340,7 @@ impl<R: Real> Common<R> {
         }
         let switching = matches!(self.sequence.status(), Status::Magnetising | Status::Running);
         let u_dc = self.control.voltage.u_dc().filter(|_| switching)?;
-        Some(self.sequence.measurement(&estimators.estimated().i_s, u_dc))
+        Some(self.sequence.measurement(c, &estimators.estimated().i_s, u_dc))
     }
 
     /// Tasks slower than the control period, each in a period of its own.
@@ -334,13 +386,14 @@ impl<R: Real> Common<R> {
                 Reference::Speed(omega) => omega.clamp(c.omega_least, c.omega_most) - omega_m,
                 _ => R::ZERO,
             };
+            let realigning = control.is_realigning(c);
             let course = Course {
                 psi_deviation: x.psi_s - control.psi_ref,
                 omega_m,
                 omega_s,
-                nis: if control.is_realigning(c) { R::ZERO } else { estimators.nis() },
+                nis: if realigning { R::ZERO } else { estimators.nis() },
                 speed_deviation,
-                torque_limited: control.limited != R::ZERO,
+                torque_limited: (!realigning).then_some(control.limited != R::ZERO),
             };
             let confidence = || estimators.confidence();
             trip = trip.or_else(|| self.supervision.course(&c.supervision, &course, confidence));

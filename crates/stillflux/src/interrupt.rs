@@ -9,6 +9,8 @@
 use crate::commission::{Commissioning, CommissioningConfig, Found, Nameplate};
 #[cfg(feature = "commission")]
 use crate::config::DriveParams;
+#[cfg(feature = "shunt")]
+use crate::counts::PulseCounts;
 use crate::counts::{Counts, Scale, compare};
 use crate::drive::{Drive, Measurement, Reference, Status};
 use crate::page::Ready;
@@ -25,6 +27,11 @@ pub struct Command {
     pub compare: [u32; 3],
     /// `false`: block the bridge at once.
     pub gates_on: bool,
+}
+
+impl Command {
+    /// What blocks the bridge.
+    pub const BLOCKED: Self = Self { compare: [0; 3], gates_on: false };
 }
 
 /// A drive between its converters and its timer: what a control interrupt calls. Host and target run this same source.
@@ -62,10 +69,29 @@ impl<R: Real> CountsDrive<R> {
     #[inline]
     pub fn period(&mut self, counts: &Counts, set_point: &SetPoint) -> Command {
         let Some(Parts { drive, scale, timer, units }) = &mut self.0 else {
-            return Command { compare: [0; 3], gates_on: false };
+            return Command::BLOCKED;
         };
         let output = drive.step(&scale.measurement(counts), &units.reference(set_point));
         Command { compare: compare(&output.duty, timer), gates_on: output.gates_on }
+    }
+
+    /// [`CountsDrive::period`] with the stamp of its PWM period, a number that the hardware counts up by one in each
+    /// ([`Drive::step_at`]). `None`: the period has been computed before, what was commanded stays.
+    #[cfg(feature = "supervision")]
+    #[inline]
+    pub fn period_at(&mut self, stamp: u16, counts: &Counts, set_point: &SetPoint) -> Option<Command> {
+        let Some(Parts { drive, scale, timer, units }) = &mut self.0 else {
+            return Some(Command::BLOCKED);
+        };
+        let output = drive.step_at(stamp, &scale.measurement(counts), &units.reference(set_point))?;
+        Some(Command { compare: compare(&output.duty, timer), gates_on: output.gates_on })
+    }
+
+    /// Compare values and instants of the next period with a single shunt, after [`CountsDrive::period`]; `None` with more
+    /// sensors, or without a drive.
+    #[cfg(feature = "shunt")]
+    pub fn pulses(&self) -> Option<PulseCounts> {
+        self.0.as_ref().and_then(|p| p.drive.pulses().map(|pulses| PulseCounts::new(&pulses, &p.timer)))
     }
 
     /// The drive, if there is one.
@@ -234,10 +260,32 @@ mod tests {
         static DRIVE: std::sync::Mutex<CountsDrive<f32>> = std::sync::Mutex::new(CountsDrive::empty());
         let mut drive = DRIVE.lock().unwrap();
         let command = drive.period(&Counts { i_abc: [0; 3], u_dc: 20_000 }, &SetPoint::Speed(1.0));
-        assert_eq!(command, Command { compare: [0; 3], gates_on: false });
+        assert_eq!(command, Command::BLOCKED);
         assert_eq!((drive.status(), drive.telemetry()), (Status::Stopped, Telemetry::default()));
         *drive = CountsDrive::new(&ready(20.0, 810.0).unwrap());
         drive.period(&Counts { i_abc: [0; 3], u_dc: 20_000 }, &SetPoint::Speed(1.0));
         assert_eq!(drive.status(), Status::ReadingOffset);
+    }
+
+    #[cfg(feature = "supervision")]
+    #[test]
+    fn a_period_is_computed_once_however_often_it_is_called() {
+        let page = ready::<f32>(20.0, 810.0).unwrap();
+        let (counts, speed) = (Counts { i_abc: [0; 3], u_dc: 20_000 }, SetPoint::Speed(1.0));
+        let (mut stamped, mut plain) = (CountsDrive::new(&page), CountsDrive::new(&page));
+        assert_eq!(CountsDrive::<f32>::empty().period_at(7, &counts, &speed), Some(Command::BLOCKED));
+        for stamp in 0..1100_u16 {
+            let command = plain.period(&counts, &speed);
+            assert_eq!(stamped.period_at(stamp, &counts, &speed), Some(command));
+            if stamp % 200 == 7 {
+                assert_eq!(stamped.period_at(stamp, &counts, &speed), None);
+            }
+        }
+        assert_eq!(stamped.status(), Status::Magnetising);
+        assert_eq!(stamped.telemetry(), plain.telemetry());
+        // Masked for 600 periods: a fault, with a command that blocks.
+        assert!(stamped.period_at(1700, &counts, &speed).is_some_and(|c| !c.gates_on));
+        let fault = stamped.drive().and_then(Drive::fault).unwrap().trip;
+        assert_eq!((fault.cause, fault.value), (Fault::Timing, 100.0), "calls missed, as far as they are counted");
     }
 }

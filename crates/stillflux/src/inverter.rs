@@ -366,17 +366,19 @@ impl<R: Real> InverterModel<R> {
     pub fn distortion(&self, knee: &Knee<R>, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> Distortion<R> {
         let (least, dead) = (self.u_th * gain, self.dead_time * u_dc * gain);
         let full = least + dead;
-        let tail = dead * knee.tail;
+        let tail = (dead * knee.tail).dividend();
+        // A branch for each sign costs less than magnitude and sign apart.
+        let (negative_width, negative_full) = (-knee.width, -full);
         let leg = |i: R, delays: &[R; 2]| {
             let i = i - self.shift;
-            let magnitude = i.abs();
-            let negative = i < R::ZERO;
-            let (e, own) = if likely(magnitude > knee.width) {
-                (full - tail.over_64(magnitude), if negative { delays[1] } else { delays[0] })
+            if likely(i > knee.width) {
+                (full - tail.over_64(i) + delays[0], delays[0])
+            } else if likely(i < negative_width) {
+                (negative_full - tail.over_64_of_negative(i) + delays[1], delays[1])
             } else {
-                (self.near_zero(knee, magnitude, least, dead), knee.delays_near_zero(i, delays))
-            };
-            (if negative { own - e } else { e + own }, own)
+                let own = knee.delays_near_zero(i, delays);
+                (self.near_zero(knee, i, least, dead) + own, own)
+            }
         };
         let [a, b, c] = i_s.to_phases();
         let [a, b, c] = [leg(a, &knee.legs[0]), leg(b, &knee.legs[1]), leg(c, &knee.legs[2])];
@@ -385,9 +387,10 @@ impl<R: Real> InverterModel<R> {
 
     /// Loss of a leg in the linear part of its curve.
     #[inline(never)]
-    fn near_zero(&self, knee: &Knee<R>, magnitude: R, least: R, dead: R) -> R {
-        let scale = R::from_f64(SCALE);
-        magnitude * knee.slope * (dead * scale) + least * (magnitude * self.inv_band * scale).min(R::ONE)
+    fn near_zero(&self, knee: &Knee<R>, i: R, least: R, dead: R) -> R {
+        let (scale, magnitude) = (R::from_f64(SCALE), i.abs());
+        let e = magnitude * knee.slope * (dead * scale) + least * (magnitude * self.inv_band * scale).min(R::ONE);
+        if i < R::ZERO { -e } else { e }
     }
 }
 

@@ -11,8 +11,8 @@
 //! [`control`]. Parameters are SI and validated ([`params`], [`config`]); inside, everything is per unit
 //! ([`base`]). [`si`] converts measurements, references, estimates and memory for callers in SI.
 //!
-//! [`supervision`] is what watches the drive, with its fault codes; all but the basic of it is the feature `supervision`,
-//! on by default.
+//! [`supervision`] is what watches the drive, with its fault codes; all but the basic of it is the feature
+//! `supervision`, on by default.
 //!
 //! The features `paper` (the published scheme) and `enhanced` choose the estimators that a build of the drive holds;
 //! both are on by default, a product needs one. The feature `commission` adds self-commissioning.

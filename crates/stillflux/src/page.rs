@@ -11,9 +11,9 @@
 //! | 5 … | configuration, scale, units, memory as [`Words`] |
 //! | 255 | CRC-32 (IEEE 802.3) of all before it |
 //!
-//! A host computes a page ([`Ready::new`], [`Page::seal`]): validated, every division done. [`Page::open`] on the target
-//! takes no arithmetic, and refuses a page that is torn, of another arithmetic, of other schemes, or of another version
-//! of this crate whose fields lie differently.
+//! A host computes a page ([`Ready::new`], [`Page::seal`]): validated, every division done. [`Page::open`] on the
+//! target takes no arithmetic, and refuses a page that is torn, of another arithmetic, of other schemes, or of another
+//! version of this crate whose fields lie differently. [`Page::with_memory`] is what a target stores after a stop.
 
 use crate::config::{DriveConfig, DriveParams, Scheme};
 use crate::counts::Scale;
@@ -118,6 +118,12 @@ impl Page {
         Self(words)
     }
 
+    /// The same parameters with what a drive has learned, if the page is whole and of this build.
+    #[must_use]
+    pub fn with_memory<R: Real>(&self, memory: &Memory<R>) -> Option<Self> {
+        self.open::<R>().map(|ready| Self::seal(&Ready { memory: *memory, ..ready }))
+    }
+
     /// What it holds, if it is whole and of this build.
     #[must_use]
     pub fn open<R: Real>(&self) -> Option<Ready<R>> {
@@ -187,6 +193,16 @@ mod tests {
     fn a_page_comes_back_as_it_was_sealed() {
         comes_back::<f32>();
         comes_back::<Q>();
+    }
+
+    #[test]
+    fn what_a_drive_has_learned_replaces_the_memory_alone() {
+        let was = ready::<f32>(Scheme::default());
+        let memory = Memory { r_s: 0.07, ..was.memory };
+        let page = Page::seal(&was).with_memory(&memory).unwrap();
+        assert_eq!(page.open::<f32>(), Some(Ready { memory, ..was }));
+        assert_ne!(memory, was.memory);
+        assert!(Page([0; WORDS]).with_memory(&memory).is_none(), "torn");
     }
 
     #[test]

@@ -11,6 +11,8 @@
 
 use crate::base::Base;
 use crate::config::{DriveConfig, DriveParams};
+#[cfg(feature = "shunt")]
+use crate::control::shunt::Pulses;
 use crate::drive::{Drive, Estimate, Fault, FaultReport, Measurement, Memory, Quantity, Reference, Status};
 use crate::inverter::Legs;
 use crate::params::{Inverter, Machine, ParamError};
@@ -339,8 +341,8 @@ impl SiDrive {
         })
     }
 
-    /// One control period with the stamp of its PWM period ([`Drive::step_at`]). `None`: it has been computed before, its
-    /// duties stay.
+    /// One control period with the stamp of its PWM period ([`Drive::step_at`]). `None`: it has been computed before,
+    /// its duties stay.
     #[cfg(feature = "supervision")]
     pub fn step_at(
         &mut self,
@@ -353,6 +355,17 @@ impl SiDrive {
             let out = d.step_at(stamp, &units.measurement(measured), &units.reference(reference))?;
             Some((out.duty.map(Real::to_f64), out.gates_on))
         })
+    }
+
+    /// Pulses of the next period and instants of its samples with a single shunt ([`Drive::pulses`]).
+    #[cfg(feature = "shunt")]
+    #[must_use]
+    pub fn pulses(&self) -> Option<Pulses<f64>> {
+        with!(&self.inner, d => d.pulses().map(|p| Pulses {
+            rising: p.rising.map(Real::to_f64),
+            falling: p.falling.map(Real::to_f64),
+            sample: p.sample.map(Real::to_f64),
+        }))
     }
 
     /// Duty of the brake chopper at a measured link voltage in V, 0 to 1.

@@ -158,24 +158,21 @@ impl<R: Real, F> Neg for Space<R, F> {
 }
 
 /// `√3 / 2`.
-fn half_sqrt3<R: Real>() -> R {
-    R::from_f64(0.866_025_403_784_438_6)
-}
+const HALF_SQRT3: f64 = 0.866_025_403_784_438_6;
 
 impl<R: Real> AlphaBeta<R> {
     /// Clarke transformation; a common (zero-sequence) part of the phase values drops out.
     #[inline]
     pub fn from_phases(abc: [R; 3]) -> Self {
-        let third = R::from_f64(1.0 / 3.0);
-        let inv_sqrt3 = R::from_f64(0.577_350_269_189_625_8);
-        Self::new((abc[0] + abc[0] - abc[1] - abc[2]) * third, (abc[1] - abc[2]) * inv_sqrt3)
+        let re = (abc[0] + abc[0] - abc[1] - abc[2]).times(1.0 / 3.0);
+        Self::new(re, (abc[1] - abc[2]).times(0.577_350_269_189_625_8))
     }
 
     /// Inverse Clarke transformation without zero sequence.
     #[inline]
     pub fn to_phases(&self) -> [R; 3] {
         let half = self.re().half();
-        let h = half_sqrt3::<R>() * self.im();
+        let h = self.im().times(HALF_SQRT3);
         [self.re(), h - half, -half - h]
     }
 }
@@ -258,7 +255,7 @@ impl<R: Real> Rotator<R> {
     /// is repeated. Not `e^{jx}` but a vector of the same angle: `tan x = x / (1 - x²/3)` up to `x⁵/45`.
     #[inline]
     pub fn turned(&self, x: R) -> Self {
-        let r = self.times(R::ONE - x * x * R::from_f64(1.0 / 3.0), x);
+        let r = self.times(R::ONE - (x * x).times(1.0 / 3.0), x);
         let k = R::from_f64(1.5) - R::dot([r.cos, r.sin], [r.cos, r.sin]).half();
         Self { cos: r.cos * k, sin: r.sin * k }
     }

@@ -26,7 +26,7 @@ pub enum SetPoint {
 }
 
 /// State and estimates of a drive, SI.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[allow(non_snake_case)]
 #[non_exhaustive]
@@ -56,6 +56,30 @@ pub struct Telemetry {
     pub angle_deviation: f32,
     /// Confidence, 0 to 1.
     pub confidence: f32,
+}
+
+impl Telemetry {
+    /// All zero: without a drive. `const`: for a `static`.
+    pub const ZERO: Self = Self {
+        status: 0,
+        fault: 0,
+        period: 0,
+        omega_m: 0.0,
+        omega_s: 0.0,
+        torque: 0.0,
+        psi_s: 0.0,
+        i_d: 0.0,
+        i_q: 0.0,
+        R_s: 0.0,
+        angle_deviation: 0.0,
+        confidence: 0.0,
+    };
+}
+
+impl Default for Telemetry {
+    fn default() -> Self {
+        Self::ZERO
+    }
 }
 
 /// Base quantities in single precision, and the reciprocals that replace divisions by them.
@@ -91,8 +115,8 @@ impl Units {
         }
     }
 
-    /// A set point in per unit. One that is not finite is a fault of the drive in floating point; fixed point has no such
-    /// number, and it is a stop.
+    /// A set point in per unit. One that is not finite is a fault of the drive in floating point; fixed point has no
+    /// such number, and it is a stop.
     #[inline]
     pub fn reference<R: Real>(&self, set_point: &SetPoint) -> Reference<R> {
         let (x, inverse) = match *set_point {

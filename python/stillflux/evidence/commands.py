@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stillflux.evidence.machines import ALL_MACHINES, MACHINES, OwnMachine
+from stillflux.outputs import check_file, check_folder
 from stillflux.parameters import PRESETS
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="only this one (operations), or those that begin so",
     )
-    parser.add_argument("--scheme", choices=[*SCHEMES, "all"], default="all")
+    parser.add_argument("--scheme", choices=[*SCHEMES, "all"], default="all", help="default: all")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every run there as JSON")
     _metrics(parser)
     parser.set_defaults(run=_beyond)
@@ -103,7 +104,9 @@ def _where(parser: argparse.ArgumentParser, machines: Sequence[str]) -> None:
         help=f"your machine instead: a motor file (TOML) or a preset ({', '.join(PRESETS)})",
     )
     parser.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
-    parser.add_argument("--out", type=Path, default=Path("reports"), help="folder for report and plots")
+    parser.add_argument(
+        "--out", type=Path, default=Path("reports"), help="folder for report and plots; default: reports"
+    )
 
 
 def _metrics(parser: argparse.ArgumentParser) -> None:
@@ -133,11 +136,21 @@ def _machines(options: argparse.Namespace, machines: Sequence[str]) -> Sequence[
     return (OwnMachine.load(options.motor),)
 
 
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Before a run of minutes: whether what it finds can be written. Raises OSError or ValueError."""
+    check_folder(options.out)
+    for name in ("json", "metrics"):
+        path = getattr(options, name, None)
+        if path not in (None, "-"):
+            check_file(Path(path))
+
+
 def _demo(options: argparse.Namespace) -> int:
     from stillflux.evidence import demo
 
     machines = _machines(options, MACHINES)
-    return 0 if demo.run(machines, options.out, options.command_line, options.arithmetic) else 1
+    _check_outputs(options)
+    return demo.run(machines, options.out, options.command_line, options.arithmetic)
 
 
 def _reproduce(options: argparse.Namespace) -> int:
@@ -148,26 +161,39 @@ def _reproduce(options: argparse.Namespace) -> int:
     from stillflux.evidence.report import figures as report
     from stillflux.evidence.report import plane
     from stillflux.evidence.table import of_margin, of_outcome, of_summary, update
-    from stillflux.parallel import run_jobs
+    from stillflux.parallel import Stopped, run_jobs
 
     machines = _machines(options, MACHINES)
     figures = choose_figures(options.figures)
-    options.out.mkdir(parents=True, exist_ok=True)
+    _check_outputs(options)
     journal = Journal(options.journal) if options.journal else None
     runner = journal.run if journal else run_jobs
     arithmetic = options.arithmetic
-    outcomes = reproduce.run_all(
-        figures, machines, arithmetic, options.out, reproduce.progress, runner=runner
-    )
+    stopped = ""
+    try:
+        outcomes = reproduce.run_all(
+            figures, machines, arithmetic, options.out, reproduce.progress, runner=runner
+        )
+    except Stopped as stop:
+        outcomes = reproduce.outcomes(reproduce.whole(stop.results, figures, machines))
+        stopped = str(stop)
     margins = []
-    if options.sensitivity:
-        margins = sensitivity.run_all(figures, machines, arithmetic, sensitivity.progress, runner=runner)
+    if options.sensitivity and not stopped:
+        try:
+            margins = sensitivity.run_all(figures, machines, arithmetic, sensitivity.progress, runner=runner)
+        except Stopped as stop:
+            margins, stopped = stop.results, str(stop)
     section, found, rows = "", [], []
-    if options.beyond:
+    if options.beyond and not stopped:
         wanted = _machines(options, ALL_MACHINES)
-        rows = beyond.run_all(choose_targets(()), wanted, SCHEMES, arithmetic, beyond.progress, runner=runner)
+        try:
+            rows = beyond.run_all(
+                choose_targets(()), wanted, SCHEMES, arithmetic, beyond.progress, runner=runner
+            )
+        except Stopped as stop:
+            rows, stopped = stop.results, str(stop)
         section, found = plane.section(rows, options.out), beyond.summaries(rows)
-    if options.metrics:
+    if options.metrics and not stopped:
         fresh = [of_outcome(x) for x in outcomes] + [of_margin(x) for x in margins]
         update(options.metrics, [*fresh, *map(of_summary, found)])
         plane_points.update(options.metrics.with_name(plane_points.FILE), rows)
@@ -182,13 +208,10 @@ def _reproduce(options: argparse.Namespace) -> int:
         Path(options.json).write_text(as_json + "\n", encoding="utf-8")
     path = options.out / "reproduce.html"
     table = sensitivity.to_html(margins) if margins else ""
-    report.write(path, options.command_line, outcomes, table, section)
-    print(f"report: {path}", file=sys.stderr)
-    if journal:
-        journal.remove()
+    report.write(path, options.command_line, outcomes, table, section, stopped)
     # A table that is brought up to date records a failing verdict; it is not stopped by one.
     failed = any(outcome.verdict == "FAILED" for outcome in outcomes)
-    return 1 if failed and not options.metrics else 0
+    return _ended(path, journal, stopped) or int(failed and not options.metrics)
 
 
 def _beyond(options: argparse.Namespace) -> int:
@@ -209,12 +232,14 @@ def _beyond(options: argparse.Namespace) -> int:
     if drawn:
         if len(options.targets) > 1:
             raise ValueError(f"TARGET = {' '.join(options.targets)}: {drawn[0]} stands alone")
+        _check_outputs(options)
         return _CAMPAIGNS[drawn[0]](options)
     if options.machine not in ("all", *ALL_MACHINES):
         raise ValueError(f"--machine {options.machine}: admissible here are {', '.join(ALL_MACHINES)}, all")
     machines = _machines(options, ALL_MACHINES)
     schemes = _chosen(options.scheme, SCHEMES)
     chosen = choose_targets(options.targets)
+    _check_outputs(options)
     journal = Journal(options.journal) if options.journal else None
     runner = journal.run if journal else run_jobs
     stopped = ""
@@ -229,7 +254,6 @@ def _beyond(options: argparse.Namespace) -> int:
         partial = {target.verdict for name, target in targets().items() if name not in chosen}
         update(options.metrics, [of_summary(x) for x in found if x.name not in partial])
         plane_points.update(options.metrics.with_name(plane_points.FILE), rows)
-    options.out.mkdir(parents=True, exist_ok=True)
     if options.json:
         data = page.finite(plane.to_rows(rows))
         options.json.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -284,7 +308,6 @@ def _tolerance(options: argparse.Namespace) -> int:
     machines, courses = _drives(options), options.course or tuple(COURSES)
     draws = _draws(options, tolerance.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
-    options.out.mkdir(parents=True, exist_ok=True)
     if len(machines) == len(courses) == len(draws) == 1:
         job = (machines[0], courses[0], draws[0], scheme, options.arithmetic)
         outcome, result = tolerance.run(*job, signals=None)
@@ -322,7 +345,6 @@ def _consistency(options: argparse.Namespace) -> int:
         raise ValueError("--json: not of consistency, which has no runs to list")
     machines, draws = _drives(options), _draws(options, consistency.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
-    options.out.mkdir(parents=True, exist_ok=True)
     journal = Journal(options.journal) if options.journal else None
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
@@ -349,7 +371,6 @@ def _commissioning(options: argparse.Namespace) -> int:
     if options.motor is not None or options.machine != "all" or options.metrics:
         raise ValueError("--motor, --machine and --metrics: not of commissioning, whose motors are drawn")
     draws = _draws(options, commissioning.DRAWS)
-    options.out.mkdir(parents=True, exist_ok=True)
     journal = Journal(options.journal) if options.journal else None
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
@@ -383,7 +404,6 @@ def _operations(options: argparse.Namespace) -> int:
     if options.json:
         raise ValueError("--json: not of operations")
     names, schemes = choose_operations(options.operation or ()), _chosen(options.scheme, SCHEMES)
-    options.out.mkdir(parents=True, exist_ok=True)
     journal = Journal(options.journal) if options.journal else None
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:

@@ -40,6 +40,7 @@ from stillflux.evidence.courses import COURSES
 from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import angle
 from stillflux.evidence.machines import scaled
+from stillflux.evidence.report.page import cut_off
 from stillflux.evidence.tolerance import EVERY, SIGNALS, loss, start_up
 from stillflux.nameplate import Nameplate
 from stillflux.options import DriveSettings, PlantOptions
@@ -395,7 +396,7 @@ def page(path: Path, command: str, outcomes: Sequence[Outcome], stopped: str = "
     html_page.write(
         path,
         "Commissioning of motors and bridges drawn at random",
-        f"<p>Made by <code>{html.escape(command)}</code>. {html.escape(stopped)}</p>"
+        f"<p>Made by <code>{html.escape(command)}</code>.</p>{cut_off(stopped)}"
         f"<table><tr><th>claim</th><th>measured</th><th>verdict</th></tr>{rows}</table>"
         f"<figure>{html_page.svg(figure(outcomes))}</figure>",
     )

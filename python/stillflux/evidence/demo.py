@@ -3,7 +3,8 @@ and where the schemes differ: rated load at a speed at which the stator frequenc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from stillflux.evidence.claims import Claim, at_most, holds, reported
@@ -25,51 +26,63 @@ _SLOW, _ZERO, _END = 8.0, 10.0, 70.0
 """At ω = 0.05 under rated load until the first, at zero stator frequency from the second on, s."""
 
 
-def run(machines: Sequence[str], out: Path, command: str, arithmetic: str = "f32") -> bool:
-    """Runs the demo on each machine, prints tables, writes `out/demo.html`; True if every claim holds and the
-    negative control fails."""
-    sections = [section for machine in machines for section in _sections(machine, arithmetic)]
+def run(machines: Sequence[str], out: Path, command: str, arithmetic: str = "f32") -> int:
+    """Runs the demo on each machine, prints tables, writes `out/demo.html`.
+
+    Returns the exit status: 0 if every claim holds and the negative control fails, 1 if not, 130 after
+    Ctrl-C, with what was done by then.
+    """
+    sections: list[Section] = []
+    stopped = ""
+    try:
+        for machine in machines:
+            sections.extend(_sections(machine, arithmetic))
+    except KeyboardInterrupt as stop:
+        stopped = str(stop) or "interrupted"
     for section in sections:
         print(f"\n{section.title}\n{page.table(section)}")
     path = out / "demo.html"
-    page.write(path, "Zero stator frequency without a speed sensor", command, sections)
+    page.write(path, "Zero stator frequency without a speed sensor", command, sections, stopped)
     print(f"\nreport: {path}")
-    return all(section.as_it_must for section in sections)
+    if stopped:
+        print(f"stillflux: {stopped}", file=sys.stderr)
+        return 130
+    return 0 if all(section.as_it_must for section in sections) else 1
 
 
-def _sections(machine: str, arithmetic: str) -> list[Section]:
+def _sections(machine: str, arithmetic: str) -> Iterator[Section]:
     headline = experiments()["headline"]
     assert headline.control is not None
     (scenario,) = headline.runs(machine, arithmetic)
     (control,) = headline.runs(machine, arithmetic, role="control")
     control = control.replace(name=f"{scenario.name}, {headline.control.text}")
     (beyond,) = headline.runs(machine, arithmetic, role="enhanced")
-    result, other, without = (simulate(one, progress=True) for one in (scenario, beyond, control))
     course = (
         "Start with current offset, offset voltage identified at 1 Hz, more than a minute at zero stator "
         "frequency, rated torque step held, load removed."
     )
-    found = [
-        Section(
-            f"{machine}: the published scheme", f"demo-{machine}", result, headline.check(result), course
-        ),
-        Section(
-            f"{machine}: the enhanced scheme, same run",
-            f"demo-{machine}-enhanced",
-            other,
-            [claim for claim in headline.check(other) if claim.of_motor],
-            course,
-        ),
-        Section(
-            f"{machine}: the published scheme with the {headline.control.text}",
-            f"demo-{machine}-without",
-            without,
-            list(headline.judge_control((without,)).claims),
-            "Negative control: this run has to fail, and not before the offset estimate is needed.",
-            headline.control.expected,
-        ),
-    ]
-    return found + [_loaded(machine, arithmetic, scheme) for scheme in SCHEMES]
+    result = simulate(scenario, progress=True)
+    title, slug = f"{machine}: the published scheme", f"demo-{machine}"
+    yield Section(title, slug, result, headline.check(result), course)
+    other = simulate(beyond, progress=True)
+    yield Section(
+        f"{machine}: the enhanced scheme, same run",
+        f"{slug}-enhanced",
+        other,
+        [claim for claim in headline.check(other) if claim.of_motor],
+        course,
+    )
+    without = simulate(control, progress=True)
+    yield Section(
+        f"{title} with the {headline.control.text}",
+        f"{slug}-without",
+        without,
+        list(headline.judge_control((without,)).claims),
+        "Negative control: this run has to fail, and not before the offset estimate is needed.",
+        headline.control.expected,
+    )
+    for scheme in SCHEMES:
+        yield _loaded(machine, arithmetic, scheme)
 
 
 def _at_zero(machine: str, arithmetic: str) -> Scenario:

@@ -31,6 +31,8 @@ __all__ = [
     "Events",
     "PerUnit",
     "Strip",
+    "adaptation",
+    "adapting",
     "figure_of",
     "from_time",
     "parts",
@@ -281,6 +283,16 @@ def from_time(result: Result, begin: float, end: float = float("inf")) -> PerUni
     """A window with time from zero."""
     part = result.window(begin, end)
     return PerUnit(replace(part, t=part.t - begin))
+
+
+def adaptation(result: Result, begin: float, events: Events) -> Figure:
+    """Resistance, i_q, speed and angle from a time on."""
+    return recording(result, adapting(), begin, size=(7.5, 5.2), events=events)
+
+
+def adapting(most: float = 5.0) -> Callable[[PerUnit], list[Strip]]:
+    """Strips of the resistance adaptation, the angle error within ± `most` degrees."""
+    return lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(most)]
 
 
 def recording(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from stillflux.evidence.claims import Claim
+from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.judge import lost
 from stillflux.evidence.machines import MACHINES, OwnMachine
 from stillflux.evidence.openloop import OpenLoop
@@ -193,7 +194,9 @@ def enhanced(run: Any) -> Any:
     if not isinstance(run, Scenario):
         return run
     kept = {name: value for name, value in run.settings.items() if name in _COMMON}
-    return run.replace(scheme="enhanced", settings=kept, name=f"{run.name}, enhanced")
+    published, beyond = SCHEMES
+    name = run.name.replace(f", {published},", f", {beyond},")
+    return run.replace(scheme=beyond, settings=kept, name=name)
 
 
 _COMMON = ("calibrate_offset", "psi_ref", "supervision")
@@ -203,6 +206,11 @@ _COMMON = ("calibrate_offset", "psi_ref", "supervision")
 def settings(**changed: Unpack[DriveSettings]) -> Change:
     """Every drive with other settings."""
     return lambda runs: tuple(run.with_settings(**changed) for run in runs)
+
+
+def told_what_is_simulated(runs: Runs) -> Runs:
+    """Every drive with the parameters of the motor that is simulated, as constants."""
+    return tuple(run.replace(motor=run.plant_motor) for run in runs)
 
 
 def first(change: Change) -> Change:

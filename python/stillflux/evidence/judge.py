@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 from stillflux.metrics import faulted, running, smoothed, speed_error
 from stillflux.result import Result
 
-__all__ = ["CONFIDENT", "EXCURSION", "Confidence", "Measured", "angle", "confidence", "lost", "measure"]
+__all__ = [
+    "CONFIDENT",
+    "EXCURSION",
+    "Confidence",
+    "Measured",
+    "angle",
+    "confidence",
+    "lost",
+    "measure",
+    "stops",
+]
 
 Window: TypeAlias = tuple[float, float]
 """Begin and end, s."""
@@ -139,18 +149,21 @@ def _excursions(error: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.array(found, dtype=np.int64)
 
 
+def stops(result: Result) -> list[tuple[float, str]]:
+    """When a fault ended the run or, of a drive that never ran, the run itself, s, and by what."""
+    faults = np.flatnonzero(faulted(result))
+    if len(faults):
+        return [(float(result.t[faults[0]]), result.status.fault or "fault")]
+    return [] if running(result).any() else [(float(result.t[-1]), "never ran")]
+
+
 def lost(result: Result, since: float = 0.0) -> tuple[float, str]:
     """When control was lost, s, and by what; (inf, "") if it was not.
 
     A fault; an angle error above 90° at any time from `since` on; the true speed off its reference by more
     than 0.05 for the last 0.2 s.
     """
-    found: list[tuple[float, str]] = []
-    faults = np.flatnonzero(faulted(result))
-    if len(faults):
-        found.append((float(result.t[faults[0]]), result.status.fault or "fault"))
-    elif not running(result).any():
-        found.append((float(result.t[-1]), "never ran"))
+    found = stops(result)
     turned = np.flatnonzero((np.abs(angle(result)) > LOST_ANGLE) & (result.t >= since))
     if len(turned):
         found.append((float(result.t[turned[0]]), "angle"))

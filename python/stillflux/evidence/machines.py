@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from typing import Any
 
 from stillflux.machine_file import Machine, load_machine
@@ -17,6 +18,7 @@ __all__ = [
     "OwnMachine",
     "inverter_of",
     "motor_of",
+    "option",
     "plant_of",
     "ramp",
     "scaled",
@@ -38,24 +40,33 @@ class OwnMachine(str):
     but the machines of this file."""
 
     machine: Machine
+    source: str
+    """Its motor file."""
 
-    def __new__(cls, machine: Machine) -> OwnMachine:
+    def __new__(cls, machine: Machine, source: str = "") -> OwnMachine:
         """The name of a machine."""
         name = super().__new__(cls, machine.name)
-        name.machine = machine
+        name.machine, name.source = machine, source
         return name
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> OwnMachine:
         """The machine of a motor file, see `stillflux.machine_file`."""
-        return cls(load_machine(path))
+        return cls(load_machine(path), str(path))
 
-    def __getnewargs__(self) -> tuple[Machine]:  # type: ignore[override]
-        return (self.machine,)
+    def __getnewargs__(self) -> tuple[Machine, str]:  # type: ignore[override]
+        return (self.machine, self.source)
 
     def __repr__(self) -> str:
         """With all parameters: what was done for a machine counts for no other of the same name."""
         return repr(self.machine)
+
+
+def option(machine: str) -> str:
+    """How a command line names a machine."""
+    if isinstance(machine, OwnMachine):
+        return f"--motor {shlex.quote(machine.source or str(machine))}"
+    return f"--machine {machine}"
 
 
 def motor_of(machine: str) -> Motor:

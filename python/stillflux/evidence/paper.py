@@ -11,6 +11,9 @@ did not read its offsets at rest.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -102,6 +105,17 @@ def runs_to_the_end(result: Result) -> Claim:
     return holds("the drive runs to the end", result.status == "running", str(result.status))
 
 
+def to_the_end(claims: Callable[..., list[Claim]]) -> Callable[..., list[Claim]]:
+    """Claims about a run that begin with its running to the end, and are no others if it does not."""
+
+    @wraps(claims)
+    def judged(result: Result, *others: Result) -> list[Claim]:
+        ended = runs_to_the_end(result)
+        return [ended, *claims(result, *others)] if ended.ok else [ended]
+
+    return judged
+
+
 def turned_by_at_most(limit: float, when: str, result: Result) -> Claim:
     """Largest field angle error, degrees."""
     return at_most(f"field angle error {when}", float(np.abs(angle(result)).max()), limit, "°")
@@ -130,6 +144,11 @@ def resistance_error(result: Result) -> NDArray[np.float64]:
     r_d = (result.scenario.plant_inverter or result.scenario.inverter).r_d
     error: NDArray[np.float64] = result["estimate.R_s"] / (result["R_s"] + r_d) - 1
     return error
+
+
+def resistance_off(result: Result, begin: float, end: float = math.inf) -> float:
+    """Largest deviation of r̂_s within a window, %."""
+    return 100.0 * float(np.abs(resistance_error(result.window(begin, end))).max())
 
 
 def identified(result: Result, event: float, within: float) -> float:

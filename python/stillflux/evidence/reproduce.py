@@ -201,6 +201,14 @@ def outcomes(runs: Iterable[Run]) -> list[Outcome]:
     return found
 
 
+def whole(runs: Iterable[Run], figures: Sequence[str], machines: Sequence[str]) -> list[Run]:
+    """Of runs that were interrupted those of figures and machines of which every one is done."""
+    done = list(runs)
+    missing = set(jobs(figures, machines)) - {(x.figure, x.machine, x.seed, x.role) for x in done}
+    partial = {(figure, machine) for figure, machine, *_ in missing}
+    return [x for x in done if (x.figure, x.machine) not in partial]
+
+
 def run_all(
     figures: Sequence[str],
     machines: Sequence[str],

@@ -156,7 +156,7 @@ def _rows(margins: Sequence[Margin]) -> tuple[list[str], list[list[str]]]:
     columns = list(dict.fromkeys((x.figure, x.machine) for x in margins))
     by = {(x.figure, x.machine, x.error): str(x) for x in margins}
     head = ["real value off by", *(f"{figure}, {machine}" for figure, machine in columns)]
-    return head, [[error, *(by[(*column, error)] for column in columns)] for error in ERRORS]
+    return head, [[error, *(by.get((*column, error), "–") for column in columns)] for error in ERRORS]
 
 
 def to_markdown(margins: Sequence[Margin]) -> str:

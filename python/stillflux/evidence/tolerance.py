@@ -24,10 +24,10 @@ from stillflux.evidence.courses import COURSES, Course, Points
 from stillflux.evidence.draws import drawn, ripple
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.journal import Runner
-from stillflux.evidence.judge import CALM, CONFIDENT, angle, confidence
+from stillflux.evidence.judge import CALM, CONFIDENT, angle, confidence, stops
 from stillflux.evidence.machines import scaled
 from stillflux.evidence.seeds import seed_of
-from stillflux.metrics import faulted, running, speed_error
+from stillflux.metrics import running, speed_error
 from stillflux.parallel import run_jobs
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -205,12 +205,7 @@ def scenario(
 
 def loss(result: Result, begin: float) -> tuple[float, str]:
     """When control was lost, s after `begin`, and by what; (inf, "") if it was not."""
-    found: list[tuple[float, str]] = []
-    faults = np.flatnonzero(faulted(result))
-    if len(faults):
-        found.append((float(result.t[faults[0]]), result.status.fault or "fault"))
-    elif not running(result).any():
-        found.append((float(result.t[-1]), "never ran"))
+    found = stops(result)
     beyond = np.flatnonzero(np.abs(angle(result)) > LOST_ANGLE)
     if len(beyond):
         found.append((float(result.t[beyond[0]]), "angle"))

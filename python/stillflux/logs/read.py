@@ -8,7 +8,7 @@ import csv
 import io
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -48,6 +48,8 @@ _UNITS: dict[str, tuple[str, float]] = {
     "V·s": ("flux", 1.0),
     "Wb": ("flux", 1.0),
 }
+
+_PREAMBLE = 200  # lines in which the first row of numbers is looked for
 
 QUANTITIES: dict[str, str] = {
     "t": "time",
@@ -113,6 +115,9 @@ def read_log(log: Any, columns: Columns | None = None) -> Log:
         values = np.asarray(vectors[name])
         if values.ndim != 1:
             values = values.squeeze()
+        if quantity == "t" and values.dtype.kind in "mM" and len(values):
+            # Times of day and durations, as pandas has them: from the first row on.
+            values = (values - values[0]) / np.timedelta64(1, "s")
         if values.ndim != 1 or values.dtype.kind not in "fiucb":
             raise ValueError(
                 f"{source}, column {name!r} is not one series of numbers ({values.dtype}, {values.shape})"
@@ -124,12 +129,14 @@ def read_log(log: Any, columns: Columns | None = None) -> Log:
     lengths = {names[q]: len(values) for q, values in data.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"{source}: columns of different lengths, {lengths}")
-    if not data or not len(next(iter(data.values()))):
+    if not data:
         known = ", ".join(map(repr, table)) or "none"
         raise ValueError(
-            f"{source} has no rows or no column of a known name; its columns: {known}; known: "
-            f"{', '.join(QUANTITIES)}"
+            f"{source} has no column of a known name: assign them, columns={{'i_a': …}}; its "
+            f"columns: {known}; known: {', '.join(QUANTITIES)}"
         )
+    if not len(next(iter(data.values()))):
+        raise ValueError(f"{source} has a header and no rows")
     return Log(source, data, names, lines)
 
 
@@ -154,6 +161,8 @@ def _vectors(table: Mapping[str, Any]) -> dict[str, Any]:
 def _assigned(source: str, table: Mapping[str, Any], columns: Columns) -> dict[str, tuple[str, float]]:
     """Quantity → (column, factor to SI)."""
     found: dict[str, tuple[str, float]] = {}
+    if not isinstance(columns, Mapping):
+        raise TypeError(f"columns = {columns!r} is not a mapping of quantities to columns")
     for quantity, given in columns.items():
         if quantity not in QUANTITIES:
             raise ValueError(f"columns: {quantity!r} is not one of {', '.join(QUANTITIES)}")
@@ -212,8 +221,7 @@ def _read(path: Path) -> tuple[dict[str, Any], NDArray[np.int64] | None]:
     if kind in (".csv", ".txt", ".tsv"):
         return _read_text(path)
     if kind == ".npz":
-        with _opened(path, "an NPZ file", lambda: np.load(path)) as file:
-            return {name: file[name] for name in file.files if file[name].dtype.kind in "fiucb"}, None
+        return _opened(path, "an NPZ file of numbers", lambda: _read_npz(path)), None
     if kind == ".parquet":
         pandas = _optional("pandas", path, "parquet")
         try:
@@ -223,26 +231,63 @@ def _read(path: Path) -> tuple[dict[str, Any], NDArray[np.int64] | None]:
         table = {str(name): frame[name].to_numpy() for name in frame.columns}
         return {**table, **_index(frame, table)}, None
     if kind == ".mat":
-        matlab = _optional("scipy.io", path, "mat")
-        try:
-            content = _opened(path, "a MAT file", lambda: matlab.loadmat(path, squeeze_me=True))
-        except NotImplementedError:
-            raise ValueError(f"{path} is a MAT file of version 7.3: save it with '-v7'") from None
-        return {name: values for name, values in content.items() if not name.startswith("__")}, None
+        return _opened(path, "a MAT file", lambda: _read_mat(path)), None
     raise ValueError(f"{path}: {kind or 'no suffix'} is not one of .csv, .txt, .tsv, .parquet, .npz, .mat")
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    with np.load(path) as file:
+        return {name: file[name] for name in file.files}
+
+
+def _read_mat(path: Path) -> dict[str, Any]:
+    """The variables of a MAT file, those of structures as "structure.field"; version 7.3 is HDF5."""
+    with path.open("rb") as file:
+        newest = b"MATLAB 7.3 MAT-file" in file.read(128)
+    if newest:
+        with _optional("h5py", path, "mat").File(path, "r") as file:
+            return dict(_datasets(file))
+    content = _optional("scipy.io", path, "mat").loadmat(path, squeeze_me=True)
+    found: dict[str, Any] = {}
+    for name, values in content.items():
+        fields = values.dtype.names if isinstance(values, np.ndarray) and values.ndim == 0 else None
+        if fields:
+            found.update({f"{name}.{field}": values[field].item() for field in fields})
+        elif not name.startswith("__"):
+            found[name] = values
+    return found
+
+
+def _datasets(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Arrays of numbers of an HDF5 group and of those below it; complex numbers are pairs there."""
+    for name, item in group.items():
+        if name.startswith("#"):
+            continue
+        if not hasattr(item, "dtype"):
+            yield from _datasets(item, f"{prefix}{name}.")
+        elif item.dtype.names == ("real", "imag"):
+            yield prefix + name, item[()]["real"] + 1j * item[()]["imag"]
+        else:
+            yield prefix + name, item[()]
 
 
 def _opened(path: Path, kind: str, read: Callable[[], Any]) -> Any:
     """What `read` makes of a file. Raises ValueError with the file's name where it is not of its kind;
-    OSError, ImportError and NotImplementedError pass."""
+    errors of `_optional` pass, and ImportError and what the system says of the file."""
     try:
         return read()
-    except (OSError, ImportError, NotImplementedError):
+    except (ImportError, _MissingError):
         raise
     except Exception as error:
-        # Each reader has errors of its own: zipfile, pickle, pyarrow, scipy.
+        # Each reader has errors of its own: zipfile, pickle, pyarrow, scipy, h5py.
+        if isinstance(error, OSError) and error.filename is not None:
+            raise
         reason = str(error).partition("\n")[0]
         raise ValueError(f"{path} is not {kind} ({type(error).__name__}: {reason})") from None
+
+
+class _MissingError(ValueError):
+    """A package that is not installed."""
 
 
 def _optional(module: str, path: Path, extra: str) -> Any:
@@ -250,33 +295,28 @@ def _optional(module: str, path: Path, extra: str) -> Any:
         return import_module(module)
     except ImportError:
         name = module.partition(".")[0]
-        raise ValueError(f"{path}: this format needs {name}: pip install 'stillflux[{extra}]'") from None
+        raise _MissingError(f"{path}: this format needs {name}: pip install 'stillflux[{extra}]'") from None
 
 
 def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
-    """Delimiter and decimal comma by the header and the first row; lines that begin with # are comments; a
-    row of units may follow the header. An empty cell is NaN."""
+    """Delimiter and decimal comma by the header and the first row. The header is the line before the first
+    row of numbers, between which a row of units may stand, also where it begins with #; other lines before it
+    and comments are passed over. An empty cell is NaN."""
     content = io.StringIO(_decoded(path.read_bytes()), newline="")
-    lines = [(number, line) for number, line in enumerate(content, 1) if line.strip()]
-    lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
+    lines = [(number, line.rstrip("\r\n")) for number, line in enumerate(content, 1) if line.strip()]
     if not lines:
         raise ValueError(f"{path} is empty")
-    header_line = lines[0][1]
-    delimiter = max(";\t,", key=header_line.count)
-    header = [name.strip() for name in next(csv.reader([header_line], delimiter=delimiter))]
+    at, delimiter = _header_line(lines)
+    first, header_line = lines[at]
+    header = [name.strip() for name in _cells(header_line.lstrip("# \t"), delimiter)]
     if all(_number(cell) is not None for cell in header):
-        raise ValueError(f"{path}, line {lines[0][0]}: no header, a line with the names of the columns")
+        raise ValueError(f"{path}, line {first}: no header, a line with the names of the columns")
     if len(set(header)) < len(header):
-        raise ValueError(f"{path}, line {lines[0][0]}: a column's name stands twice in {', '.join(header)}")
-    body = lines[1:]
+        raise ValueError(f"{path}, line {first}: a column's name stands twice in {', '.join(header)}")
+    body = [(number, line) for number, line in lines[at + 1 :] if not line.lstrip().startswith("#")]
     if body:
-        cells = [cell.strip() for cell in body[0][1].replace('"', "").rstrip("\r\n").split(delimiter)]
-        if (
-            len(cells) == len(header)
-            and all(re.sub(r"^[\[(]|[\])]$", "", c) in _UNITS for c in cells)
-            and any(cells)
-        ):
-            units = [re.sub(r"^[\[(]|[\])]$", "", cell) for cell in cells]
+        units = _units_of(_cells(body[0][1], delimiter))
+        if len(units) == len(header):
             header = [f"{name} [{unit}]" if unit else name for name, unit in zip(header, units, strict=True)]
             body = body[1:]
     comma = delimiter != "," and any("," in line for _, line in body[:5])
@@ -284,7 +324,7 @@ def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
     for k, (number, line) in enumerate(body):
         # A quoted number is a number; no number has a quotation mark within.
         text = (line.replace(",", ".") if comma else line).replace('"', "")
-        cells = text.rstrip("\r\n").split(delimiter)
+        cells = text.split(delimiter)
         if len(cells) != len(header):
             raise ValueError(f"{path}, line {number}: {len(cells)} values, the header has {len(header)}")
         try:
@@ -296,6 +336,49 @@ def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
             ) from None
     table = {name: rows[:, j] for j, name in enumerate(header)}
     return table, np.array([number for number, _ in body], dtype=np.int64)
+
+
+def _header_line(lines: Sequence[tuple[int, str]]) -> tuple[int, str | None]:
+    """Place of the header among the lines, and the delimiter; None: white space."""
+    plain = next((k for k, (_, line) in enumerate(lines) if not line.lstrip().startswith("#")), 0)
+    for k, (_, line) in enumerate(lines[:_PREAMBLE]):
+        delimiter = _delimiter(line)
+        cells = _cells(line, delimiter)
+        if len(cells) < 2 or not all(_is_value(cell) for cell in cells):
+            continue
+        # The nearest line above with as many cells; a row of units is passed over.
+        above = (
+            j
+            for j in range(k - 1, -1, -1)
+            if not _units_of(names := _cells(lines[j][1].lstrip("# \t"), delimiter))
+            and len(names) == len(cells)
+            and all(_number(name) is None for name in names)
+        )
+        at = next(above, plain)
+        return at, delimiter if at < k else _delimiter(lines[at][1])
+    return plain, _delimiter(lines[plain][1])
+
+
+def _delimiter(line: str) -> str | None:
+    found = max(";\t,", key=line.count)
+    return found if found in line else None
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    """Cells of a line, without quotation marks."""
+    return next(csv.reader([line], delimiter=delimiter), []) if delimiter else line.split()
+
+
+def _is_value(cell: str) -> bool:
+    """Whether a cell is a number, with a point or a comma, or empty."""
+    return not cell.strip() or _number(cell.replace(",", ".")) is not None
+
+
+def _units_of(cells: Sequence[str]) -> list[str]:
+    """The units of a row of units; empty if it is none."""
+    units = [re.sub(r"^[\[(]|[\])]$", "", cell.strip()) for cell in cells]
+    named = any(unit and _number(unit) is None for unit in units)
+    return units if named and all(unit in _UNITS for unit in units) else []
 
 
 def _decoded(content: bytes) -> str:

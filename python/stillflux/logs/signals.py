@@ -108,14 +108,30 @@ def times(
         raise ValueError(f"rate = {rate:g} Hz is outside {_RATES[0]:g} … {_RATES[1]:g} Hz")
     if t is None:
         if rate is None:
-            raise ValueError(f"{log.source} has no column 't': give the sampling rate, rate = … in Hz")
+            raise ValueError(
+                f"{log.source} has no column 't': name it, columns={{'t': …}}, or give the sampling rate, "
+                f"rate = … in Hz"
+            )
         return np.arange(n) / rate, [(0, n)]
     steps = np.diff(t)
     step = float(np.median(steps))
     back = np.flatnonzero(steps <= 0.0)
     if len(back):
         k = int(back[0]) + 1
-        raise ValueError(f"{log.place('t', k)}: time goes from {t[k - 1]:g} to {t[k]:g} s")
+        if steps.min() < 0.0 or t[-1] == t[0]:
+            raise ValueError(f"{log.place('t', k)}: time goes from {t[k - 1]:.9g} to {t[k]:.9g} s")
+        # Never backwards: written with too few digits. The rate says what they were.
+        if rate is None:
+            raise ValueError(
+                f"{log.place('t', k)}: time stands still at {t[k]:.9g} s, written with too few digits? Give "
+                f"the sampling rate, rate = … in Hz"
+            )
+        if abs((t[-1] - t[0]) * rate / (n - 1) - 1.0) > 0.01:
+            raise ValueError(
+                f"rate = {rate:g} Hz, but the {n} rows of {log.place('t')} span {t[-1] - t[0]:g} s"
+            )
+        notes.append(f"{log.place('t')} has too few digits, rows are taken {1.0 / rate:g} s apart")
+        return t[0] + np.arange(n) / rate, [(0, n)]
     if rate is not None and abs(step * rate - 1.0) > 0.01:
         raise ValueError(f"rate = {rate:g} Hz, but the rows of {log.place('t')} are {step:g} s apart")
     if step > 1.001 / _RATES[0] or step < 0.999 / _RATES[1]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import permutations, product
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +19,15 @@ if TYPE_CHECKING:
 __all__ = ["check_wiring"]
 
 
-def check_wiring(log: Log, rows: Rows, motor: Motor, inverter: Inverter) -> None:
-    """Currents and voltages of the same phases, by the fit of the flux over the fastest two turns."""
+_MISFIT = 0.5  # relative misfit from which on a log is hardly one of this motor
+_FLUX = (0.5, 1.6)  # of rated, the same: field weakening and saturation lie between
+
+
+def check_wiring(log: Log, rows: Rows, motor: Motor, inverter: Inverter, notes: list[str]) -> None:
+    """Currents and voltages of the same phases, by the fit of the flux over the fastest two turns.
+
+    A misfit that no other wiring explains is a note: the motor, a unit, the angle or the rate may be another.
+    """
     i, step = rows.i, rows.step
     total = np.sqrt(np.mean(rows.i_sum**2))
     if len(rows.currents) == 3 and total > 0.3 * np.sqrt(np.mean(np.abs(i) ** 2)):
@@ -42,25 +49,38 @@ def check_wiring(log: Log, rows: Rows, motor: Motor, inverter: Inverter) -> None
     u, i, u_dc = rows.u[part], rows.i[part], rows.u_dc[part]
     R = motor.R_s + inverter.r_d
 
-    def misfit(current: NDArray[np.complex128]) -> float:
+    def fitted(current: NDArray[np.complex128]) -> tuple[float, float]:
+        """Relative misfit, and flux per unit of rated."""
         loss = bridge_loss(current, u_dc, inverter) if inverter.dead_time or inverter.u_th else 0.0
         fit = fit_flux(u - loss, current, step, R, motor)
         # A flux that no machine has fits nothing, however round it is.
         size = float(np.median(np.abs(fit.path))) / motor.base["psi"]
-        return fit.residual + max(0.0, size - 1.5) + max(0.0, 0.2 - size)
+        return fit.residual + max(0.0, size - 1.5) + max(0.0, 0.2 - size), size
 
-    given = misfit(i)
-    if given < 0.3:
-        return
-    best, text = min(
-        ((misfit(current), text) for text, current in _rewired(i, rows.currents)), key=lambda x: x[0]
-    )
+    given, flux = fitted(i)
+    if given >= 0.3:
+        _check_other_wirings(log, rows.currents, i, given, lambda current: fitted(current)[0])
+    if given > _MISFIT or not _FLUX[0] < flux < _FLUX[1]:
+        notes.append(
+            f"currents and voltages hardly fit this motor (flux {flux:.2g} of rated, relative misfit "
+            f"{given:.2g}): are the motor, the units, the angle and the sampling rate right?"
+        )
+
+
+def _check_other_wirings(
+    log: Log,
+    names: tuple[str, ...],
+    i: NDArray[np.complex128],
+    given: float,
+    misfit: Callable[[NDArray[np.complex128]], float],
+) -> None:
+    best, text = min(((misfit(current), text) for text, current in _rewired(i, names)), key=lambda x: x[0])
     # Only if the other way explains the log: a machine that is not this one fits in no way.
     if best < min(0.15, 0.5 * given):
         raise ValueError(
-            f"{log.place(rows.currents)}: currents and voltages are not those of the same phases; they fit "
-            f"with {text} "
-            f"(relative misfit {best:.2f} instead of {given:.2f}); check=False accepts the log as it is"
+            f"{log.place(names)}: currents and voltages are not those of the same phases; they fit with "
+            f"{text} (relative misfit {best:.2f} instead of {given:.2f}); "
+            f"check=False accepts the log as it is"
         )
 
 

@@ -1,5 +1,5 @@
-//! Writes `stillflux.h`: `stillflux-c-header TO`. Declarations and comments are those of `../src/lib.rs`; the size of the
-//! state and the numbers of the faults are those of the core in this build.
+//! Writes `stillflux.h`: `stillflux-c-header TO`. Declarations and comments are those of `../src/lib.rs`; the size of
+//! the state and the numbers of the faults are those of the core in this build.
 
 use std::error::Error;
 use std::path::Path;
@@ -26,6 +26,9 @@ const HEAD: &str = "\
  * One control period is stillflux_period(), called in the interrupt of the current conversion. No function allocates,
  * waits or keeps a pointer. No pointer may be null. The state of a drive is used by one context at a time: the control
  * interrupt, or the main loop while that interrupt cannot run.
+ *
+ * Not here: self-commissioning, control of the dc link and its chopper, priors and switches of the estimators. They are
+ * in the Rust library; a page that a host makes with it holds the latter for this library, too.
  *
  * Generated from crates/stillflux-c/src/lib.rs. */
 ";

@@ -1,10 +1,10 @@
-//! Self-commissioning on a Cortex-M4F: finds the parameters of the motor on its bridge, and writes the page that the drive's
-//! image starts from.
+//! Self-commissioning on a Cortex-M4F: finds the parameters of the motor on its bridge, and writes the page that the
+//! drive's image starts from.
 //!
 //! `control_isr` is what a product runs before it has parameters: readings in, one period of the commissioning, compare
-//! values out. The fits are made once, at the end, in the main loop and in double precision. As in `drive.rs` the main loop
-//! plays the sampling instants from a file on the host; the page goes to another file, in a product to flash. Without
-//! arguments the commissioning reads the offsets of idle channels, and the image reports its sizes.
+//! values out. The fits are made once, at the end, in the main loop and in double precision. As in `drive.rs` the main
+//! loop plays the sampling instants from a file on the host; the page goes to another file, in a product to flash.
+//! Without arguments the commissioning reads the offsets of idle channels, and the image reports its sizes.
 #![no_std]
 #![no_main]
 
@@ -14,7 +14,7 @@ use stillflux::counts::Counts;
 use stillflux::interrupt::{Command, CountsCommissioning};
 use stillflux::scalar::Real;
 use stillflux::telemetry::SetPoint;
-use stillflux_firmware::board::{self, File, Handover, Mailbox, print};
+use stillflux_firmware::board::{self, File, Interrupt, print};
 use stillflux_firmware::commissioning::{ANSWER, answer, begin, page};
 use stillflux_firmware::exchange::Frame;
 
@@ -24,8 +24,7 @@ type Arithmetic = stillflux::scalar::Q;
 type Arithmetic = f32;
 
 /// The commissioning; nothing until it is set up: the bridge is blocked.
-static CONTROL: Handover<Option<CountsCommissioning<Arithmetic>>> = Handover::new(None);
-static MAILBOX: Handover<Mailbox> = Handover::new(Mailbox::new());
+static INTERRUPT: Interrupt<Option<CountsCommissioning<Arithmetic>>> = Interrupt::new(None);
 
 #[exception]
 fn SysTick() {
@@ -36,23 +35,15 @@ fn SysTick() {
 #[unsafe(no_mangle)]
 #[inline(never)]
 fn control_isr() {
-    // SAFETY: the main loop touches both only while this interrupt is not pended.
-    unsafe {
-        CONTROL.with(|control| {
-            MAILBOX.with(|mailbox| {
-                let blocked = Command { compare: [0; 3], gates_on: false };
-                let counts = mailbox.readings().counts;
-                mailbox.command(control.as_mut().map_or(blocked, |c| c.period(&counts)));
-            });
-        });
-    }
+    // SAFETY: this is the control interrupt.
+    unsafe { INTERRUPT.run(|control, frame| control.as_mut().map_or(Command::BLOCKED, |c| c.period(&frame.counts))) }
 }
 
 #[entry]
 fn main() -> ! {
     match begin() {
-        // SAFETY: the interrupt is not pended yet.
-        Ok(control) => unsafe { CONTROL.with(|c| *c = Some(control)) },
+        // SAFETY: this is the main loop.
+        Ok(control) => unsafe { INTERRUPT.between(|c| *c = Some(control)) },
         Err(why) => {
             print(format_args!("{}: the bridge stays blocked", why.field));
             board::exit(false)
@@ -68,8 +59,8 @@ fn main() -> ! {
 
 /// Writes the page with what was found.
 fn store(to: &str) -> bool {
-    // SAFETY: the interrupt is not pended.
-    let Some(page) = (unsafe { CONTROL.with(|c| c.as_ref().and_then(|c| page(c).ok())) }) else {
+    // SAFETY: this is the main loop.
+    let Some(page) = (unsafe { INTERRUPT.between(|c| c.as_ref().and_then(|c| page(c).ok())) }) else {
         print(format_args!("nothing that a drive accepts was found"));
         return false;
     };
@@ -79,9 +70,9 @@ fn store(to: &str) -> bool {
 
 /// One sampling instant and what it gave.
 fn period(frame: Frame) -> [u8; ANSWER] {
-    let command = board::sample(&MAILBOX, frame);
-    // SAFETY: the interrupt has run and is not pended.
-    unsafe { CONTROL.with(|c| c.as_ref().map_or([0; ANSWER], |c| answer(c, &command))) }
+    let command = INTERRUPT.sample(frame);
+    // SAFETY: this is the main loop.
+    unsafe { INTERRUPT.between(|c| c.as_ref().map_or([0; ANSWER], |c| answer(c, &command))) }
 }
 
 /// A commissioning on idle readings at its rated dc link: reads the offsets and begins with the pulses.
@@ -90,8 +81,9 @@ fn idle() -> bool {
     for _ in 0..1100 {
         period(Frame { counts, set_point: SetPoint::Stop });
     }
-    // SAFETY: the interrupt is not pended.
-    let running = unsafe { CONTROL.with(|c| c.as_ref().is_some_and(|c| c.commissioning().status() == Status::Running)) };
+    // SAFETY: this is the main loop.
+    let status = unsafe { INTERRUPT.between(|c| c.as_ref().map(|c| c.commissioning().status())) };
+    let running = status == Some(Status::Running);
     let bytes = size_of::<Commissioning<Arithmetic>>();
     print(format_args!(
         "{{\"arithmetic\": \"{}\", \"running\": {running}, \"commissioning_bytes\": {bytes}}}",

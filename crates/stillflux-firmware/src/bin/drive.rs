@@ -18,9 +18,8 @@ use stillflux::scalar::Real;
 use stillflux::telemetry::SetPoint;
 #[cfg(feature = "si-page")]
 use stillflux_firmware::blob::{Blob, Parameters};
-use stillflux_firmware::board::{self, Handover, Mailbox, print};
+use stillflux_firmware::board::{self, Interrupt, print};
 use stillflux_firmware::exchange::{ANSWER, Frame, answer};
-use stillflux_firmware::violation;
 
 #[cfg(feature = "q")]
 type Arithmetic = stillflux::scalar::Q;
@@ -46,8 +45,7 @@ static PAGE: Blob = Blob::seal(&Parameters::preset(SCHEME));
 const SCHEME: Scheme = if cfg!(feature = "enhanced") { Scheme::Enhanced } else { Scheme::Paper };
 
 /// The one drive; it blocks the bridge until the page is read.
-static CONTROL: Handover<CountsDrive<Arithmetic>> = Handover::new(CountsDrive::empty());
-static MAILBOX: Handover<Mailbox> = Handover::new(Mailbox::new());
+static INTERRUPT: Interrupt<CountsDrive<Arithmetic>> = Interrupt::new(CountsDrive::empty());
 
 #[exception]
 fn SysTick() {
@@ -58,24 +56,17 @@ fn SysTick() {
 #[unsafe(no_mangle)]
 #[inline(never)]
 fn control_isr() {
-    // SAFETY: the main loop touches both only while this interrupt is not pended.
+    // SAFETY: this is the control interrupt.
     unsafe {
-        CONTROL.with(|control| {
-            MAILBOX.with(|mailbox| {
-                let frame = mailbox.readings();
-                let command = control.period(&frame.counts, &frame.set_point);
-                mailbox.command(command);
-                violation::planted(&command);
-            });
-        });
+        INTERRUPT.run(|control, frame| control.period(&frame.counts, &frame.set_point));
     }
 }
 
 #[entry]
 fn main() -> ! {
     match load() {
-        // SAFETY: the interrupt is not pended yet.
-        Ok(control) => unsafe { CONTROL.with(|c| *c = control) },
+        // SAFETY: this is the main loop.
+        Ok(control) => unsafe { INTERRUPT.between(|c| *c = control) },
         Err(why) => {
             print(format_args!("{why}: the bridge stays blocked"));
             board::exit(false)
@@ -108,9 +99,9 @@ fn load() -> Result<CountsDrive<Arithmetic>, &'static str> {
 
 /// One sampling instant and what it gave.
 fn period(frame: Frame) -> [u8; ANSWER] {
-    let command = board::sample(&MAILBOX, frame);
-    // SAFETY: the interrupt has run and is not pended.
-    unsafe { CONTROL.with(|c| answer(c, &command)) }
+    let command = INTERRUPT.sample(frame);
+    // SAFETY: this is the main loop.
+    unsafe { INTERRUPT.between(|c| answer(c, &command)) }
 }
 
 /// A drive on idle readings at its rated dc link: reads its offsets and begins to magnetise.
@@ -119,8 +110,8 @@ fn idle() -> bool {
     for _ in 0..1100 {
         period(Frame { counts, set_point: SetPoint::Speed(0.0) });
     }
-    // SAFETY: the interrupt is not pended.
-    let status = unsafe { CONTROL.with(|c| c.status()) };
+    // SAFETY: this is the main loop.
+    let status = unsafe { INTERRUPT.between(|c| c.status()) };
     let (drive, config) =
         (size_of::<stillflux::drive::Drive<Arithmetic>>(), size_of::<stillflux::config::DriveConfig<Arithmetic>>());
     print(format_args!(

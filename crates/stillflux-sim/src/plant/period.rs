@@ -12,6 +12,8 @@ use super::{H_MAX, Plant};
 use crate::bridge::Feed;
 use crate::machine::{Field, State, Step, V2, phases};
 use crate::nodes::Nodes;
+use crate::shunt::Amplifier;
+use stillflux::control::shunt::Pulses;
 
 /// Segments of a period with capacitive edges after which it goes on without looking for events. A period has some
 /// twenty of them, with ringing nodes some hundreds, with nodes of a tenth of a picofarad some ten thousand.
@@ -21,10 +23,11 @@ impl Plant {
     /// The next instant after `t` at which a channel is sampled ahead of the period's end.
     #[inline(always)]
     pub(super) fn next_instant(&self, t: f64) -> f64 {
-        if !self.skewed {
+        if !self.skewed && self.shunt.is_none() {
             return f64::INFINITY;
         }
-        self.instants.into_iter().filter(|s| *s > t).fold(f64::INFINITY, f64::min)
+        let of_shunt = self.shunt.map_or([f64::INFINITY; 2], |shunt| shunt.instants);
+        self.instants.into_iter().chain(of_shunt).filter(|s| *s > t).fold(f64::INFINITY, f64::min)
     }
 
     /// Samples the channels whose instant is `t`.
@@ -37,6 +40,27 @@ impl Plant {
                     self.seen[k] = i[k];
                 }
             }
+        }
+        if let Some(shunt) = &mut self.shunt {
+            for (seen, instant) in shunt.seen.iter_mut().zip(shunt.instants) {
+                if instant == t {
+                    *seen = shunt.y;
+                }
+            }
+        }
+    }
+
+    /// What the shunt's amplifier sees of a segment that is to follow.
+    #[inline(always)]
+    fn watched(&self) -> Option<([f64; 3], [f64; 3])> {
+        self.shunt.is_some().then(|| (Amplifier::parts(&self.bridge), phases(self.f.i)))
+    }
+
+    /// The segment, of length `h`, is over.
+    #[inline(always)]
+    fn watch(&mut self, watched: Option<([f64; 3], [f64; 3])>, h: f64) {
+        if let (Some(shunt), Some((parts, from))) = (&mut self.shunt, watched) {
+            shunt.advance(&parts, from, phases(self.f.i), h);
         }
     }
 
@@ -53,12 +77,12 @@ impl Plant {
     }
 
     /// A period of the bridge.
-    pub(super) fn switched<const KIND: u8>(&mut self, duty: [f64; 3], gates_on: bool) {
+    pub(super) fn switched<const KIND: u8>(&mut self, pulses: &Pulses<f64>, gates_on: bool) {
         let stale = std::mem::replace(&mut self.stale, false);
         if stale {
             self.bridge.set_signs(self.f.i, self.tol.current);
         }
-        self.bridge.load(duty, gates_on, self.rising);
+        self.bridge.load([pulses.rising, pulses.falling], gates_on, self.rising);
         if let Some(nodes) = self.nodes {
             return self.capacitive::<KIND>(nodes, stale);
         }
@@ -68,9 +92,14 @@ impl Plant {
             self.bridge.apply(t);
             let feed = self.bridge.feed::<KIND>(&self.circuit, &self.x, &self.f, lift);
             let end = self.bridge.next_change().min(self.period).min(self.next_instant(t)).min(t + self.h_max);
+            let watched = self.watched();
             match self.segment::<KIND, true>(&feed, end - t, stall > 8) {
-                None => (t, lift, stall) = (end, false, 0),
+                None => {
+                    self.watch(watched, end - t);
+                    (t, lift, stall) = (end, false, 0);
+                }
                 Some((tau, event)) => {
+                    self.watch(watched, tau);
                     // Conditions that contradict each other by rounding alone could repeat at one instant;
                     // after a few turns the segment is integrated as it stands.
                     stall = if tau <= self.tol.time { stall + 1 } else { 0 };
@@ -79,6 +108,7 @@ impl Plant {
                 }
             }
         }
+        self.look(self.period);
         // Changes since the last segment began that no current noticed.
         self.bridge.apply(self.period);
     }
@@ -100,11 +130,13 @@ impl Plant {
             // As in `switched`; and a node that comes to its rail and leaves it again and again, a little later each
             // time, must not keep the period from ending.
             let blind = stall > 8 || segments > MOST_SEGMENTS;
+            let watched = self.watched();
             let (h, hit) = match feed {
                 Feed::Nodes(u, K) => self.ramp::<KIND>(u, &K, &nodes, end - t, blind),
                 _ => (end - t, self.segment::<KIND, true>(&feed, end - t, blind)),
             };
             nodes = self.nodes.unwrap_or(nodes);
+            self.watch(watched, hit.map_or(h, |(tau, _)| tau));
             match hit {
                 None => (t, stall) = (if h == end - t { end } else { t + h }, 0),
                 Some((tau, _)) => {
@@ -113,6 +145,7 @@ impl Plant {
                 }
             }
         }
+        self.look(self.period);
         self.bridge.apply(self.period);
         nodes.settle(&mut self.bridge, self.f.i, &mut self.energy);
         self.nodes = Some(nodes);

@@ -280,6 +280,7 @@ impl<R: Real> CommissioningConfig<R> {
     }
 
     /// One procedure alone, after the check of the wiring: the values of the others are those of nameplate and data sheet.
+    /// [`Stage::Wiring`] and [`Stage::Complete`]: nothing but that check.
     #[must_use]
     pub fn only(self, stage: Stage) -> Self {
         Self { runs: Stage::PROCEDURES.map(|of| of == stage), ..self }
@@ -308,13 +309,12 @@ impl<R: Real> CommissioningConfig<R> {
         self.excitation.timer.as_ref()
     }
 
-    /// Periods of all procedures, roughly.
+    /// Periods of all procedures that are run, roughly.
     #[must_use]
     pub fn duration(&self) -> u32 {
-        self.wiring.offset_periods
-            + bridge::duration(self.settle)
-            + leakage::duration(self.settle)
-            + self.magnetising.duration()
+        let each = [bridge::duration(self.settle), leakage::duration(self.settle), self.magnetising.duration()];
+        let run = each.into_iter().zip(self.runs).filter_map(|(periods, runs)| runs.then_some(periods));
+        self.wiring.offset_periods + run.sum::<u32>()
     }
 }
 

@@ -83,11 +83,13 @@ impl SiCommissioning {
         Ok(Self { units, arithmetic, shaft, standstill, run: None, refused: false })
     }
 
-    /// One procedure at standstill alone ([`CommissioningConfig::only`]), before its first period.
+    /// One procedure alone ([`CommissioningConfig::only`]), before its first period; [`Stage::Complete`]: that of the free
+    /// shaft, by a drive that is told nameplate and data sheet.
     #[must_use]
     pub fn only(mut self, stage: Stage) -> Self {
         with!(&mut self.standstill, x => *x = Commissioning::new(x.config().only(stage)));
-        Self { shaft: Shaft::Locked, ..self }
+        let shaft = if stage == Stage::Complete { self.shaft } else { Shaft::Locked };
+        Self { shaft, ..self }
     }
 
     /// The machine by its nameplate.

@@ -21,7 +21,9 @@ pub const BALANCE_PERIODS: u32 = 8;
 /// Control periods in one turn of the field that the loops need: current control is lost with 25, not with 30.
 const PERIODS_A_TURN: f64 = 30.0;
 
-/// The same with overmodulation: current control oscillates on the edge of the hexagon with 40, not with 50.
+/// The same with overmodulation. The six edges of the hexagon are a ripple of six times the frequency in field coordinates.
+/// Behind 1.5 periods of delay and the leakage inductance current control answers it in phase at a sixth of the control's
+/// rate, which is 36 periods a turn; 45 keep the ripple a fifth below. Current control oscillates with 40, not with 50.
 const PERIODS_OVERMODULATED: f64 = 45.0;
 
 /// Largest stator frequency that the loops carry, rad/s.
@@ -33,6 +35,9 @@ fn fastest_field(inverter: &Inverter) -> f64 {
 fn needs_modes(e: ParamError) -> ParamError {
     if cfg!(feature = "modes") { e } else { e.with_note("needs the feature `modes`") }
 }
+
+/// Longest window of a single shunt, in parts of the carrier period.
+const WINDOW_MAX: f64 = 0.15;
 
 /// Which estimators a drive runs, of those that the build has (features `paper` and `enhanced`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -393,7 +398,17 @@ pub struct DriveParams {
     /// Current sensors: 3, or 2 in phases a and b. With two the current of phase c is `-(i_a + i_b)` and its channel is not
     /// read. The difference of the gains of the two is found in the magnetisation at standstill then, by the enhanced
     /// scheme, instead of while running, and the monitor of the sum is off. This and `discontinuous_above` need the feature `modes`.
+    ///
+    /// 1: a single shunt in the dc link, feature `shunt`. [`crate::drive::Measurement::i_abc`] holds its three readings then,
+    /// at the instants of [`crate::drive::Drive::pulses`] and at the end of the period ([`crate::control::shunt`]).
     pub current_sensors: u32,
+    /// Time for which a state of the bridge lasts that a single shunt is sampled in, s: dead time, settling of the
+    /// amplifier, sampling of the converter; from the dead time to 15 % of the carrier period. 0: pulses are not shifted,
+    /// and at low voltage nothing is seen. Without effect with more sensors.
+    pub shunt_window: f64,
+    /// Time constant of the amplifier of a single shunt, s, at most a quarter of the longest window: the current rises while it is
+    /// sampled, and the reading is behind it. 0: none. Without effect with more sensors.
+    pub shunt_settling: f64,
     /// Duration of the magnetisation, s.
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
@@ -469,6 +484,8 @@ impl DriveParams {
             calibrate_offset: true,
             offset_time: 0.1,
             current_sensors: 3,
+            shunt_settling: 0.0,
+            shunt_window: (inverter.dead_time + 2.5e-6).min(WINDOW_MAX / inverter.f_s),
             magnetise_time: (4.0 * tau_r).max(1.4),
             low_confidence: LowConfidence::Keep,
             fresh_time: 10.0,
@@ -523,8 +540,7 @@ impl DriveParams {
         check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
         let modes = cfg!(feature = "modes");
-        check("current_sensors", f64::from(self.current_sensors), if modes { 2.0 } else { 3.0 }, 3.0, "")
-            .map_err(needs_modes)?;
+        self.validate_sensors(inverter)?;
         check("half_periods", f64::from(inverter.half_periods), if modes { 1.0 } else { 2.0 }, 16.0, "")
             .map_err(needs_modes)?;
         check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
@@ -543,6 +559,52 @@ impl DriveParams {
         match self.scheme {
             Scheme::Paper => self.enhanced.refuse_changes(machine),
             Scheme::Enhanced => self.paper.refuse_changes(),
+        }
+    }
+
+    /// Number of current sensors, and what a single shunt asks of the pulses.
+    fn validate_sensors(&self, inverter: &Inverter) -> Result<(), ParamError> {
+        let least = if cfg!(feature = "shunt") {
+            1.0
+        } else if cfg!(feature = "modes") {
+            2.0
+        } else {
+            3.0
+        };
+        check("current_sensors", f64::from(self.current_sensors), least, 3.0, "").map_err(|e| {
+            if cfg!(feature = "shunt") { e } else { e.with_note("2 needs the feature `modes`, 1 the feature `shunt`") }
+        })?;
+        let longest = WINDOW_MAX / inverter.f_s;
+        if self.shunt_window != 0.0 {
+            check("shunt_window", self.shunt_window, inverter.dead_time.min(longest), longest, "s")
+                .map_err(|e| e.with_note("dead time, settling and sampling, at most 15 % of the carrier period"))?;
+        }
+        check("shunt_settling", self.shunt_settling, 0.0, 0.25 * longest, "s")?;
+        if self.current_sensors > 1 {
+            return Ok(());
+        }
+        const SHUNT: &str =
+            "with a single shunt the pulses are continuous, updated once, and leave room for its window";
+        let off =
+            |field, chosen| check(field, f64::from(u8::from(chosen)), 0.0, 0.0, "").map_err(|e| e.with_note(SHUNT));
+        off("discontinuous_above", self.discontinuous_above.is_some())?;
+        off("overmodulation", self.overmodulation)?;
+        check("half_periods", f64::from(inverter.half_periods), 2.0, 16.0, "").map_err(|e| e.with_note(SHUNT))
+    }
+
+    /// Window of a single shunt in parts of half of the carrier period: a whole and even number of timer counts, so that
+    /// edges moved by it, and a duty moved by half of it, are whole counts; 0 with more sensors.
+    pub(super) fn window(&self, inverter: &Inverter) -> f64 {
+        if self.current_sensors > 1 {
+            return 0.0;
+        }
+        let part = 2.0 * self.shunt_window * inverter.f_s;
+        match inverter.timer() {
+            Ok(Some(timer)) => {
+                let full = f64::from(timer.full());
+                2.0 * libm::ceil(0.5 * part * full - 1e-6) / full
+            }
+            _ => part,
         }
     }
 

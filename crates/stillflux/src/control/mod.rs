@@ -1,5 +1,5 @@
 //! Stator-flux-oriented control: current, flux and speed controllers, flux shift, field weakening, ramp, derating,
-//! way out of a false equilibrium, control of the dc link, modulator.
+//! way out of a false equilibrium, control of the dc link, modulator, pulses for a single shunt.
 
 pub mod current;
 #[cfg(feature = "dclink")]
@@ -11,5 +11,7 @@ pub mod ramp;
 #[cfg(feature = "supervision")]
 pub mod realign;
 pub mod shift;
+#[cfg(feature = "shunt")]
+pub mod shunt;
 pub mod speed;
 pub mod weakening;

@@ -14,7 +14,8 @@ use crate::words::words;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Measurement<R: Real> {
-    /// Phase currents, positive into the machine.
+    /// Phase currents, positive into the machine. With a single shunt its readings: with two legs at the upper rail, with
+    /// one, and in the zero vector at the end of the period ([`crate::drive::Drive::pulses`]).
     pub i_abc: [R; 3],
     /// dc-link voltage.
     pub u_dc: R,
@@ -82,7 +83,7 @@ pub enum Status {
 impl Status {
     /// The state as a stable number: 0 stopped, 1 reading offset, 2 magnetising, 3 running, 4 faulted.
     #[must_use]
-    pub fn code(self) -> u32 {
+    pub const fn code(self) -> u32 {
         match self {
             Self::Stopped => 0,
             Self::ReadingOffset => 1,

@@ -4,6 +4,8 @@
 use super::estimators::Estimators;
 use super::interface::{Measurement, Reference, Status};
 use crate::config::{DriveConfig, I_OFF_MAX};
+#[cfg(feature = "shunt")]
+use crate::control::shunt::RATE;
 use crate::estimate::pair::equalised;
 use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::space::AlphaBeta;
@@ -85,6 +87,23 @@ impl<R: Real> Sequence<R> {
         for (to, i) in self.i_off.iter_mut().zip(i_off) {
             *to = clamp_seldom(i, R::from_f64(-I_OFF_MAX), R::from_f64(I_OFF_MAX));
         }
+        self.follow_from_here();
+    }
+
+    /// The offset of a single shunt is followed from the one that is known, which its three readings have in common.
+    fn follow_from_here(&mut self) {
+        #[cfg(feature = "shunt")]
+        {
+            self.offset_mean[2] = Integrator::new(self.i_off[2]);
+        }
+    }
+
+    /// A reading of a single shunt that shows its offset.
+    #[cfg(feature = "shunt")]
+    pub fn follow_offset(&mut self, reading: R) {
+        let mean = &mut self.offset_mean[2];
+        let deviation = reading - mean.value();
+        self.i_off = [mean.add_limited(R::from_f64(RATE), deviation, R::from_f64(I_OFF_MAX)); 3];
     }
 
     /// Begins a period.
@@ -97,9 +116,15 @@ impl<R: Real> Sequence<R> {
     /// the other two.
     #[inline(always)]
     fn without_offset(&self, c: &DriveConfig<R>, m: &Measurement<R>, half: impl FnOnce() -> R) -> [R; 3] {
-        let ([i_a, i_b, i_c], off) = (m.i_abc, &self.i_off);
+        let ([i_a, i_b, i_c], off) = (m.i_abc, self.offsets(c));
         let (i_a, i_b) = (i_a - off[0], i_b - off[1]);
         if likely(!c.two_sensors()) { [i_a, i_b, i_c - off[2]] } else { equalised([i_a, i_b], half()) }
+    }
+
+    /// Offsets that are still in a measurement: none of those that a single shunt was freed from.
+    #[inline(always)]
+    fn offsets(&self, c: &DriveConfig<R>) -> [R; 3] {
+        if likely(!c.single_shunt()) { self.i_off } else { [R::ZERO; 3] }
     }
 
     /// Whether a measurement can be used as it is.
@@ -108,7 +133,7 @@ impl<R: Real> Sequence<R> {
         let i = self.without_offset(c, m, || R::ZERO);
         // One comparison for four: no channel near its range, the vector below the trip level. Written so that
         // NaN fails it.
-        let sum = i[0] * i[0] + i[1] * i[1] + i[2] * i[2];
+        let sum = R::sum_of_products(i, i);
         likely(sum <= c.i_plain_sq && m.u_dc >= c.u_dc_min && m.u_dc <= c.u_dc_max) || self.examine(c, m).is_none()
     }
 
@@ -164,9 +189,9 @@ impl<R: Real> Sequence<R> {
     /// The measurement that a current vector without offsets and a dc-link voltage would have been.
     #[cold]
     #[inline(never)]
-    pub fn measurement(&self, i_s: &AlphaBeta<R>, u_dc: R) -> Measurement<R> {
-        let ([a, b, c], off) = (i_s.to_phases(), &self.i_off);
-        Measurement { i_abc: [a + off[0], b + off[1], c + off[2]], u_dc }
+    pub fn measurement(&self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, u_dc: R) -> Measurement<R> {
+        let ([i_a, i_b, i_c], off) = (i_s.to_phases(), self.offsets(c));
+        Measurement { i_abc: [i_a + off[0], i_b + off[1], i_c + off[2]], u_dc }
     }
 
     /// All states but `Running`.
@@ -226,6 +251,7 @@ impl<R: Real> Sequence<R> {
                 return Action::Blocked;
             }
         }
+        self.follow_from_here();
         self.enter(Status::Magnetising);
         Action::Ready
     }

@@ -11,6 +11,8 @@
 
 use crate::config::DriveConfig;
 use crate::control::modulator::{Duty, applied, clamped_leg, modulate, modulate_clamped};
+#[cfg(feature = "shunt")]
+use crate::control::shunt::{Pulses, Shunt, ShuntConfig};
 use crate::inverter::{Distortion, Knee};
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
@@ -42,6 +44,9 @@ pub(super) struct Voltage<R: Real> {
     inv_u_dc: R,
     /// A leg was held at a rail in the latest period.
     discontinuous: bool,
+    /// Pulses for a single shunt, and what it shows in them.
+    #[cfg(feature = "shunt")]
+    pub shunt: Shunt<R>,
     /// Voltage applied between the last two current samples.
     pub u_s: AlphaBeta<R>,
 }
@@ -54,6 +59,8 @@ impl<R: Real> Voltage<R> {
             loss: Distortion::default(),
             inv_u_dc: R::ZERO,
             discontinuous: false,
+            #[cfg(feature = "shunt")]
+            shunt: Shunt::default(),
             u_s: AlphaBeta::default(),
         }
     }
@@ -62,6 +69,22 @@ impl<R: Real> Voltage<R> {
     pub fn block(&mut self) {
         self.commanded = [Commanded::default(); 2];
         self.loss = Distortion::default();
+        #[cfg(feature = "shunt")]
+        self.shunt.block();
+    }
+
+    /// Pulses of the next period with a single shunt; `None` while the bridge is blocked.
+    #[cfg(feature = "shunt")]
+    pub fn pulses(&self) -> Option<Pulses<R>> {
+        self.shunt.pulses()
+    }
+
+    /// Pulses for the single shunt, which may take from the largest duties, and what it will show in them.
+    #[cfg(feature = "shunt")]
+    #[cold]
+    #[inline(never)]
+    fn shape(&mut self, c: &ShuntConfig<R>, period: u32, duty: &mut Duty<R>, u_dc: R) {
+        self.shunt.shape(c, period, duty, &self.loss, u_dc);
     }
 
     /// dc-link voltage of the latest period under voltage, if there was one.
@@ -120,10 +143,17 @@ impl<R: Real> Voltage<R> {
         };
         let phases = [u[0] + e[0], u[1] + e[1], u[2] + e[2]];
         let timer = c.timer.as_ref();
-        let duty = match clamped {
+        #[cfg_attr(not(feature = "shunt"), allow(unused_mut))]
+        let mut duty = match clamped {
             None => modulate(phases, self.inv_u_dc, timer),
             Some(leg) => modulate_clamped(phases, leg, self.inv_u_dc, timer),
         };
+        #[cfg(feature = "shunt")]
+        if !likely(c.shunt.is_none())
+            && let Some(shunt) = &c.shunt
+        {
+            self.shape(shunt, period, &mut duty, u_dc);
+        }
         self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: AlphaBeta::from_phases(e) };
         duty
     }

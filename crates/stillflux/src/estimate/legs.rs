@@ -66,8 +66,6 @@ const SQRT_3_HALF: f64 = 0.866_025_403_784_438_6;
 pub struct LegsConfig<R: Real> {
     /// Periods of half a plateau; 0: off.
     half: u32,
-    /// Periods for which the current `+I` has flowed in the first direction before.
-    before: u32,
     /// 64 times the weight of a step of the triangle: the six windows together have the weight one.
     weight: R,
     /// `r_s + r_R`.
@@ -81,18 +79,16 @@ pub struct LegsConfig<R: Real> {
     /// Whether the odd part is measured.
     odd: bool,
 }
-words!(LegsConfig: half, before, weight, r, l, build_up, inv_tau_r, decay, odd);
+words!(LegsConfig: half, weight, r, l, build_up, inv_tau_r, decay, odd);
 
 impl<R: Real> LegsConfig<R> {
-    /// For half plateaus of `half` periods and a current that has flowed `before` for some periods; `odd`: all three
-    /// currents are measured.
+    /// For half plateaus of `half` periods; `odd`: all three currents are measured.
     #[must_use]
-    pub fn new(pu: &PerUnit, half: u32, before: u32, odd: bool) -> Self {
+    pub fn new(pu: &PerUnit, half: u32, odd: bool) -> Self {
         let of = f64::from(window(half).max(1));
         let r = rounded::<R>;
         Self {
             half,
-            before,
             weight: r(64.0 / (6.0 * of * of)),
             r: r(pu.r_s + pu.r_r),
             // Limited for fixed point.
@@ -114,15 +110,10 @@ impl<R: Real> LegsConfig<R> {
         self.r
     }
 
-    /// Periods of the whole measurement.
-    pub fn periods(&self) -> u32 {
-        self.before + (DIRECTIONS * HALVES + 1) * self.half
-    }
-
     /// Direction of the current in a period, and its part of the current before.
-    fn direction(&self, period: u32) -> (Rotator<R>, R) {
+    fn direction(&self, period: Option<u32>) -> (Rotator<R>, R) {
         let r = R::from_f64;
-        let Some(period) = period.checked_sub(self.before) else {
+        let Some(period) = period else {
             // Takes off the flux of the current before.
             return (Rotator::default(), -R::ONE);
         };
@@ -141,8 +132,8 @@ impl<R: Real> LegsConfig<R> {
     }
 
     /// Weight of a period.
-    fn weight(&self, period: u32) -> R {
-        let Some(period) = period.checked_sub(self.before).filter(|x| *x < DIRECTIONS * HALVES * self.half) else {
+    fn weight(&self, period: Option<u32>) -> R {
+        let Some(period) = period.filter(|x| *x < DIRECTIONS * HALVES * self.half) else {
             return R::ZERO;
         };
         let within = period % (HALVES * self.half);
@@ -182,6 +173,8 @@ pub struct Alternation<R: Real> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct LegsProbe<R: Real> {
+    /// Periods for which the current has flowed in the first direction before.
+    before: u32,
     /// Rotor flux, and the current of the latest period.
     psi_r: [Integrator<R>; 2],
     i_s: AlphaBeta<R>,
@@ -196,6 +189,21 @@ pub struct LegsProbe<R: Real> {
 }
 
 impl<R: Real> LegsProbe<R> {
+    /// Begins, after a current in the first direction for `before` periods.
+    pub fn begin(&mut self, before: u32) {
+        self.before = before;
+    }
+
+    /// Periods for which the current has flowed in the first direction before.
+    pub fn before(&self) -> u32 {
+        self.before
+    }
+
+    /// Periods of the whole measurement.
+    pub fn periods(&self, c: &LegsConfig<R>) -> u32 {
+        self.before + (DIRECTIONS * HALVES + 1) * c.half
+    }
+
     /// The rotor flux one period later, at a current; returns the one before. Also for the current before the measurement.
     pub fn build_up(&mut self, c: &LegsConfig<R>, i_s: &AlphaBeta<R>) -> AlphaBeta<R> {
         let psi_r = vector(&self.psi_r);
@@ -215,6 +223,7 @@ impl<R: Real> LegsProbe<R> {
         i_s: &AlphaBeta<R>,
         sum: R,
     ) -> Alternation<R> {
+        let period = period.checked_sub(self.before);
         let (axis, part) = c.direction(period);
         let w = c.weight(period);
         let i_last = self.i_s;
@@ -263,13 +272,14 @@ mod tests {
     fn found<R: Real>(gains: [f64; 3], omega: f64) -> (Legs<R>, bool) {
         let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
         let pu = PerUnit::new(&machine, &inverter).unwrap();
-        let config = LegsConfig::<R>::new(&pu, 100, 100, true);
+        let config = LegsConfig::<R>::new(&pu, 100, true);
         let (r, i_0, u_dc) = (R::from_f64, 0.6, pu.u_dc);
         let mut probe = LegsProbe::<R>::default();
+        probe.begin(100);
         let mut psi_r = AlphaBeta::<f64>::default();
         let (mut axis, mut target, mut i) = (AlphaBeta::<f64>::new(1.0, 0.0), i_0, 0.0);
         let image = AlphaBeta::<f64>::from_phases(gains.map(|g| 0.5 * (g - 1.0)));
-        for period in 0..100 + config.periods() {
+        for period in 0..100 + probe.periods(&config) {
             i += 0.2 * (target - i);
             // The measured current is on the axis, the real one turned out of it by the gains.
             let on_axis = axis * i;

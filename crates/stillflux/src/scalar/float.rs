@@ -1,7 +1,7 @@
 //! `f32` and `f64`. Reciprocal roots by Newton's method from the exponent trick: the same operations on
 //! every target, so that host and microcontroller agree to the bit, and no call into a maths library.
 
-use super::{Real, Sum, Timer};
+use super::{Real, Sum, Timer, likely};
 
 /// Value and rounding residual of a compensated (Kahan) sum.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -69,7 +69,7 @@ macro_rules! impl_real {
             }
             #[inline]
             fn recip(self) -> Self {
-                if <$t>::abs(self) > $tiny {
+                if likely(<$t>::abs(self) > $tiny) {
                     1.0 / self
                 } else if self < 0.0 {
                     -1.0 / $tiny
@@ -78,8 +78,16 @@ macro_rules! impl_real {
                 }
             }
             #[inline(always)]
+            fn dividend(self) -> Self {
+                self * (1.0 / 64.0)
+            }
+            #[inline(always)]
             fn over_64(self, y: Self) -> Self {
-                self * (1.0 / 64.0) / y
+                self / y
+            }
+            #[inline(always)]
+            fn over_64_of_negative(self, y: Self) -> Self {
+                self / y
             }
             // A call: hardly any period needs one, and flash is short.
             #[inline(never)]

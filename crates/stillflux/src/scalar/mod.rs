@@ -97,9 +97,13 @@ pub trait Real:
     /// `1/√x` for `x > 0`; a large positive value where `x` is not above (nearly) zero.
     fn rsqrt(self) -> Self;
 
-    /// `x/(64 y)` of `x >= 0` and `y >= 2^-13` for a quotient below 2, with a relative error of 2e-5: the part of a
-    /// voltage that an inverter loses, or a weight. In fixed point cheaper than [`Real::recip`].
+    /// What [`Real::over_64`] takes for `x`: several quotients of one number share what this does.
+    fn dividend(self) -> Self;
+    /// `x/(64 y)` of the [`Real::dividend`] of `x >= 0` and `y >= 2^-13` for a quotient below 2, with a relative error of
+    /// 2e-5: the part of a voltage that an inverter loses, or a weight. In fixed point cheaper than [`Real::recip`].
     fn over_64(self, y: Self) -> Self;
+    /// The same, `y <= -2^-13`.
+    fn over_64_of_negative(self, y: Self) -> Self;
 
     /// `n / 2^15`, exact: a left-aligned converter reading as part of full scale.
     fn fraction(n: i16) -> Self;
@@ -113,6 +117,11 @@ pub trait Real:
     /// `64⁻¹ n x`, saturated: durations of many periods.
     fn periods(self, n: u32) -> Self;
 
+    /// Product with a literal from -1/2 to 1. Fixed point needs neither saturation nor a second word for it.
+    #[inline(always)]
+    fn times(self, literal: f64) -> Self {
+        self * Self::from_f64(literal)
+    }
     /// `a·b`, the scalar product: rounded once where a wide register holds both products.
     #[inline]
     fn dot(a: [Self; 2], b: [Self; 2]) -> Self {

@@ -39,7 +39,78 @@ impl Q {
 /// The whole product, Q15.48.
 #[inline]
 fn wide(a: Q, b: Q) -> i64 {
-    i64::from(a.0) * i64::from(b.0)
+    product(a.0, b.0)
+}
+
+/// The whole product of two words: one instruction of a Cortex-M3 and all above.
+#[cfg(not(all(target_arch = "arm", not(target_has_atomic = "32"))))]
+#[inline(always)]
+fn product(a: i32, b: i32) -> i64 {
+    i64::from(a) * i64::from(b)
+}
+#[cfg(all(target_arch = "arm", not(target_has_atomic = "32")))]
+use halves::{product, rounded};
+
+/// [`narrow`] of the product of two words.
+#[cfg(not(all(target_arch = "arm", not(target_has_atomic = "32"))))]
+#[inline(always)]
+fn rounded(a: i32, b: i32) -> i32 {
+    narrow(product(a, b))
+}
+
+/// The same of two words without sign.
+#[cfg(not(all(target_arch = "arm", not(target_has_atomic = "32"))))]
+#[inline(always)]
+fn product_unsigned(a: u32, b: u32) -> u64 {
+    u64::from(a) * u64::from(b)
+}
+#[cfg(all(target_arch = "arm", not(target_has_atomic = "32")))]
+use halves::product_unsigned;
+
+/// Products of two words on a Cortex-M0+, whose multiplier returns the lower word only: four products of half words,
+///
+/// ```text
+/// a b = a₁b₁ 2^32 + (a₁b₀ + a₀b₁) 2^16 + a₀b₀
+/// ```
+///
+/// in place of the compiler's routine for 64 by 64 bits. Of all ARM processors in use only these (ARMv6-M) have no atomic
+/// exchange, which is how the build knows them. No sum below exceeds a word: `(2^16 - 1)² + 2^16 - 1 < 2^32`.
+#[cfg(any(test, all(target_arch = "arm", not(target_has_atomic = "32"))))]
+mod halves {
+    #[cfg_attr(not(test), inline(never))]
+    pub(super) fn product(a: i32, b: i32) -> i64 {
+        let (a_1, a_0, b_1, b_0) = (a >> 16, a & 0xFFFF, b >> 16, b & 0xFFFF);
+        let low = (a_0 as u32).wrapping_mul(b_0 as u32);
+        let middle = a_1.wrapping_mul(b_0).wrapping_add((low >> 16) as i32);
+        let last = a_0.wrapping_mul(b_1).wrapping_add(middle & 0xFFFF);
+        let high = a_1.wrapping_mul(b_1).wrapping_add(middle >> 16).wrapping_add(last >> 16);
+        i64::from(high) << 32 | i64::from((last as u32) << 16 | low & 0xFFFF)
+    }
+
+    /// `a b >> 24`, saturated as in [`super::narrow`].
+    #[cfg_attr(not(test), inline(never))]
+    pub(super) fn rounded(a: i32, b: i32) -> i32 {
+        let (a_1, a_0, b_1, b_0) = (a >> 16, a & 0xFFFF, b >> 16, b & 0xFFFF);
+        let low = (a_0 as u32).wrapping_mul(b_0 as u32);
+        let middle = a_1.wrapping_mul(b_0).wrapping_add((low >> 16) as i32);
+        let last = a_0.wrapping_mul(b_1).wrapping_add(middle & 0xFFFF);
+        let high = a_1.wrapping_mul(b_1).wrapping_add(middle >> 16).wrapping_add(last >> 16);
+        let mut upper = high << 8;
+        if upper >> 8 != high {
+            upper = if high < 0 { i32::MIN } else { 0x7FFF_FF00 };
+        }
+        upper | (last >> 8 & 0xFF)
+    }
+
+    #[cfg_attr(not(test), inline(never))]
+    pub(super) fn product_unsigned(a: u32, b: u32) -> u64 {
+        let (a_1, a_0, b_1, b_0) = (a >> 16, a & 0xFFFF, b >> 16, b & 0xFFFF);
+        let low = a_0.wrapping_mul(b_0);
+        let middle = a_1.wrapping_mul(b_0).wrapping_add(low >> 16);
+        let last = a_0.wrapping_mul(b_1).wrapping_add(middle & 0xFFFF);
+        let high = a_1.wrapping_mul(b_1).wrapping_add(middle >> 16).wrapping_add(last >> 16);
+        u64::from(high) << 32 | u64::from(last << 16 | low & 0xFFFF)
+    }
 }
 
 /// `p >> 24`, saturated, rounded down: with the product four instructions on Cortex-M4, where rounding to
@@ -53,7 +124,7 @@ fn narrow(p: i64) -> i32 {
 /// Upper word of `a·b`: product of a Q31 fraction.
 #[inline]
 fn mul_hi(a: u32, b: u32) -> u32 {
-    ((u64::from(a) * u64::from(b)) >> 32) as u32
+    (product_unsigned(a, b) >> 32) as u32
 }
 
 impl Add for Q {
@@ -74,7 +145,7 @@ impl Mul for Q {
     type Output = Self;
     #[inline]
     fn mul(self, o: Self) -> Self {
-        Self(narrow(wide(self, o)))
+        Self(rounded(self.0, o.0))
     }
 }
 impl Neg for Q {
@@ -170,7 +241,7 @@ impl Real for Q {
         let mut y = 0xB4B4_B4B4_u32.wrapping_sub(mul_hi(m, 0x7878_7878));
         for _ in 0..3 {
             let two_minus = 0x8000_0000_u32.wrapping_sub(mul_hi(m, y)); // 2 - m y, Q30
-            y = ((u64::from(y) * u64::from(two_minus)) >> 30) as u32;
+            y = (product_unsigned(y, two_minus) >> 30) as u32;
         }
         // x = m·2^(8-shift), 1/x = y·2^(shift-8): Q30 → Q24 is >> 6. The shift is at most 14 here.
         let down = 14_u32.wrapping_sub(shift) & 31;
@@ -178,6 +249,10 @@ impl Real for Q {
         Self(if self.0 < 0 { -r } else { r })
     }
 
+    #[inline(always)]
+    fn dividend(self) -> Self {
+        self
+    }
     /// As [`Real::recip`] with two steps of Newton's method, whose products are upper words.
     #[inline]
     fn over_64(self, y: Self) -> Self {
@@ -190,6 +265,11 @@ impl Real for Q {
         // x·inv is Q54, its upper word Q22; 1/y = inv·2^(shift-8), and 64 = 2^6: together 2^(shift-12).
         let quotient = mul_hi(self.0 as u32, inv);
         Self(if shift < 12 { quotient >> (12 - shift) } else { quotient << (shift - 12) } as i32)
+    }
+
+    #[inline(always)]
+    fn over_64_of_negative(self, y: Self) -> Self {
+        -self.over_64(-y)
     }
 
     /// Mantissa `m` in [1/4, 1) by an even shift, start by a parabola, three Newton steps
@@ -214,7 +294,7 @@ impl Real for Q {
             let my2 = mul_hi(m, y2); // Q26
             let k = (3_u32 << 26).wrapping_sub(my2); // 3 - m y², Q26
             // y·k/2: Q29·Q26 = Q55, >> 27 gives Q29/2.
-            y = ((u64::from(y) * u64::from(k)) >> 27) as u32;
+            y = (product_unsigned(y, k) >> 27) as u32;
         }
         // x = m·2^(8-shift): 1/√x = y·2^(shift/2 - 4); Q29 → Q24 is >> 5.
         let down = 9_i32 - (shift >> 1) as i32;
@@ -232,7 +312,9 @@ impl Real for Q {
     }
     #[inline]
     fn periods(self, n: u32) -> Self {
-        let x = (i64::from(self.0) >> 6) * i64::from(n);
+        // In two parts: a number of periods is without sign.
+        let x = self.0 >> 6;
+        let x = (product(x, (n >> 1) as i32) << 1) + i64::from(if n & 1 == 0 { 0 } else { x });
         Self(x.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32)
     }
 
@@ -244,10 +326,19 @@ impl Real for Q {
     #[inline]
     fn quantise(self, timer: &Timer) -> (u32, Self) {
         // Q30 times four full counts, rounded: the upper word (SMMULR) is the count.
-        let n = ((i64::from(self.0 << 6) * i64::from((timer.full << 2) as i32) + (1 << 31)) >> 32) as u32;
+        let n = ((product(self.0 << 6, (timer.full << 2) as i32) + (1 << 31)) >> 32) as u32;
         (n, Self(mul_hi(n << timer.shift, timer.recip_q) as i32))
     }
 
+    #[inline(always)]
+    fn times(self, literal: f64) -> Self {
+        // The upper word of x (c 2^8), which is x c 2^-24 rounded down as in `narrow`: one instruction (SMMUL). From 1/2 on
+        // as x + x (c - 1), also one (SMMLA).
+        let c = Self::from_f64(literal).0;
+        debug_assert!((-(1 << 23)..=1 << 24).contains(&c), "{literal}");
+        let (c, whole) = if c < 1 << 23 { (c, 0) } else { (c - (1 << 24), self.0) };
+        Self(whole.wrapping_add((product(self.0, c << 8) >> 32) as i32))
+    }
     #[inline]
     fn dot(a: [Self; 2], b: [Self; 2]) -> Self {
         // Only twice 2^62 is beyond i64: both factors of both products at -128, which no limited signal is.
@@ -316,6 +407,21 @@ mod tests {
         (got.to_f64() - want).abs() <= rel * want.abs() + 1.01 / f64::from(1 << 24)
     }
 
+    #[test]
+    fn products_of_halves_are_the_product_at_every_carry() {
+        // Half words around every sum that carries or changes sign.
+        let halves = [0_u32, 1, 2, 0x7FFE, 0x7FFF, 0x8000, 0x8001, 0xFFFE, 0xFFFF, 0x00FF, 0x0100, 0x5555, 0xAAAA];
+        let words = || halves.iter().flat_map(|h| halves.iter().map(move |l| h << 16 | l));
+        for a in words() {
+            for b in words() {
+                assert_eq!(halves::product_unsigned(a, b), u64::from(a) * u64::from(b));
+                let (a, b) = (a as i32, b as i32);
+                assert_eq!(halves::product(a, b), i64::from(a) * i64::from(b));
+                assert_eq!(halves::rounded(a, b), (Q(a) * Q(b)).0);
+            }
+        }
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(4096))]
 
@@ -324,6 +430,25 @@ mod tests {
             let (x, y) = (I8F24::from_bits(a), I8F24::from_bits(b));
             prop_assert_eq!((Q(a) + Q(b)).0, x.saturating_add(y).to_bits());
             prop_assert_eq!((Q(a) - Q(b)).0, x.saturating_sub(y).to_bits());
+        }
+
+        #[test]
+        fn a_product_with_a_literal_is_the_product(a: i32) {
+            for c in [-0.5, -0.3, 0.0, 1e-3, 1.0 / 3.0, 0.499_999_9, 0.5, 0.577_350_269_189_625_8, 0.866_025_4, 1.0] {
+                for a in [a, i32::MIN, i32::MAX, a >> 12] {
+                    prop_assert_eq!(Q(a).times(c), Q(a) * Q::from_f64(c), "{} {}", a, c);
+                }
+            }
+        }
+
+        #[test]
+        fn products_of_halves_are_the_product(a: i32, b: i32, m in 0_u32..32, n in 0_u32..32) {
+            for (a, b) in [(a, b), (a >> m, b >> n), (a << m, b << n)] {
+                prop_assert_eq!(halves::product(a, b), i64::from(a) * i64::from(b));
+                prop_assert_eq!(halves::rounded(a, b), (Q(a) * Q(b)).0);
+                let (a, b) = (a as u32, b as u32);
+                prop_assert_eq!(halves::product_unsigned(a, b), u64::from(a) * u64::from(b));
+            }
         }
 
         #[test]

@@ -117,7 +117,7 @@ faults! {
 impl Fault {
     /// Its number, from 1.
     #[must_use]
-    pub fn code(self) -> u32 {
+    pub const fn code(self) -> u32 {
         self as u32
     }
 

@@ -40,7 +40,7 @@ use innovation::{Innovation, InnovationConfig};
 use phases::{PhaseConfig, Phases};
 use plausibility::{Plausibility, PlausibilityConfig};
 #[cfg(feature = "supervision")]
-use stall::{Stall, StallConfig};
+use stall::Stall;
 #[cfg(feature = "supervision")]
 use timing::Timing;
 
@@ -56,8 +56,9 @@ pub(crate) struct SupervisionConfig<R: Real> {
     pub channels: ChannelConfig<R>,
     #[cfg(feature = "supervision")]
     pub innovation: InnovationConfig<R>,
+    /// Calls without an approach that are a stall; `u32::MAX`: never.
     #[cfg(feature = "supervision")]
-    pub stall: StallConfig,
+    pub stall_calls: u32,
 }
 words! {
     SupervisionConfig:
@@ -65,7 +66,7 @@ words! {
     #[cfg(feature = "supervision")] phases,
     #[cfg(feature = "supervision")] channels,
     #[cfg(feature = "supervision")] innovation,
-    #[cfg(feature = "supervision")] stall,
+    #[cfg(feature = "supervision")] stall_calls,
 }
 
 /// Currents of a period: what the bridge and its sensors are judged by.
@@ -94,8 +95,8 @@ pub(crate) struct Course<R: Real> {
     pub nis: R,
     /// Reference of the speed less the estimate, under speed control.
     pub speed_deviation: R,
-    /// The torque reference is at its limit, under speed control.
-    pub torque_limited: bool,
+    /// The torque reference is at its limit, under speed control; `None`: the field is being realigned.
+    pub torque_limited: Option<bool>,
 }
 
 /// State of the monitors.
@@ -174,7 +175,7 @@ impl<R: Real> Supervision<R> {
         #[cfg(feature = "supervision")]
         let trip = trip
             .or_else(|| self.innovation.step(&c.innovation, x.nis, x.omega_s))
-            .or_else(|| self.stall.step(&c.stall, x.torque_limited, x.speed_deviation, x.omega_m));
+            .or_else(|| self.stall.step(c.stall_calls, x.torque_limited, x.speed_deviation, x.omega_m));
         trip
     }
 }

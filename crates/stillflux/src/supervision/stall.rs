@@ -1,11 +1,14 @@
 //! Stall: the torque is at its limit, and the speed does not approach its reference. Per unit.
 //!
 //! ```text
-//! e = ω* - ω̂,   violated: torque limited, 0.02 < |e|, |ω̂| < 0.3;   approach: ω̂ farther towards ω* than ever, by 0.004
+//! e = ω* - ω̂,   violated: torque limited, 0.02 < |e|, |ω̂| < 0.3;   approach: ω̂ by 0.004 farther towards ω* than ω_0
+//! ω_0: speed of the last approach; that which is 0.02 nearer to ω* than ω̂, where the shaft has been driven away by more
 //! ```
 //!
-//! Every approach empties the counter and begins anew, so that an acceleration at the torque limit is none; a fault
-//! after `calls` without one (leaky, [`super::leaky`]).
+//! Every approach empties the counter and begins anew, so that an acceleration at the torque limit is none, nor the way
+//! back of a shaft that a load has driven away; a swing of the estimate within the admissible deviation is no approach. A
+//! fault after some calls without one (leaky, [`super::leaky`]). While the field is realigned ([`crate::control::realign`])
+//! nothing counts, and `ω_0` is the speed at its end.
 //!
 //! Besides a blocked shaft and a load beyond the limit this is how a field that is lost at low speed shows: the speed
 //! controller asks for all the torque it may have, the true torque is next to nothing, and the estimate holds a
@@ -24,59 +27,50 @@ const APPROACH: f64 = 0.004;
 /// Largest speed of a stall.
 const OMEGA: f64 = 0.3;
 
-/// Settings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct StallConfig {
-    /// Calls without an approach that are a fault; `u32::MAX`: never.
-    pub calls: u32,
-}
-
-impl crate::words::Words for StallConfig {
-    fn put(&self, out: &mut impl FnMut(u32)) {
-        self.calls.put(out);
-    }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        Self { calls: u32::take(from) }
-    }
-}
-
 /// State.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Stall<R: Real> {
     counter: LeakyCounter,
-    /// Speed nearest to the reference since the last approach.
-    nearest: R,
+    /// Speed from which an approach counts.
+    from: R,
 }
 
 impl<R: Real> Default for Stall<R> {
     fn default() -> Self {
-        Self { counter: LeakyCounter::default(), nearest: R::ZERO }
+        Self { counter: LeakyCounter::default(), from: R::ZERO }
     }
 }
 
 impl<R: Real> Stall<R> {
-    /// One call; `limited`: the torque reference is at its limit. `deviation`: `ω* - ω̂`.
+    /// One call; `calls` without an approach are a fault, `u32::MAX`: never. `limited`: the torque reference is at its
+    /// limit; `None`: the drive takes the torque away itself. `deviation`: `ω* - ω̂`.
     #[inline(always)]
-    pub fn step(&mut self, c: &StallConfig, limited: bool, deviation: R, omega_m: R) -> Option<Trip<R>> {
-        if likely(!limited && self.counter.is_empty()) {
+    pub fn step(&mut self, calls: u32, limited: Option<bool>, deviation: R, omega_m: R) -> Option<Trip<R>> {
+        if likely(limited == Some(false) && self.counter.is_empty()) {
             return None;
         }
-        self.examine(c, limited, deviation, omega_m)
+        self.examine(calls, limited, deviation, omega_m)
     }
 
     #[cold]
     #[inline(never)]
-    fn examine(&mut self, c: &StallConfig, limited: bool, deviation: R, omega_m: R) -> Option<Trip<R>> {
-        let advance = if deviation < R::ZERO { self.nearest - omega_m } else { omega_m - self.nearest };
+    fn examine(&mut self, calls: u32, limited: Option<bool>, deviation: R, omega_m: R) -> Option<Trip<R>> {
+        let Some(limited) = limited else {
+            self.from = omega_m;
+            return None;
+        };
+        let admissible = R::from_f64(DEVIATION);
+        let moved = omega_m - self.from;
+        let advance = if deviation < R::ZERO { -moved } else { moved };
         if self.counter.is_empty() || advance > R::from_f64(APPROACH) {
-            *self = Self { counter: LeakyCounter::default(), nearest: omega_m };
+            *self = Self { counter: LeakyCounter::default(), from: omega_m };
+        } else {
+            self.from += moved - moved.limit(admissible);
         }
-        let violated = limited && !deviation.within(R::from_f64(DEVIATION)) && omega_m.within(R::from_f64(OMEGA));
-        self.counter.step(violated, c.calls).then(|| Trip::new(Fault::Stall, deviation, R::from_f64(DEVIATION)))
+        let violated = limited && !deviation.within(admissible) && omega_m.within(R::from_f64(OMEGA));
+        self.counter.step(violated, calls).then(|| Trip::new(Fault::Stall, deviation, admissible))
     }
 }
 
@@ -84,13 +78,13 @@ impl<R: Real> Stall<R> {
 mod tests {
     use super::*;
 
-    const C: StallConfig = StallConfig { calls: 500 };
+    const CALLS: u32 = 500;
 
     fn first(x: impl Fn(u32) -> (bool, f64)) -> Option<u32> {
         let mut stall = Stall::default();
         (0..20_000).find(|&k| {
             let (limited, omega) = x(k);
-            stall.step(&C, limited, 0.1 - omega, omega).is_some()
+            stall.step(CALLS, Some(limited), 0.1 - omega, omega).is_some()
         })
     }
 
@@ -111,10 +105,30 @@ mod tests {
         let course = |k: u32| (if k < 100 { 0.05 } else { 0.25 }, (2e-5 * f64::from(k.saturating_sub(50))).min(0.24));
         assert!((0..20_000).all(|k| {
             let (reference, omega) = course(k);
-            stall.step(&C, true, reference - omega, omega).is_none()
+            stall.step(CALLS, Some(true), reference - omega, omega).is_none()
         }));
-        let off = StallConfig { calls: u32::MAX };
         let mut stall = Stall::default();
-        assert!((0..20_000).all(|_| stall.step(&off, true, 0.5, 0.0).is_none()));
+        assert!((0..20_000).all(|_| stall.step(u32::MAX, Some(true), 0.5, 0.0).is_none()));
+    }
+
+    #[test]
+    fn the_way_back_of_a_shaft_that_was_driven_away_is_an_approach_and_a_swing_is_none() {
+        // Away from 0.08 to -0.02 within 200 calls, back within 1000.
+        let back = |k: u32| (0.08 - 5e-4 * f64::from(k.min(200)) + 1e-4 * f64::from(k.saturating_sub(200))).min(0.09);
+        assert_eq!(first(|k| (true, back(k))), None);
+        assert!(first(|k| (true, 0.01 * (0.02 * f64::from(k)).sin())).is_some());
+    }
+
+    #[test]
+    fn nothing_counts_while_the_drive_takes_the_torque_away() {
+        let mut stall = Stall::default();
+        let falls = |k: u32| 0.08 - 2e-4 * f64::from(k);
+        assert!((0..400).all(|k| stall.step(CALLS, Some(true), 0.1 - falls(0), falls(0)).is_none() && k < 400));
+        assert!((0..300).all(|k| stall.step(CALLS, None, 0.1 - falls(k), falls(k)).is_none()));
+        // Counted on from where it was, the way back begins where the torque came back.
+        let end = falls(299);
+        assert!((0..90).all(|_| stall.step(CALLS, Some(true), 0.1 - end, end).is_none()));
+        assert!(stall.step(CALLS, Some(true), 0.1 - end - 0.005, end + 0.005).is_none());
+        assert!((0..400).all(|_| stall.step(CALLS, Some(true), 0.1 - end, end + 0.005).is_none()));
     }
 }

@@ -50,7 +50,8 @@ impl Timing {
         self.level = self.level.saturating_add(RISE.saturating_mul(n));
         (self.level > FULL).then(|| {
             self.level = 0;
-            let count = |n: u32| R::from_f64(f64::from(n.min(100)));
+            // Without double precision: this runs in the control interrupt.
+            let count = |n: u32| R::ONE.periods(64 * n.min(100));
             Trip::new(Fault::Timing, count(self.irregular), count(FULL / RISE))
         })
     }

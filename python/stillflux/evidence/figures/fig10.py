@@ -23,7 +23,7 @@ from stillflux.evidence.claims import Claim, at_least, at_most
 from stillflux.evidence.figure import Control, Experiment, first, settings
 from stillflux.evidence.figures import fig15
 from stillflux.evidence.judge import angle
-from stillflux.evidence.paper import OFFSET_25_MV, OFFSET_250_MV, RUN, runs_to_the_end
+from stillflux.evidence.paper import OFFSET_25_MV, OFFSET_250_MV, RUN, to_the_end
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
@@ -38,17 +38,15 @@ def scenarios(
     return without.with_settings(offset_estimator=False), fig15.scenario(machine, arithmetic, offset)
 
 
+@to_the_end
 def claims(result: Result, fig15_result: Result) -> list[Claim]:
     """The circle stays round, the angle does not stay right."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     settled = result.window(fig15.SETTLED)
     error = float(np.abs(angle(settled)).max())
     rate = abs(settled["omega_s"].mean()) * np.abs(settled["psi_s"]).mean()
     bound = float(np.degrees(abs(metrics.offset_voltage(settled)) / rate))
     quiet = metrics.speed_ripple(fig15_result.window(fig15.SETTLED))
     return [
-        runs_to_the_end(result),
         at_most(fig15.RIPPLE, 100 * metrics.flux_ripple(settled), 3, "%"),
         at_least(_ANGLE, error / bound, 1, note=f"{error:.2g}° against {bound:.2g}°"),
         at_least("speed ripple over Fig. 15's", metrics.speed_ripple(settled) / quiet, 5),

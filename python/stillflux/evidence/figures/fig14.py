@@ -22,7 +22,7 @@ from stillflux.evidence.paper import (
     identified,
     paper_drive,
     resistance_error,
-    runs_to_the_end,
+    to_the_end,
     turned_by_at_most,
 )
 from stillflux.result import Result
@@ -67,15 +67,13 @@ def heated(machine: str, arithmetic: str = "f32") -> Scenario:
     )
 
 
+@to_the_end
 def cold_claims(result: Result) -> list[Claim]:
     """Found at very low speed before the acceleration, kept through it."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     before = 100 * float(np.abs(resistance_error(result.window(_COLD_LOAD - 0.5, _COLD_LOAD))).min())
     top = 100 * float(np.abs(resistance_error(result.window(_COLD_TOP))).max())
     found = identified(result.window(0.0, _COLD_UP), _COLD_LOW, 0.03)
     return [
-        runs_to_the_end(result),
         at_least("r̂_s at the start, deviation", before, 10, "%").inner(),
         at_most(_COLD, found, 0.5, "s").inner(),
         at_most(_AT_TOP, top, 5, "%").inner(),
@@ -83,15 +81,13 @@ def cold_claims(result: Result) -> list[Claim]:
     ]
 
 
+@to_the_end
 def heated_claims(result: Result) -> list[Claim]:
     """r̂_s lost at high speed, found at once after the return, control never lost."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     top, start = result.window(_DOWN - 0.5, _DOWN), result.window(_UP - 0.5, _UP)
     behind = 100 * float(np.abs(resistance_error(top)).mean())
     before = 100 * float(np.abs(resistance_error(start)).max())
     return [
-        runs_to_the_end(result),
         turned_by_at_most(15, "throughout", result.window(RUN + 0.2)),
         at_most("r̂_s before the acceleration, deviation", before, 3, "%").inner(),
         at_least("r̂_s at high speed, deviation", behind, 10, "%").inner(),

@@ -32,7 +32,7 @@ from stillflux.evidence.paper import (
     RUN,
     offset_found,
     paper_drive,
-    runs_to_the_end,
+    to_the_end,
 )
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -61,13 +61,11 @@ def scenario(
     )
 
 
+@to_the_end
 def claims(result: Result) -> list[Claim]:
     """The trajectory is a circle, the field angle is right, the offset is found."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     settled = result.window(SETTLED)
     return [
-        runs_to_the_end(result),
         at_most(RIPPLE, 100 * metrics.flux_ripple(settled), 1, "%"),
         at_most("mean field angle error", abs(float(metrics.angle_error(settled).mean())), 2, "°"),
         offset_found(settled, 2),

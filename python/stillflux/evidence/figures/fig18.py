@@ -19,8 +19,8 @@ from stillflux.evidence.paper import (
     offset_found,
     paper_drive,
     recovery,
-    runs_to_the_end,
     speed_kept,
+    to_the_end,
     turned_by_at_most,
 )
 from stillflux.result import Result
@@ -65,15 +65,13 @@ def at_rest(machine: str, arithmetic: str = "f32") -> Scenario:
     return built.replace(name=built.name.replace("Fig. 18", "Fig. 18, adaptation at rest"), plant_motor=real)
 
 
+@to_the_end
 def claims(result: Result) -> list[Claim]:
     """A minute at zero stator frequency, then the rated step."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     hold = result.window(HOLD + 1.0, LOAD - 1e-3)
     loaded = result.window(LOAD + 2.0, END)
     frequency = abs(metrics.turns(hold)[-1]) / np.ptp(hold.t) / result.scenario.motor.f_N
     return [
-        runs_to_the_end(result),
         offset_found(result.window(IDENTIFIED - 4.0, IDENTIFIED), 5),
         at_least("time at zero stator frequency", float(np.ptp(hold.t)), 60, "s"),
         at_most("mean stator frequency meanwhile", frequency, 5e-4, "pu"),

@@ -28,8 +28,8 @@ from stillflux.evidence.paper import (
     HOLD,
     identify_then,
     paper_drive,
-    runs_to_the_end,
     speed_kept,
+    to_the_end,
     turned_by_at_most,
 )
 from stillflux.result import Result
@@ -60,15 +60,13 @@ def band(machine: str, arithmetic: str = "f32") -> Scenario:
     return scenario(machine, arithmetic, omega=0.04, name="Fig. 20, unstable band")
 
 
+@to_the_end
 def claims(result: Result) -> list[Claim]:
     """Sustained regeneration."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     regenerating = result.window(LOAD + 1.5)
     power = regenerating["torque"] * regenerating["omega_m"]
     sustained = float(np.ptp(regenerating.t)) * float((power < 0).mean())
     return [
-        runs_to_the_end(result),
         at_least(_TIME, sustained, 10, "s"),
         speed_kept("meanwhile", regenerating),
         turned_by_at_most(15, "meanwhile", regenerating),

@@ -9,7 +9,7 @@ import numpy as np
 from stillflux.evidence.claims import Claim, at_least, at_most
 from stillflux.evidence.draw import STYLE, THIRD, TRUE, figure_of, from_time, spaced
 from stillflux.evidence.figure import Control, Experiment, Runs
-from stillflux.evidence.paper import OFFSET_250_MV, RUN, paper_drive, runs_to_the_end
+from stillflux.evidence.paper import OFFSET_250_MV, RUN, paper_drive, to_the_end
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
@@ -27,16 +27,14 @@ def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
     return built.with_settings(offset_gain=0.01)
 
 
+@to_the_end
 def claims(result: Result) -> list[Claim]:
     """One limit touched per axis, the other side clear, means with the signs of the offset, (−, +)."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     settled = result.window(4.0)
     psi = settled["estimate.psi_1"] / result.scenario.motor.base["psi"]
     sides = [np.sort([-x.min(), x.max()]) for x in (psi.real, psi.imag)]
     mean = [0.5 * float(x.max() + x.min()) for x in (psi.real, psi.imag)]
     return [
-        runs_to_the_end(result),
         at_least(_TOUCHED, min(x[1] for x in sides), 0.999, "ψ*"),
         at_least(_CLEAR, 1 - max(x[0] for x in sides), 0.02, "ψ*"),
         at_most("(max + min)/2 of ψ̂_1α, of the sign of the offset", mean[0], 0.0, "ψ*"),

@@ -17,7 +17,7 @@ from stillflux.evidence.claims import Claim, at_least, at_most
 from stillflux.evidence.draw import ESTIMATE, STYLE, TRUE, Strip, figure_of, from_time, parts, recorder
 from stillflux.evidence.figure import Control, Experiment, Runs, inverter
 from stillflux.evidence.machines import step
-from stillflux.evidence.paper import RUN, paper_drive, runs_to_the_end
+from stillflux.evidence.paper import RUN, paper_drive, to_the_end
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
@@ -46,10 +46,9 @@ def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
     return built.replace(plant_inverter=known.replace(dead_time=1.05 * known.dead_time))
 
 
+@to_the_end
 def claims(result: Result) -> list[Claim]:
     """Small, and dominated by the sixth harmonic in field coordinates."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     steady = result.window(STEADY)
     u_hf = steady["estimate.u_hf"]
     rms = 100 * float(np.sqrt((np.abs(u_hf) ** 2).mean())) / result.scenario.motor.base["u"]
@@ -59,7 +58,6 @@ def claims(result: Result) -> list[Claim]:
     sixth = float(lines[5] / others[largest]) if others[largest] > 0 else 0.0
     order = largest + 1 if largest < 5 else largest + 2
     return [
-        runs_to_the_end(result),
         at_most("u_hf, rms", rms, 2, "% of rated voltage"),
         at_least(_SIXTH, sixth, 1.5, note=f"order {order}"),
         at_least(_SHARE, lines[5] ** 2 / (2.0 * float(np.var(radial(steady)))), 0.5),

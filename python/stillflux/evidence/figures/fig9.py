@@ -30,7 +30,7 @@ from stillflux.evidence.claims import Claim, at_least, at_most, holds, reported,
 from stillflux.evidence.draw import Strip, figure_of, from_time, parts, recorder
 from stillflux.evidence.figure import Control, Experiment, Runs, fields, settings
 from stillflux.evidence.judge import angle, lost
-from stillflux.evidence.paper import RUN, offset_found, paper_drive, runs_to_the_end, turned_by_at_most
+from stillflux.evidence.paper import RUN, offset_found, paper_drive, to_the_end, turned_by_at_most
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
@@ -72,18 +72,16 @@ def settled_at(result: Result) -> float:
     return float(after.t[passed[0]]) if len(passed) else math.inf
 
 
+@to_the_end
 def known(result: Result) -> list[Claim]:
     """Start with offset from a known flux."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     begin = settled_at(result)
     if begin + 2.25 * PERIOD > result.t[-1]:
-        return [runs_to_the_end(result), holds(_COUNTED, False)]
+        return [holds(_COUNTED, False)]
     settled = result.window(begin, begin + 2.25 * PERIOD)
     psi_1 = settled["estimate.psi_1"]
     centre = max(abs(x.max() + x.min()) / 2 for x in (psi_1.real, psi_1.imag))
     return [
-        runs_to_the_end(result),
         holds(_COUNTED, True),
         reported("eight periods are over after", begin, "s"),
         offset_found(settled, 5),

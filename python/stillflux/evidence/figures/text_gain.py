@@ -15,7 +15,7 @@ from stillflux.evidence.claims import Claim, at_most
 from stillflux.evidence.draw import recording
 from stillflux.evidence.figure import Control, Experiment, settings
 from stillflux.evidence.machines import step
-from stillflux.evidence.paper import RUN, paper_drive, runs_to_the_end, turned_by_at_most
+from stillflux.evidence.paper import RUN, paper_drive, to_the_end, turned_by_at_most
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
@@ -40,13 +40,11 @@ def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
     )
 
 
+@to_the_end
 def claims(result: Result) -> list[Claim]:
     """The trajectory stays a circle; the field angle and the speed stay right."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
     settled = result.window(_SETTLED)
     return [
-        runs_to_the_end(result),
         at_most(_RIPPLE, 100 * metrics.flux_ripple(settled), 2, "%").inner(),
         turned_by_at_most(3, "at ω = 0.05", settled),
         at_most("ripple of the speed", metrics.speed_ripple(settled), 0.002, "pu"),

@@ -11,13 +11,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from stillflux.evidence.claims import Claim, at_most
-from stillflux.evidence.draw import recording
-from stillflux.evidence.figure import Control, Experiment, Runs
+from stillflux.evidence.draw import adaptation
+from stillflux.evidence.figure import Control, Experiment, told_what_is_simulated
 from stillflux.evidence.figures import fig13b
-from stillflux.evidence.paper import HOLD, identified, resistance_error, runs_to_the_end, turned_by_at_most
+from stillflux.evidence.paper import HOLD, identified, resistance_off, to_the_end, turned_by_at_most
 from stillflux.parameters import Motor
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -46,19 +44,11 @@ def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
     return built.replace(name="l_s(ψ) at 70 % flux", motor=at_flux(real, FLUX), plant_motor=real)
 
 
-def _constant(runs: Runs) -> Runs:
-    return tuple(run.replace(motor=run.plant_motor) for run in runs)
-
-
+@to_the_end
 def claims(result: Result) -> list[Claim]:
     """r̂_s right before the change and soon after it."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
-    before = 100 * float(
-        np.abs(resistance_error(result.window(fig13b.CHANGE - 1.0, fig13b.CHANGE - 1e-3))).max()
-    )
+    before = resistance_off(result, fig13b.CHANGE - 1.0, fig13b.CHANGE - 1e-3)
     return [
-        runs_to_the_end(result),
         at_most(_BEFORE, before, 3, "%").inner(),
         at_most(_TIME, identified(result, fig13b.CHANGE, 0.05), 1.5, "s").inner(),
         turned_by_at_most(15, "from the change on", result.window(fig13b.CHANGE)),
@@ -67,13 +57,7 @@ def claims(result: Result) -> list[Claim]:
 
 def draw(result: Result) -> Figure:
     """Resistance, i_q, speed and angle from the load on."""
-    return recording(
-        result,
-        lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(5.0)],
-        HOLD - 0.5,
-        size=(7.5, 5.2),
-        events=[(HOLD, "30 % load"), (fig13b.CHANGE, "$r_s$ + 25 %")],
-    )
+    return adaptation(result, HOLD - 0.5, [(HOLD, "30 % load"), (fig13b.CHANGE, "$r_s$ + 25 %")])
 
 
 EXPERIMENTS = (
@@ -86,7 +70,7 @@ EXPERIMENTS = (
         draw,
         Control(
             "l_s of rated flux as a constant",
-            _constant,
+            told_what_is_simulated,
             (_BEFORE, _TIME, "the drive runs to the end"),
             event=HOLD,
         ),

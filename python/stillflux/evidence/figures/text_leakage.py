@@ -15,21 +15,20 @@ At the 11-kW machine r_s is 0.02 per unit and δ doubles the error of r̂_s; at 
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stillflux.evidence.claims import Claim, at_most
-from stillflux.evidence.draw import recording
-from stillflux.evidence.figure import Control, Experiment, Runs
+from stillflux.evidence.draw import adaptation
+from stillflux.evidence.figure import Control, Experiment, told_what_is_simulated
 from stillflux.evidence.machines import motor_of, step
 from stillflux.evidence.paper import (
     HOLD,
     identify_then,
     paper_drive,
-    resistance_error,
-    runs_to_the_end,
+    resistance_off,
+    to_the_end,
     turned_by_at_most,
 )
 from stillflux.parameters import Motor
@@ -79,32 +78,18 @@ def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
     return built.replace(motor=at_load(real, LOAD), plant_motor=real)
 
 
-def _constant(runs: Runs) -> Runs:
-    return tuple(run.replace(motor=run.plant_motor) for run in runs)
-
-
+@to_the_end
 def claims(result: Result) -> list[Claim]:
     """r̂_s and the angle once the adaptation has settled."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
-    settled = result.window(_SETTLED)
-    error = 100 * float(np.abs(resistance_error(settled)).max()) if len(settled.t) else math.inf
     return [
-        runs_to_the_end(result),
-        at_most(_ERROR, error, 2, "%").inner(),
-        turned_by_at_most(3, "once it has settled", settled),
+        at_most(_ERROR, resistance_off(result, _SETTLED), 2, "%").inner(),
+        turned_by_at_most(3, "once it has settled", result.window(_SETTLED)),
     ]
 
 
 def draw(result: Result) -> Figure:
     """Resistance, i_q, speed and angle from the load on."""
-    return recording(
-        result,
-        lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(5.0)],
-        HOLD - 0.5,
-        size=(7.5, 5.2),
-        events=[(HOLD, "rated load")],
-    )
+    return adaptation(result, HOLD - 0.5, [(HOLD, "rated load")])
 
 
 EXPERIMENTS = (
@@ -117,7 +102,7 @@ EXPERIMENTS = (
         draw,
         Control(
             "σl_s without load as a constant",
-            _constant,
+            told_what_is_simulated,
             (_ERROR,),
             event=HOLD,
         ),

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stillflux.evidence.claims import Claim, at_least, at_most
-from stillflux.evidence.draw import recording
+from stillflux.evidence.draw import adaptation
 from stillflux.evidence.figure import Control, Experiment, settings
 from stillflux.evidence.machines import motor_of
 from stillflux.evidence.paper import (
@@ -31,7 +31,8 @@ from stillflux.evidence.paper import (
     identify_then,
     paper_drive,
     resistance_error,
-    runs_to_the_end,
+    resistance_off,
+    to_the_end,
     turned_by_at_most,
 )
 from stillflux.result import Result
@@ -68,34 +69,22 @@ def scenario(machine: str, arithmetic: str = "f32") -> Scenario:
     ).with_settings(resistance_at_light_load=True)
 
 
+@to_the_end
 def claims(result: Result) -> list[Claim]:
     """Found at light load, taken over under load, kept afterwards."""
-    if result.status != "running":
-        return [runs_to_the_end(result)]
-
-    def worst(begin: float, end: float) -> float:
-        return 100 * float(np.abs(resistance_error(result.window(begin, end))).max())
-
     at_change = result.window(_CHANGE - 0.02, _CHANGE + 0.02)
     return [
-        runs_to_the_end(result),
         at_least(_CHANGED, float(np.ptp(100 * resistance_error(at_change))), 8, "%").inner(),
-        at_most(_FOUND, worst(_LOADED - 0.1, _LOADED - 1e-3), 5, "%").inner(),
-        at_most(_TAKEN_OVER, worst(_LOADED + 1.0, _LIGHT), 5, "%").inner(),
-        at_most(_BACK, worst(_LIGHT + 1.0, _LIGHT + 3.0), 5, "%").inner(),
+        at_most(_FOUND, resistance_off(result, _LOADED - 0.1, _LOADED - 1e-3), 5, "%").inner(),
+        at_most(_TAKEN_OVER, resistance_off(result, _LOADED + 1.0, _LIGHT), 5, "%").inner(),
+        at_most(_BACK, resistance_off(result, _LIGHT + 1.0, _LIGHT + 3.0), 5, "%").inner(),
         turned_by_at_most(15, "from the change on", result.window(_CHANGE)),
     ]
 
 
 def draw(result: Result) -> Figure:
     """Resistance and current over the hand-over."""
-    return recording(
-        result,
-        lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(5.0)],
-        HOLD,
-        size=(7.5, 5.2),
-        events=[(_CHANGE, "$r_s$ + 12 %"), (_LOADED, "half load"), (_LIGHT, "6 %")],
-    )
+    return adaptation(result, HOLD, [(_CHANGE, "$r_s$ + 12 %"), (_LOADED, "half load"), (_LIGHT, "6 %")])
 
 
 EXPERIMENTS = (

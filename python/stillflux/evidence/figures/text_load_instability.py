@@ -13,7 +13,7 @@ import numpy as np
 
 from stillflux import metrics
 from stillflux.evidence.claims import Claim, at_least, at_most, holds, reported
-from stillflux.evidence.draw import side_by_side
+from stillflux.evidence.draw import adapting, side_by_side
 from stillflux.evidence.figure import Control, Experiment, fields
 from stillflux.evidence.figures import fig13b
 from stillflux.evidence.judge import lost
@@ -74,7 +74,7 @@ def draw(*results: Result) -> Figure:
     return side_by_side(
         results,
         [f"{100 * load:.0f} % load" for load in LOADS],
-        lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(15.0)],
+        adapting(15.0),
         fig13b.CHANGE - 1.0,
         fig13b.CHANGE + 4.0,
         [(fig13b.CHANGE, "$r_s$ + 25 %")],

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from stillflux.evidence.claims import Claim, at_least, at_most, reported
-from stillflux.evidence.draw import side_by_side
+from stillflux.evidence.draw import adapting, side_by_side
 from stillflux.evidence.figure import Control, Experiment, settings
 from stillflux.evidence.figures import fig13b
 from stillflux.evidence.machines import scaled
@@ -58,7 +58,7 @@ def draw(*results: Result) -> Figure:
     return side_by_side(
         results,
         [f"ω = {omega:g}" for omega in _SPEEDS],
-        lambda pu: [pu.r_s(), pu.i_q(), pu.speed(), pu.angle(5.0)],
+        adapting(),
         fig13b.CHANGE - 0.5,
         fig13b.CHANGE + 2.0,
         [(fig13b.CHANGE, "$r_s$ + 25 %")],

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from stillflux import html_page
+from stillflux.evidence.machines import option
 from stillflux.evidence.registry import experiments
 from stillflux.evidence.report import diagram
-from stillflux.evidence.report.page import finite
+from stillflux.evidence.report.page import cut_off, finite
 from stillflux.evidence.reproduce import Outcome
 
 __all__ = ["table", "to_json", "write"]
@@ -66,9 +67,15 @@ def _control(o: Outcome) -> dict[str, Any]:
 
 
 def write(
-    path: Path, command: str, outcomes: Sequence[Outcome], sensitivity: str = "", beyond: str = ""
+    path: Path,
+    command: str,
+    outcomes: Sequence[Outcome],
+    sensitivity: str = "",
+    beyond: str = "",
+    stopped: str = "",
 ) -> None:
-    """One self-contained HTML page: index table, further sections, then every figure."""
+    """One self-contained HTML page: index table, further sections, then every figure; `stopped` says why
+    figures are missing."""
     escape = html.escape
     machines = list(dict.fromkeys(o.machine for o in outcomes))
     figures = list(dict.fromkeys(o.figure for o in outcomes))
@@ -103,7 +110,7 @@ def write(
     html_page.write(
         path,
         title,
-        f"<p>{intro}</p>\n<figure>{diagram.drive()}</figure>\n<h2>Overview</h2><table><tr><th>fig.</th><th>machine</th><th>claim</th><th>measured</th><th>verdict</th>"
+        f"<p>{intro}</p>{cut_off(stopped)}\n<figure>{diagram.drive()}</figure>\n<h2>Overview</h2><table><tr><th>fig.</th><th>machine</th><th>claim</th><th>measured</th><th>verdict</th>"
         f"<th>negative control</th></tr>{index}</table>\n{beyond}\n"
         f"{sensitivity}\n{''.join(sections)}",
     )
@@ -134,5 +141,5 @@ def _section(o: Outcome) -> str:
         f"<figure>{o.picture}</figure>"
         f"<table><tr><th>claim</th><th>measured</th><th>realisation</th><th></th><th>{head}</th></tr>{rows}</table>{reason}"
         f"<p>Negative control, {escape(o.control_text)}</p><p>{escape(o.conditions)}</p>"
-        f"<p><code>stillflux reproduce {escape(o.figure)} --machine {escape(o.machine)}</code></p></section>"
+        f"<p><code>stillflux reproduce {escape(o.figure)} {escape(option(o.machine))}</code></p></section>"
     )

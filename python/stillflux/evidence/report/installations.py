@@ -16,7 +16,7 @@ from stillflux import html_page
 from stillflux.evidence import draws
 from stillflux.evidence.consistency import REGIONS, Consistency, Sample, by_claim
 from stillflux.evidence.courses import COURSES
-from stillflux.evidence.report.page import finite
+from stillflux.evidence.report.page import cut_off, finite
 from stillflux.evidence.tolerance import LOST_ANGLE, Outcome, interval, rates, rerun
 from stillflux.html_page import svg
 
@@ -83,12 +83,11 @@ def to_json(found: Sequence[Outcome]) -> str:
 
 
 def _page(path: Path, title: str, command: str, body: str, stopped: str) -> None:
-    note = f"<p class='failed'>{html.escape(stopped)}</p>" if stopped else ""
     html_page.write(
         path,
         title,
         f"<p>Made by <code>{html.escape(command)}</code>. All verdicts are on the plant's truth.</p>"
-        f"{note}\n{body}",
+        f"{cut_off(stopped)}\n{body}",
     )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from stillflux import html_page
 from stillflux.evidence.operate import Performed
 from stillflux.evidence.registry import operations
+from stillflux.evidence.report.page import cut_off
 from stillflux.html_page import svg
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def write(path: Path, command: str, found: Sequence[Performed], stopped: str = "
     html_page.write(
         path,
         "Operations: what was asked, what happened",
-        f"<p>Made by <code>{escape(command)}</code>. {escape(stopped)}</p>{''.join(sections)}",
+        f"<p>Made by <code>{escape(command)}</code>.</p>{cut_off(stopped)}{''.join(sections)}",
     )
 
 

@@ -15,7 +15,7 @@ from stillflux.evidence.report import diagram
 from stillflux.html_page import svg
 from stillflux.result import Result
 
-__all__ = ["Section", "conditions", "finite", "table", "write"]
+__all__ = ["Section", "conditions", "cut_off", "finite", "table", "write"]
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ def table(section: Section) -> str:
     return "\n".join([*lines, *([f"  {section.conclusion}"] if section.conclusion else [])])
 
 
-def write(path: Path, title: str, command: str, sections: Sequence[Section]) -> None:
-    """Writes the page, and beside it each figure as PNG."""
+def write(path: Path, title: str, command: str, sections: Sequence[Section], stopped: str = "") -> None:
+    """Writes the page, and beside it each figure as PNG; `stopped` says why runs are missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = "".join(
         f"<tr><td>{html.escape(x.title)}</td><td class='{x.outcome[1]}'>{html.escape(x.outcome[0])}</td></tr>"
@@ -83,7 +83,8 @@ def write(path: Path, title: str, command: str, sections: Sequence[Section]) -> 
         path,
         title,
         f"<p>Made by <code>{html.escape(command)}</code>. Every figure in the tables is the plant's truth, "
-        f"not the drive's opinion.</p><table><tr><th>run</th><th>verdict</th></tr>{rows}</table>"
+        f"not the drive's opinion.</p>{cut_off(stopped)}"
+        f"<table><tr><th>run</th><th>verdict</th></tr>{rows}</table>"
         f"<figure>{diagram.drive()}</figure>\n{body}",
     )
 
@@ -108,6 +109,11 @@ def _section(section: Section, folder: Path) -> str:
         f"<table><tr><th>claim</th><th>measured</th><th>verdict</th></tr>{rows}</table>"
         f"<p>{html.escape(conditions(section.result))}</p>{figures}"
     )
+
+
+def cut_off(stopped: str) -> str:
+    """That a page is not whole, and why."""
+    return f"<p class='failed'>Not whole: {html.escape(stopped)}</p>" if stopped else ""
 
 
 def conditions(result: Result) -> str:

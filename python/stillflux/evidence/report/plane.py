@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from stillflux import html_page
 from stillflux.evidence.beyond import Row, Summary, summaries
+from stillflux.evidence.machines import option
 from stillflux.evidence.plane_points import points_of
 from stillflux.evidence.points import POINTS
 from stillflux.evidence.registry import targets
 from stillflux.evidence.report import diagram, maps
+from stillflux.evidence.report.page import cut_off
 from stillflux.evidence.target import Target
 from stillflux.html_page import svg
 
@@ -76,13 +78,13 @@ def to_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     ]
 
 
-def write(path: Path, command: str, rows: Sequence[Row], interrupted: str = "") -> None:
-    """The section as a page of its own, pictures beside it as PNG."""
-    note = f"<p class='failed'>{html.escape(interrupted)}</p>" if interrupted else ""
+def write(path: Path, command: str, rows: Sequence[Row], stopped: str = "") -> None:
+    """The section as a page of its own, pictures beside it as PNG; `stopped` says why runs are missing."""
     html_page.write(
         path,
         "The torque-speed plane of both schemes",
-        f"<p>Made by <code>{html.escape(command)}</code>.</p>{note}<figure>{diagram.drive()}</figure>\n"
+        f"<p>Made by <code>{html.escape(command)}</code>.</p>{cut_off(stopped)}"
+        f"<figure>{diagram.drive()}</figure>\n"
         f"{section(rows, path.parent)}",
     )
 
@@ -123,7 +125,7 @@ def section(rows: Sequence[Row], folder: Path | None = None) -> str:
             elif what.numbers:
                 parts.append(_numbers(what, mine))
             parts.append(
-                f"<p><code>stillflux beyond {html.escape(target)} --machine {html.escape(machine)}</code></p>"
+                f"<p><code>stillflux beyond {html.escape(target)} {html.escape(option(machine))}</code></p>"
             )
     parts.append(_doubts(rows))
     return "\n".join(parts)

@@ -28,6 +28,14 @@ pub(super) struct Covariance<R: Real> {
     p: [[R; N]; N.div_ceil(2)],
 }
 
+/// A column whose elements a closure computes, written out: in a loop, fixed point would compute the position of every
+/// element of the covariance at run time.
+macro_rules! written_out {
+    ($of:ident) => {
+        [$of(0), $of(1), $of(2), $of(3), $of(4), $of(5), $of(6), $of(7), $of(8), $of(9), $of(10)]
+    };
+}
+
 /// Position of element `(i, j)` or `(j, i)`.
 #[inline(always)]
 const fn at(i: usize, j: usize) -> usize {
@@ -85,9 +93,8 @@ impl<R: Real> Covariance<R> {
         let own = self.get(I, I);
         let variance =
             a * (a * own + row[I] + row[I]) + R::sum_of_products(terms.map(|(_, c)| c), terms.map(|(j, _)| row[j]));
-        for (k, r) in row.iter().enumerate() {
-            *self.get_mut(I, k) = a * self.get(I, k) + *r;
-        }
+        let mut add = |k: usize| *self.get_mut(I, k) = a * self.get(I, k) + row[k];
+        let _: [(); N] = written_out!(add);
         *self.get_mut(I, I) = variance;
     }
 
@@ -97,20 +104,8 @@ impl<R: Real> Covariance<R> {
     #[inline(always)]
     pub fn advance_pair<const O: usize, const T: usize>(&mut self, second: bool, terms: &[(usize, R); T]) {
         let from = usize::from(second);
-        // Written out: in a loop, fixed point would compute the position of every element at run time.
-        let row: Column<R> = [
-            self.pair_row::<O, T>(from, terms, 0),
-            self.pair_row::<O, T>(from, terms, 1),
-            self.pair_row::<O, T>(from, terms, 2),
-            self.pair_row::<O, T>(from, terms, 3),
-            self.pair_row::<O, T>(from, terms, 4),
-            self.pair_row::<O, T>(from, terms, 5),
-            self.pair_row::<O, T>(from, terms, 6),
-            self.pair_row::<O, T>(from, terms, 7),
-            self.pair_row::<O, T>(from, terms, 8),
-            self.pair_row::<O, T>(from, terms, 9),
-            self.pair_row::<O, T>(from, terms, 10),
-        ];
+        let element = |k: usize| self.pair_row::<O, T>(from, terms, k);
+        let row: Column<R> = written_out!(element);
         let (of_self, first) = if second { (row[1], row[O + 1]) } else { (row[0], row[O]) };
         let of = |t: usize| if t == 0 { first } else { row[terms[t].0] };
         let variance = R::sum_of_products(terms.map(|(_, c)| c), core::array::from_fn(of));
@@ -137,17 +132,17 @@ impl<R: Real> Covariance<R> {
     /// `P h` for a sparse `h`.
     #[inline(always)]
     pub fn project<const T: usize>(&self, h: &[(usize, R); T]) -> Column<R> {
-        core::array::from_fn(|k| R::sum_of_products(h.map(|(_, c)| c), h.map(|(j, _)| self.get(j, k))))
+        let of = |k: usize| R::sum_of_products(h.map(|(_, c)| c), h.map(|(j, _)| self.get(j, k)));
+        written_out!(of)
     }
 
     /// Sets the correlations of a state with all others to zero; its variance stays.
     #[inline(always)]
     pub fn isolate<const I: usize>(&mut self) {
-        for k in 0..N {
-            if k != I {
-                *self.get_mut(I, k) = R::ZERO;
-            }
-        }
+        let variance = self.get(I, I);
+        let mut clear = |k: usize| *self.get_mut(I, k) = R::ZERO;
+        let _: [(); N] = written_out!(clear);
+        *self.get_mut(I, I) = variance;
     }
 
     /// Update of row `I`: `P ← P - (P h)(P h)ᵀ/S`, the variance not below a floor.

@@ -11,14 +11,17 @@
 //! |---|---|
 //! | 0 | closes the block: mean current, innovation, correction, next operating point ([`Filter`]) |
 //! | 1 | correction of the parameters, prediction of the stator resistance ([`crate::estimate::temperature`]) |
-//! | 2 | `F_m P` |
-//! | 3 | row and column of `m` |
-//! | 4, 5 | row and column of a flux component each |
-//! | 6 | `Q`; decorrelation of consider states |
-//! | 7 | angle deviation, `S`, `P Hᵀ` |
-//! | 8 | update of rows 0 to 6 |
-//! | 9 | update of rows 7 to 10, magnetising curve at the end of the block |
+//! | 2 | row and column of `m` |
+//! | 3 | magnetising curve at the estimates after the correction, for the next block |
+//! | 4, 6 | row and column of a flux component each |
+//! | 5 | none |
+//! | 7 | `Q`; decorrelation of consider states |
+//! | 8 | angle deviation, `S`, `P Hᵀ`, update of rows 0 to 6 |
+//! | 9 | update of rows 7 to 10 |
 //! | 10 … | none |
+//!
+//! What takes long has an even number. [`Filter::align`] lets these fall on periods in which the drive has little else to
+//! do, in blocks of an even length: the worst period is shorter then.
 //!
 //! The flux is integrated in every period. A block has at least [`SLOTS`] periods; its gain is one block old,
 //! against time constants of many blocks.
@@ -27,10 +30,10 @@
 //! within a block the covariance stays what it was set to, and the block ends without a correction.
 
 use super::covariance::{Column, N};
-use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, V};
+use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, SCALE_R, V};
 use super::noise::{FLOOR, MEASUREMENT, Noise, SECOND_ORDER, WARMED};
 use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
-use crate::scalar::Real;
+use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
 
 /// Control periods that the work of a block needs, the closing one included.
@@ -41,9 +44,9 @@ pub(super) const SLOTS: u32 = 10;
 /// 0.6 pu and rated torque with `r̂_s` 6 % too high it went to its limit within 40 s and turned the rotor flux by 9.5°.
 pub(super) const OMEGA_HELD: f64 = 0.2;
 
-/// Stator frequency, per unit, below which the leakage is held at its value and variance, without correlation. A steady
-/// load does not show it there, and over minutes the remaining errors of the bridge near current zero would be taken for
-/// it: ten minutes of rated torque at the flux shift's 0.006 moved it by 22 % at 2.2 kW.
+/// Stator frequency, per unit, below which the leakage is not corrected. A steady load does not show it there, and over
+/// minutes the remaining errors of the bridge near current zero would be taken for it: ten minutes of rated torque at the
+/// flux shift's 0.006 moved it by 22 % at 2.2 kW. Its variance and correlations stay (Schmidt's update).
 pub(super) const OMEGA_LEAKAGE_HELD: f64 = 0.008;
 
 /// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
@@ -54,20 +57,18 @@ const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
 enum Slot {
     /// Correction of the parameters.
     Parameters,
-    /// Prediction, row of `m`: its product with the covariance.
-    RotorRow,
     /// Prediction, row and column of `m`.
-    RotorAdvance,
+    Rotor,
+    /// Magnetising curve at the estimates after the correction.
+    Magnetisation,
     /// Prediction, a component of the flux; `true`: the second.
     Flux(bool),
     /// Process noise.
     Noise,
-    /// Innovation variance and gain.
+    /// Innovation variance and gain, update of the first rows.
     Gain,
-    /// Update of the first rows.
-    FirstUpdate,
-    /// Update of the last rows; magnetising curve at the estimates after the correction.
-    LastUpdate,
+    /// Update of the last rows.
+    Update,
     /// No work: a block may have more periods than slots.
     Idle,
 }
@@ -78,14 +79,13 @@ impl Slot {
     fn of(period: u8) -> Self {
         match period {
             1 => Self::Parameters,
-            2 => Self::RotorRow,
-            3 => Self::RotorAdvance,
+            2 => Self::Rotor,
+            3 => Self::Magnetisation,
             4 => Self::Flux(false),
-            5 => Self::Flux(true),
-            6 => Self::Noise,
-            7 => Self::Gain,
-            8 => Self::FirstUpdate,
-            9 => Self::LastUpdate,
+            6 => Self::Flux(true),
+            7 => Self::Noise,
+            8 => Self::Gain,
+            9 => Self::Update,
             _ => Self::Idle,
         }
     }
@@ -99,8 +99,6 @@ pub(super) enum Holds {
     /// Nothing that another slot may use.
     #[default]
     Nothing,
-    /// `F_m P` without the element of `m` itself.
-    Row,
     /// Current, loss, its derivative by the knee, and change of the leakage flux, as [`OperatingPoint::regressors`] has them.
     Regressors,
     /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
@@ -114,16 +112,16 @@ impl<R: Real> OperatingPoint<R> {
         self.omega_s.abs() > R::from_f64(OMEGA_HELD)
     }
 
-    /// Whether the leakage is held.
+    /// Whether the leakage is not corrected.
     #[inline(always)]
     pub(super) fn leakage_held(&self) -> bool {
         self.held() || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
     }
 
     /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each,
-    /// zero where they are held.
+    /// zero where they are held; `predicted`: but for that of the resistance.
     #[inline(always)]
-    fn regressors(&self) -> Column<R> {
+    fn regressors(&self, predicted: bool) -> Column<R> {
         let mut column = Column::default();
         if !self.held() {
             (column[6], column[7]) = (self.d_leakage_flux.re(), self.d_leakage_flux.im());
@@ -131,6 +129,8 @@ impl<R: Real> OperatingPoint<R> {
             let (i, u_l, u_k) = (self.i_s, self.loss.vector(), -AlphaBeta::from_phases(self.loss.by_knee()));
             let seen = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im()];
             column[..6].copy_from_slice(&seen);
+        } else if predicted {
+            (column[0], column[1]) = (self.i_s.re(), self.i_s.im());
         }
         column
     }
@@ -147,6 +147,12 @@ macro_rules! update_rows {
 }
 
 impl<R: Real> Filter<R> {
+    /// Lets slots of an even number fall on odd periods of the drive. `period`: the number of the next one.
+    #[inline]
+    pub fn align(&mut self, period: u32) {
+        self.period = (period & 1) as u8;
+    }
+
     /// Executes the slot of this period.
     #[inline(never)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
@@ -155,32 +161,29 @@ impl<R: Real> Filter<R> {
                 self.correct_parameters(c);
                 self.warm(c);
             }
-            Slot::RotorRow => self.rotor(c, false),
-            Slot::RotorAdvance => self.rotor(c, true),
+            Slot::Rotor => self.rotor(c),
+            Slot::Magnetisation => {
+                self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
+            }
             Slot::Flux(second) => self.flux_advance(c, second),
             Slot::Noise => self.add_noise(c),
-            Slot::Gain => self.weigh(c),
-            Slot::FirstUpdate => self.update_first(),
-            Slot::LastUpdate => {
-                self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
-                self.update_last();
+            Slot::Gain => {
+                self.weigh(c);
+                self.update_first();
             }
+            Slot::Update => self.update_last(),
             Slot::Idle => {}
         }
     }
 
-    /// Both steps of the row of `m`: they share the code of its coefficients.
+    /// Row and column of `m`.
     #[inline(never)]
-    fn rotor(&mut self, c: &FilterConfig<R>, advance: bool) {
+    fn rotor(&mut self, c: &FilterConfig<R>) {
         let terms = c.model.rotor_row(&self.point, self.gamma.value());
-        if !advance {
-            self.column = self.p.project(&terms);
-            self.holds = Holds::Row;
-        } else if self.holds == Holds::Row {
-            self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &self.column);
-            self.column = self.point.regressors();
-            self.holds = Holds::Regressors;
-        }
+        self.column = self.p.project(&terms);
+        self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &self.column);
+        self.column = self.point.regressors(c.temperature.predicts());
+        self.holds = Holds::Regressors;
     }
 
     #[inline(never)]
@@ -203,16 +206,23 @@ impl<R: Real> Filter<R> {
         let mut walk = c.noise.walk(if excessive { self.nis - R::from_f64(NIS_THRESHOLD) } else { R::ZERO });
         if q.held() {
             // Held and decorrelated: the innovation does not change them, and their effect on the flux is part of the
-            // noise that grows with frequency. The winding goes on warming or cooling.
-            let room = R::from_f64(WARMED) - self.p.get(RS, RS);
+            // noise that grows with frequency. The winding goes on warming or cooling. Where its resistance is predicted,
+            // and as well known as the prediction can be, its correlation with the flux stays.
+            let most = c.temperature.deviation().map_or(R::from_f64(WARMED), |x| {
+                let scaled = x * R::from_f64(1.0 / SCALE_R);
+                scaled * scaled
+            });
+            let room = most - self.p.get(RS, RS);
             (walk[RS], walk[V], walk[KNEE]) = (walk[RS].min(room).max(R::ZERO), R::ZERO, R::ZERO);
-            self.p.isolate::<RS>();
+            if !c.temperature.predicts() || room < -most {
+                self.p.isolate::<RS>();
+            }
             self.p.isolate::<V>();
             self.p.isolate::<KNEE>();
+            self.p.isolate::<LEAKAGE>();
         }
         if q.leakage_held() {
             walk[LEAKAGE] = R::ZERO;
-            self.p.isolate::<LEAKAGE>();
         }
         walk[M] += Noise::lag(c.model.decay, q.transient);
         let induced = c.noise.induced(omega);
@@ -249,7 +259,7 @@ impl<R: Real> Filter<R> {
         let across = across.max(R::ZERO);
         // Along n: the trace less the part across.
         let along = (a + b - across).max(R::ZERO);
-        self.weight = R::ONE.over_64(R::from_f64(1.0 / 64.0) + along * R::from_f64(WEIGHT));
+        self.weight = R::ONE.dividend().over_64(R::from_f64(1.0 / 64.0) + along * R::from_f64(WEIGHT));
         let scale = R::from_f64(SCALE_PSI);
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 
@@ -267,18 +277,28 @@ impl<R: Real> Filter<R> {
         }
         let s = s + measurement + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
         self.inv_s = s.max(measurement).recip();
+        if !likely(!q.held()) {
+            // What the update takes off: it does not correct the resistance.
+            self.p.add_at(RS, RS, ph[RS] * (ph[RS] * self.inv_s));
+        }
         self.column = ph;
         self.holds = Holds::Innovation;
     }
 
     #[inline(never)]
-    fn update_first(&mut self) {
+    pub(super) fn update_first(&mut self) {
         update_rows!(self, 0 1 2 3 4 5 6);
     }
 
     #[inline(never)]
-    fn update_last(&mut self) {
+    pub(super) fn update_last(&mut self) {
+        let before = self.p.get(LEAKAGE, LEAKAGE);
         update_rows!(self, 7 8 9 10);
+        // Schmidt's update: what is not corrected keeps its variance.
+        if self.point.leakage_held() {
+            self.p.add_at(LEAKAGE, LEAKAGE, before - self.p.get(LEAKAGE, LEAKAGE));
+            self.column[LEAKAGE] = R::ZERO;
+        }
     }
 }
 

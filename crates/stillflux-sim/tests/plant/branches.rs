@@ -1,65 +1,27 @@
 //! Iron loss and deep bar: limits in which they are something known, steady states, energy balance.
-#![allow(non_snake_case)]
 
+use super::*;
 use std::f64::consts::TAU;
-use stillflux::params::{Inverter, Machine};
 use stillflux_sim::{DeepBar, IronLoss, Plant, PlantParams};
-
-const T_S: f64 = 1e-4;
-
-fn params(c_out: f64) -> PlantParams {
-    let mut p = PlantParams::new(Machine::preset_2k2(), Inverter { f_clk: 0.0, c_out, ..Inverter::preset_2k2() });
-    (p.adc.bits, p.adc.u_dc_bits) = (0, 0);
-    p
-}
-
-fn polar(r: f64, a: f64) -> [f64; 2] {
-    [r * a.cos(), r * a.sin()]
-}
-
-fn duties(u: [f64; 2]) -> [f64; 3] {
-    [0.0, 1.0, 2.0].map(|k| 0.5 + (u[0] * (k * TAU / 3.0).cos() + u[1] * (k * TAU / 3.0).sin()) / 540.0)
-}
-
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
-}
 
 #[test]
 fn two_branches_of_one_time_constant_are_one() {
-    for (c_out, saturation) in [(0.0, true), (1e-9, true), (1e-9, false)] {
-        let one = PlantParams { saturation, ..params(c_out) };
-        let two = PlantParams { deep_bar: Some(DeepBar { conductance: 0.3, leakage: 0.3 }), ..one };
-        let (mut a, mut b) = (Plant::new(one).unwrap(), Plant::new(two).unwrap());
-        let mut worst = 0.0f64;
-        for k in 0..8000 {
-            let t = k as f64 * T_S;
-            let d = duties(polar(25.0 + 120.0 * t, TAU * 12.0 * t * t));
-            let on = k % 1000 < 950;
-            a.step(d, on, 1.0);
-            b.step(d, on, 1.0);
-            worst = worst.max(distance(a.truth().i_s, b.truth().i_s));
-        }
-        let (a, b) = (a.truth(), b.truth());
-        assert!(worst < 1e-5, "{worst:e} A");
-        assert!((a.omega_m - b.omega_m).abs() < 1e-6 && a.omega_m > 5.0, "{} {}", a.omega_m, b.omega_m);
-        assert!(distance(a.psi_r, b.psi_r) < 1e-7);
-    }
+    runs_up_alike(|one| PlantParams { deep_bar: Some(DeepBar { conductance: 0.3, leakage: 0.3 }), ..one });
 }
 
 #[test]
 fn energy_is_conserved_with_every_branch() {
     for c_out in [0.0, 1e-9] {
-        let mut p = params(c_out);
+        let mut p = capacitive(c_out);
         p.iron_loss = Some(IronLoss { R_fe: 900.0, time_constant: 150e-6 });
         p.deep_bar = Some(DeepBar { conductance: 0.3, leakage: 0.6 });
         p.mechanics.coulomb = 0.3;
-        let mut plant = Plant::new(p).unwrap();
+        let mut plant = plant(p);
         plant.track_energy(true);
         let begin = plant.node_energy();
         for k in 0..6000 {
             let t = k as f64 * T_S;
-            plant.step(duties(polar(25.0 + 200.0 * t, TAU * 20.0 * t * t)), k % 700 < 650, 1.0);
+            plant.step(duties(polar(25.0 + 200.0 * t, TAU * 20.0 * t * t), 540.0), k % 700 < 650, 1.0);
         }
         let e = *plant.energy().unwrap();
         let lost = e.copper_s + e.copper_r + e.iron + e.shaft;
@@ -78,12 +40,12 @@ fn steady_state_is_that_of_the_branches_impedances() {
         let n = a[0] * a[0] + a[1] * a[1];
         [a[0] / n, -a[1] / n]
     };
-    let mut p = PlantParams { saturation: false, ..params(0.0) };
+    let mut p = PlantParams { saturation: false, ..capacitive(0.0) };
     let (iron, bar) = (IronLoss { R_fe: 700.0, time_constant: 200e-6 }, DeepBar { conductance: 0.25, leakage: 0.6 });
     (p.iron_loss, p.deep_bar, p.mechanics.speed) = (Some(iron), Some(bar), Some(50.0));
     let (m, g) = (p.machine, p.machine.to_gamma());
     let (w, dt, U) = (TAU * 40.0, 2e-6, 200.0);
-    let mut plant = Plant::new(p).unwrap();
+    let mut plant = plant(p);
     plant.track_energy(true);
     let (n, mut half) = (500_000, 0.0);
     for k in 0..n {
@@ -122,7 +84,8 @@ fn steady_state_is_that_of_the_branches_impedances() {
 
 #[test]
 fn bad_branches_are_named() {
-    let field = |iron_loss, deep_bar| Plant::new(PlantParams { iron_loss, deep_bar, ..params(0.0) }).unwrap_err().field;
+    let field =
+        |iron_loss, deep_bar| Plant::new(PlantParams { iron_loss, deep_bar, ..capacitive(0.0) }).unwrap_err().field;
     assert_eq!(field(Some(IronLoss { R_fe: 0.0, time_constant: 1e-3 }), None), "iron_loss R_fe");
     assert_eq!(field(Some(IronLoss { R_fe: 700.0, time_constant: 1e-6 }), None), "iron_loss time constant");
     assert_eq!(field(None, Some(DeepBar { conductance: 0.95, leakage: 0.5 })), "deep_bar conductance");

@@ -1,12 +1,9 @@
 //! The plant against closed forms, balances and an independent brute-force bridge.
-#![allow(non_snake_case)]
 
+use super::*;
 use std::f64::consts::TAU;
 use stillflux::params::{Inverter, Machine};
 use stillflux_sim::{GateDelays, Mechanics, Mode, Plant, PlantParams, Thermal, Truth};
-
-const T_S: f64 = 1e-4;
-const AXIS: [[f64; 2]; 3] = [[1.0, 0.0], [-0.5, 0.866_025_403_784_438_6], [-0.5, -0.866_025_403_784_438_6]];
 
 /// A bridge whose nodes have no capacitance: a leg without current is clamped.
 fn clamped(inverter: Inverter) -> Inverter {
@@ -27,31 +24,6 @@ fn saturated() -> PlantParams {
 fn ideal_bridge(mut p: PlantParams) -> PlantParams {
     p.inverter = Inverter { u_th: 0.0, r_d: 0.0, dead_time: 0.0, f_clk: 0.0, ..p.inverter };
     p
-}
-
-fn held(mut p: PlantParams, omega: f64) -> PlantParams {
-    p.mechanics.speed = Some(omega);
-    p
-}
-
-fn plant(p: PlantParams) -> Plant {
-    Plant::new(p).unwrap()
-}
-
-fn duties(u: [f64; 2], u_dc: f64) -> [f64; 3] {
-    AXIS.map(|e| 0.5 + (e[0] * u[0] + e[1] * u[1]) / u_dc)
-}
-
-fn vector(v: [f64; 3]) -> [f64; 2] {
-    [0, 1].map(|x| 2.0 / 3.0 * (0..3).map(|k| AXIS[k][x] * v[k]).sum::<f64>())
-}
-
-fn polar(r: f64, a: f64) -> [f64; 2] {
-    [r * a.cos(), r * a.sin()]
-}
-
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
@@ -355,15 +327,10 @@ fn a_current_that_only_touches_zero_between_two_events_stops_there() {
 
 /// The bridge once more, by brute force: 4-ns Heun steps, a leg without current as a steep conductance.
 fn brute_force(p: &PlantParams, x0: [f64; 4], omega: f64, run: &[([f64; 3], bool)]) -> Vec<[f64; 2]> {
-    let (m, inv) = (p.machine, p.inverter);
-    let g = m.to_gamma();
-    let i_of = |x: &[f64; 4]| {
-        let b = m.saturation.map_or(1.0 / g.L_s, |s| (1.0 + (s.a * x[0].hypot(x[1])).powf(s.S)) / s.L_u) + 1.0 / g.L_l;
-        [b * x[0] - x[2] / g.L_l, b * x[1] - x[3] / g.L_l]
-    };
+    let (inv, circuit) = (p.inverter, Circuit::new(&p.machine));
     // Time since the last command edge, level, per leg.
     let (mut since, mut level) = ([1.0; 3], [false; 3]);
-    let (mut x, mut out, n, R) = (x0, vec![], 25_000, m.R_s + inv.r_d);
+    let (mut x, mut out, n, R) = (x0, vec![], 25_000, p.machine.R_s + inv.r_d);
     let dt = T_S / n as f64;
     for (duty, on) in run {
         for k in 0..n {
@@ -381,23 +348,14 @@ fn brute_force(p: &PlantParams, x0: [f64; 4], omega: f64, run: &[([f64; 3], bool
                     }
                 }
             }
-            let f = |x: &[f64; 4]| {
-                let i = i_of(x);
-                let v = [0, 1, 2].map(|leg| {
+            x = circuit.step(&x, omega, R, dt, |i| {
+                vector([0, 1, 2].map(|leg| {
                     let i_leg = AXIS[leg][0] * i[0] + AXIS[leg][1] * i[1];
                     (0.5 * inv.u_dc - 1.5e6 * i_leg).clamp(lo[leg], hi[leg])
-                });
-                let u = vector(v);
-                let w = f64::from(m.n_p) * omega;
-                let k = g.R_r / g.L_l;
-                [u[0] - R * i[0], u[1] - R * i[1], k * (x[0] - x[2]) - w * x[3], k * (x[1] - x[3]) + w * x[2]]
-            };
-            let a = f(&x);
-            let y: [f64; 4] = std::array::from_fn(|j| x[j] + dt * a[j]);
-            let b = f(&y);
-            x = std::array::from_fn(|j| x[j] + 0.5 * dt * (a[j] + b[j]));
+                }))
+            });
         }
-        out.push(i_of(&x));
+        out.push(circuit.current(&x));
     }
     out
 }

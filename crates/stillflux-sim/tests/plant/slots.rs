@@ -1,57 +1,20 @@
 //! Saturating leakage and slots: limits, the small-signal leakage, harmonics, energy balance.
-#![allow(non_snake_case)]
 
+use super::*;
 use std::f64::consts::TAU;
-use stillflux::params::{Inverter, Machine};
+use stillflux::params::Machine;
 use stillflux_sim::{DeepBar, IronLoss, LeakageSaturation, Mode, Plant, PlantParams, SlotRipple};
-
-const T_S: f64 = 1e-4;
-
-fn params(c_out: f64) -> PlantParams {
-    let mut p = PlantParams::new(Machine::preset_2k2(), Inverter { f_clk: 0.0, c_out, ..Inverter::preset_2k2() });
-    (p.adc.bits, p.adc.u_dc_bits) = (0, 0);
-    p
-}
-
-fn polar(r: f64, a: f64) -> [f64; 2] {
-    [r * a.cos(), r * a.sin()]
-}
-
-fn duties(u: [f64; 2]) -> [f64; 3] {
-    [0.0, 1.0, 2.0].map(|k| 0.5 + (u[0] * (k * TAU / 3.0).cos() + u[1] * (k * TAU / 3.0).sin()) / 540.0)
-}
-
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
-}
 
 const SLOTS: SlotRipple = SlotRipple { slots: 28, permeance: 0.01, leakage: 0.05 };
 const KNEE: LeakageSaturation = LeakageSaturation { share: 0.25, current: 10.0 };
 
 #[test]
 fn vanishing_amplitudes_are_the_plain_circuit() {
-    for (c_out, saturation) in [(0.0, true), (1e-9, true), (1e-9, false)] {
-        let one = PlantParams { saturation, ..params(c_out) };
-        let two = PlantParams {
-            leakage_saturation: Some(LeakageSaturation { share: 1e-12, current: 10.0 }),
-            slot_ripple: Some(SlotRipple { slots: 28, permeance: 1e-12, leakage: 1e-12 }),
-            ..one
-        };
-        let (mut a, mut b) = (Plant::new(one).unwrap(), Plant::new(two).unwrap());
-        let mut worst = 0.0f64;
-        for k in 0..8000 {
-            let t = k as f64 * T_S;
-            let d = duties(polar(25.0 + 120.0 * t, TAU * 12.0 * t * t));
-            let on = k % 1000 < 950;
-            a.step(d, on, 1.0);
-            b.step(d, on, 1.0);
-            worst = worst.max(distance(a.truth().i_s, b.truth().i_s));
-        }
-        let (a, b) = (a.truth(), b.truth());
-        assert!(worst < 1e-5, "{worst:e} A");
-        assert!((a.omega_m - b.omega_m).abs() < 1e-6 && a.omega_m > 5.0, "{} {}", a.omega_m, b.omega_m);
-        assert!(distance(a.psi_r, b.psi_r) < 1e-7);
-    }
+    runs_up_alike(|one| PlantParams {
+        leakage_saturation: Some(LeakageSaturation { share: 1e-12, current: 10.0 }),
+        slot_ripple: Some(SlotRipple { slots: 28, permeance: 1e-12, leakage: 1e-12 }),
+        ..one
+    });
 }
 
 #[test]
@@ -62,18 +25,18 @@ fn energy_is_conserved_while_slots_pass_and_leakage_saturates() {
         (1e-9, true, Mode::Switching),
         (0.0, false, Mode::Averaged),
     ] {
-        let mut p = PlantParams { mode, leakage_saturation: Some(KNEE), slot_ripple: Some(SLOTS), ..params(c_out) };
+        let mut p = PlantParams { mode, leakage_saturation: Some(KNEE), slot_ripple: Some(SLOTS), ..capacitive(c_out) };
         if branches {
             p.iron_loss = Some(IronLoss { R_fe: 900.0, time_constant: 150e-6 });
             p.deep_bar = Some(DeepBar { conductance: 0.3, leakage: 0.6 });
         }
         p.mechanics.coulomb = 0.3;
-        let mut plant = Plant::new(p).unwrap();
+        let mut plant = plant(p);
         plant.track_energy(true);
         let begin = plant.node_energy();
         for k in 0..6000 {
             let t = k as f64 * T_S;
-            plant.step(duties(polar(25.0 + 200.0 * t, TAU * 20.0 * t * t)), k % 700 < 650, 1.0);
+            plant.step(duties(polar(25.0 + 200.0 * t, TAU * 20.0 * t * t), 540.0), k % 700 < 650, 1.0);
         }
         let e = *plant.energy().unwrap();
         let lost = e.copper_s + e.copper_r + e.iron + e.shaft;
@@ -91,7 +54,7 @@ fn energy_is_conserved_while_slots_pass_and_leakage_saturates() {
 /// `1/L_l` times `chord` is the leakage's inverse inductance there.
 fn pulse(p: PlantParams, current: f64, chord: f64, axis: f64) -> f64 {
     let g = p.machine.to_gamma();
-    let mut plant = Plant::new(p).unwrap();
+    let mut plant = plant(p);
     // psi_R = psi_s - L_sigma i_s with psi_s = 0 and i_s = psi_l chord/L_l.
     let psi_R = g.L_l * current * chord / (chord + g.L_l / g.L_s);
     plant.set_state([0.0; 2], polar(-psi_R, axis), 0.0);
@@ -103,7 +66,7 @@ fn pulse(p: PlantParams, current: f64, chord: f64, axis: f64) -> f64 {
 
 #[test]
 fn a_pulse_sees_the_differential_leakage() {
-    let base = PlantParams { saturation: false, ..params(0.0) };
+    let base = PlantParams { saturation: false, ..capacitive(0.0) };
     let mut p = PlantParams { leakage_saturation: Some(KNEE), ..base };
     p.mechanics.speed = Some(0.0);
     let g = p.machine.to_gamma();
@@ -125,7 +88,7 @@ fn a_pulse_sees_the_differential_leakage() {
 
 #[test]
 fn a_pulse_sees_the_saliency_of_the_slots() {
-    let mut p = PlantParams { saturation: false, slot_ripple: Some(SLOTS), ..params(0.0) };
+    let mut p = PlantParams { saturation: false, slot_ripple: Some(SLOTS), ..capacitive(0.0) };
     p.mechanics.speed = Some(0.0);
     let g = p.machine.to_gamma();
     // Along the slots (angle zero) the inverse leakage is larger by 5 %, across smaller, in the gap larger by 1 %.
@@ -150,9 +113,9 @@ fn slots_show_at_their_frequencies_and_nowhere_else() {
     // 25 Hz of the field, the shaft at 11 turns a second with 28 slots: 308 Hz; two pole pairs, slip 3 Hz.
     let (f, f_m, Z, dt, U) = (25.0, 11.0, 28.0, 20e-6, 165.0);
     let run = |slot_ripple| {
-        let mut p = PlantParams { saturation: false, slot_ripple, ..params(0.0) };
+        let mut p = PlantParams { saturation: false, slot_ripple, ..capacitive(0.0) };
         p.mechanics.speed = Some(TAU * f_m);
-        let mut plant = Plant::new(p).unwrap();
+        let mut plant = plant(p);
         let mut i = vec![];
         for k in 0..100_000 {
             plant.step_voltage(polar(U, TAU * f * (k as f64 + 0.5) * dt), dt, 0.0);
@@ -183,10 +146,10 @@ fn slots_show_at_their_frequencies_and_nowhere_else() {
 #[test]
 fn cogging_is_that_of_the_fields_energy() {
     // Standstill, flux in the gap, no leakage flux: T = 3/4 Z p/L_u |psi|² sin(Z theta).
-    let mut p = PlantParams { saturation: false, slot_ripple: Some(SLOTS), ..params(0.0) };
+    let mut p = PlantParams { saturation: false, slot_ripple: Some(SLOTS), ..capacitive(0.0) };
     p.mechanics.speed = Some(1.0);
     let g = p.machine.to_gamma();
-    let mut plant = Plant::new(p).unwrap();
+    let mut plant = plant(p);
     for _ in 0..40 {
         plant.step([0.5; 3], false, 0.0);
         let k = g.L_s / (g.L_s + g.L_l);
@@ -204,7 +167,7 @@ fn bad_slots_are_named() {
     let field = |leakage_saturation, slot_ripple| match Plant::new(PlantParams {
         leakage_saturation,
         slot_ripple,
-        ..params(0.0)
+        ..capacitive(0.0)
     }) {
         Err(e) => e.field,
         Ok(_) => "",

@@ -1,47 +1,9 @@
 //! Node capacitance of the legs against the law of its mean, energy balance, an independent bridge and its limit.
-#![allow(non_snake_case)]
 
+use super::*;
 use std::f64::consts::TAU;
 use stillflux::params::{Inverter, Machine, Rating, TModel};
 use stillflux_sim::{Mechanics, Mode, Plant, PlantParams};
-
-const T_S: f64 = 1e-4;
-const AXIS: [[f64; 2]; 3] = [[1.0, 0.0], [-0.5, 0.866_025_403_784_438_6], [-0.5, -0.866_025_403_784_438_6]];
-
-fn ideal_sensors(machine: Machine, inverter: Inverter) -> PlantParams {
-    let mut p = PlantParams::new(machine, Inverter { f_clk: 0.0, ..inverter });
-    (p.adc.bits, p.adc.u_dc_bits) = (0, 0);
-    p
-}
-
-fn capacitive(c_out: f64) -> PlantParams {
-    ideal_sensors(Machine::preset_2k2(), Inverter { c_out, ..Inverter::preset_2k2() })
-}
-
-fn held(mut p: PlantParams, omega: f64) -> PlantParams {
-    p.mechanics.speed = Some(omega);
-    p
-}
-
-fn plant(p: PlantParams) -> Plant {
-    Plant::new(p).unwrap()
-}
-
-fn vector(v: [f64; 3]) -> [f64; 2] {
-    [0, 1].map(|x| 2.0 / 3.0 * (0..3).map(|k| AXIS[k][x] * v[k]).sum::<f64>())
-}
-
-fn duties(u: [f64; 2], u_dc: f64) -> [f64; 3] {
-    AXIS.map(|e| 0.5 + (e[0] * u[0] + e[1] * u[1]) / u_dc)
-}
-
-fn polar(r: f64, a: f64) -> [f64; 2] {
-    [r * a.cos(), r * a.sin()]
-}
-
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
-}
 
 /// Pseudo-random numbers in 0…1.
 fn random(mut seed: u64) -> impl FnMut() -> f64 {
@@ -175,19 +137,14 @@ fn current_ripple_doubles_the_slope_of_the_error_at_current_zero() {
 /// The capacitive bridge once more, without modes and events: 1-ns steps, a node that its current charges and
 /// whatever conducts clips.
 fn brute_force(p: &PlantParams, x0: [f64; 4], omega: f64, run: &[([f64; 3], bool)]) -> Vec<[f64; 2]> {
-    let (m, inv) = (p.machine, p.inverter);
-    let g = m.to_gamma();
-    let i_of = |x: &[f64; 4]| {
-        let b = m.saturation.map_or(1.0 / g.L_s, |s| (1.0 + (s.a * x[0].hypot(x[1])).powf(s.S)) / s.L_u) + 1.0 / g.L_l;
-        [b * x[0] - x[2] / g.L_l, b * x[1] - x[3] / g.L_l]
-    };
+    let (inv, circuit) = (p.inverter, Circuit::new(&p.machine));
     let (mut since, mut level, mut v) = ([1.0; 3], [false; 3], [0.5 * inv.u_dc; 3]);
-    let (mut x, mut out, n, R) = (x0, vec![], 100_000, m.R_s + inv.r_d);
+    let (mut x, mut out, n, R) = (x0, vec![], 100_000, p.machine.R_s + inv.r_d);
     let dt = T_S / n as f64;
     for (duty, on) in run {
         for k in 0..n {
             let t = (k as f64 + 0.5) * dt;
-            let i = i_of(&x);
+            let i = circuit.current(&x);
             for leg in 0..3 {
                 let high = (t - 0.5 * T_S).abs() < 0.5 * T_S * duty[leg];
                 since[leg] = if high != level[leg] { 0.0 } else { since[leg] + dt };
@@ -200,17 +157,9 @@ fn brute_force(p: &PlantParams, x0: [f64; 4], omega: f64, run: &[([f64; 3], bool
                 v[leg] = (v[leg] - dt / inv.c_out * i_leg).clamp(lo, hi);
             }
             let u = vector(v);
-            let f = |x: &[f64; 4]| {
-                let i = i_of(x);
-                let (w, k) = (f64::from(m.n_p) * omega, g.R_r / g.L_l);
-                [u[0] - R * i[0], u[1] - R * i[1], k * (x[0] - x[2]) - w * x[3], k * (x[1] - x[3]) + w * x[2]]
-            };
-            let a = f(&x);
-            let y: [f64; 4] = std::array::from_fn(|j| x[j] + dt * a[j]);
-            let b = f(&y);
-            x = std::array::from_fn(|j| x[j] + 0.5 * dt * (a[j] + b[j]));
+            x = circuit.step(&x, omega, R, dt, |_| u);
         }
-        out.push(i_of(&x));
+        out.push(circuit.current(&x));
     }
     out
 }

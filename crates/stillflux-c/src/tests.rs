@@ -1,0 +1,109 @@
+//! The functions that take pointers, as a C program calls them: for Miri (`make miri`), which sees what a compiler does
+//! not. What they compute is tested in C.
+
+use super::*;
+
+const ZERO: stillflux_command = stillflux_command { compare: [0; 3], gates_on: 0 };
+const COUNTS: stillflux_counts = stillflux_counts { i_abc: [0; 3], u_dc: 21_845 };
+const SPEED: stillflux_set_point = stillflux_set_point { kind: STILLFLUX_SPEED, value: 1.0 };
+
+/// Memory for a drive as a C program has it: not initialised but for the word that says so.
+fn closed() -> Box<MaybeUninit<stillflux_drive>> {
+    let mut state = Box::new(MaybeUninit::<stillflux_drive>::uninit());
+    // SAFETY: within the state.
+    unsafe { (&raw mut (*state.as_mut_ptr()).open).write(0) };
+    state
+}
+
+fn page() -> [u32; WORDS] {
+    let (m, i) = (Machine::preset_2k2(), Inverter::preset_2k2());
+    let Saturation { L_u, a, S } = m.saturation.unwrap();
+    let Machine { R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, .. } = m;
+    let machine = stillflux_machine { R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, L_u, a, S };
+    let Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, .. } = i;
+    let (current_sensors, i_full, u_full) = (3, 17.7, 810.0);
+    let inverter = stillflux_inverter {
+        u_dc,
+        f_s,
+        u_th,
+        r_d,
+        dead_time,
+        f_clk,
+        c_out,
+        half_periods,
+        current_sensors,
+        i_full,
+        u_full,
+    };
+    let (mut settings, mut memory) = (MaybeUninit::uninit(), MaybeUninit::uninit());
+    let mut error = stillflux_error { field: [0; 32], value: 0.0, min: 0.0, max: 0.0 };
+    let mut page = [0; WORDS];
+    // SAFETY: each is written before it is read; no structure has an invalid pattern.
+    unsafe {
+        stillflux_defaults(&machine, &inverter, &mut *settings.as_mut_ptr());
+        stillflux_memory_of(&machine, &inverter, &mut *memory.as_mut_ptr());
+        let (settings, memory) = (settings.assume_init(), memory.assume_init());
+        let done = stillflux_page(&machine, &inverter, &settings, &memory, page.as_mut_ptr(), &mut error);
+        assert_eq!(done, STILLFLUX_OK);
+    }
+    page
+}
+
+#[test]
+fn a_drive_is_opened_run_stored_and_opened_again() {
+    let (mut page, mut state) = (page(), closed());
+    let drive = state.as_mut_ptr();
+    let bytes = size_of::<stillflux_drive>();
+    // SAFETY: memory of a drive, pages of so many words.
+    unsafe {
+        let mut torn = page;
+        torn[20] ^= 1;
+        assert_eq!(stillflux_open(drive, bytes - 8, page.as_ptr()), STILLFLUX_ERROR_SIZE);
+        assert_eq!(stillflux_open(drive, bytes, torn.as_ptr()), STILLFLUX_ERROR_PAGE);
+        let mut command = stillflux_command { gates_on: 1, ..ZERO };
+        stillflux_period(&mut *drive, &COUNTS, &SPEED, &mut command);
+        assert_eq!(command.gates_on, 0, "no drive");
+        assert_eq!(stillflux_store(&*drive, page.as_ptr(), torn.as_mut_ptr()), STILLFLUX_ERROR_CLOSED);
+
+        assert_eq!(stillflux_open(drive, bytes, page.as_ptr()), STILLFLUX_OK);
+        for stamp in 0..40 {
+            stillflux_period(&mut *drive, &COUNTS, &SPEED, &mut command);
+            assert_eq!(stillflux_period_at(&mut *drive, stamp, &COUNTS, &SPEED, &mut command), 1);
+        }
+        assert_eq!(stillflux_status(&*drive), STILLFLUX_READING_OFFSET);
+        let mut telemetry = MaybeUninit::uninit();
+        stillflux_telemetry_read(&*drive, &mut *telemetry.as_mut_ptr());
+        assert_eq!(telemetry.assume_init().period, 80);
+
+        // Moved as a C program may, and stored onto its own page.
+        let mut copy = closed();
+        ptr::copy_nonoverlapping(drive, copy.as_mut_ptr(), 1);
+        let words = page.as_mut_ptr();
+        assert_eq!(stillflux_store(&*copy.as_ptr(), words, words), STILLFLUX_OK);
+        assert_eq!(stillflux_open(drive, bytes, words), STILLFLUX_OK);
+        assert_eq!(stillflux_status(&*drive), STILLFLUX_STOPPED);
+    }
+}
+
+#[test]
+fn a_text_ends_within_its_buffer_and_registers_are_read_as_three() {
+    // SAFETY: buffers of the sizes given.
+    unsafe {
+        for size in 0..16 {
+            let mut text = vec![1 as c_char; size];
+            stillflux_fault_text(1, text.as_mut_ptr(), size);
+            assert_eq!(text.iter().filter(|c| **c == 0).count(), usize::from(size > 0));
+        }
+        let converters = stillflux_converters {
+            current: STILLFLUX_RIGHT,
+            current_bits: 12,
+            zero: [2048; 3],
+            offset: [0; 3],
+            u_dc: STILLFLUX_LEFT,
+            u_dc_bits: 12,
+        };
+        let mut counts = COUNTS;
+        stillflux_counts_from_raw([2049, 4095, 0].as_ptr(), 0x8000, &converters, &mut counts);
+        assert_eq!((counts.i_abc, counts.u_dc), ([16, i16::MAX, i16::MIN], 0x4000));
+    }
+}

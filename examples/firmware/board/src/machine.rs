@@ -1,0 +1,45 @@
+//! **Yours to change:** machine, bridge, settings and full scales. The build computes the parameter page from them, and
+//! stops with name and range of what it does not admit.
+
+use stillflux::config::DriveParams;
+use stillflux::params::{Inverter, Machine};
+
+/// Clock of TIM1, Hz.
+pub const F_CLK: f64 = 170e6;
+/// Switching frequency, Hz. `F_CLK / (2 F_S)` is the reload value: a whole number.
+pub const F_S: f64 = 10e3;
+/// Dead time, s, at least; the drive is told what the register makes of it.
+pub const DEAD_TIME: f64 = 2e-6;
+/// Current that a channel reads half of its range above zero, A, and voltage at which the divider reads all ones, V.
+pub const FULL_SCALE: (f64, f64) = (20.0, 810.0);
+
+/// Machine, bridge and settings.
+pub fn parameters() -> (Machine, Inverter, DriveParams) {
+    let machine = Machine::preset_2k2();
+    let (_, counts) = dead_time(DEAD_TIME * F_CLK);
+    let inverter = Inverter { f_clk: F_CLK, f_s: F_S, dead_time: f64::from(counts) / F_CLK, ..Inverter::preset_2k2() };
+    let params = DriveParams::new(&machine, &inverter);
+    (machine, inverter, params)
+}
+
+/// `DTG` for at least so many timer clocks (`CKD` = 0), and the clocks that it makes: steps of 1, 2, 8 and 16, at most
+/// 1008.
+pub const fn dead_time(clocks: f64) -> (u8, u32) {
+    let whole = clocks as u32;
+    // A product of 340 clocks may be computed as 340 and a bit.
+    let n = if clocks - whole as f64 > 1e-6 { whole + 1 } else { whole };
+    if n <= 127 {
+        (n as u8, n)
+    } else if n <= 2 * 127 {
+        let k = n.div_ceil(2);
+        (0x80 | (k - 64) as u8, 2 * k)
+    } else if n <= 8 * 63 {
+        let k = n.div_ceil(8);
+        (0xC0 | (k - 32) as u8, 8 * k)
+    } else if n <= 16 * 63 {
+        let k = n.div_ceil(16);
+        (0xE0 | (k - 32) as u8, 16 * k)
+    } else {
+        panic!("a dead time of more than 1008 timer clocks")
+    }
+}

@@ -1,0 +1,43 @@
+"""Where a command writes: looked at before it runs, named when it fails."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+__all__ = ["check_file", "check_folder", "naming"]
+
+
+def check_file(path: Path | None, *suffixes: str) -> None:
+    """Whether a file can be written, with one of the suffixes if any are given. Raises ValueError."""
+    if path is None:
+        return
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: {path.suffix or 'no suffix'} is not one of {', '.join(suffixes)}")
+    folder = path.absolute().parent
+    if path.is_dir() or not folder.is_dir():
+        reason = "is a folder" if path.is_dir() else f"there is no folder {path.parent}"
+        raise ValueError(f"{path}: {reason}")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise ValueError(f"{path} cannot be written")
+
+
+def check_folder(path: Path) -> None:
+    """Makes a folder for several files where there is none. Raises OSError, ValueError if nothing can be
+    written into it."""
+    path.mkdir(parents=True, exist_ok=True)
+    if not os.access(path, os.W_OK):
+        raise ValueError(f"{path}: nothing can be written into this folder")
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Names the file in an OSError of writing it, which the system leaves out when a disk is full."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
