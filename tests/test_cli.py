@@ -41,6 +41,16 @@ def test_simulate_writes_plot_and_record(tmp_path: Path, capsys: pytest.CaptureF
     assert plot.stat().st_size > 10_000
 
 
+def test_the_run_of_the_examples(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    examples = Path(__file__).parents[1] / "examples"
+    machine = ["--motor", str(examples / "machines" / "pump-4kW.toml")]
+    for own in ([], machine):
+        assert main(["simulate", str(examples / "run.toml"), *own]) == 0
+        shown = capsys.readouterr().out
+        assert "status: running" in shown
+        assert float(re.findall(r"field angle error: (\S+)° at most", shown)[0]) < 5.0
+
+
 def test_simulate_plots_chosen_signals(tmp_path: Path) -> None:
     (tmp_path / "run.toml").write_text('signals = ["omega_m"]\n' + SCENARIO)
     plot = tmp_path / "run.png"

@@ -43,7 +43,7 @@ figure { margin: 1rem 0; overflow-x: auto } svg { max-width: 100%; height: auto;
 code { background: var(--shade); padding: .1rem .3rem; border-radius: .2rem } pre { white-space: pre-wrap }
 @media (max-width: 40rem) {
  body { margin: 1rem auto } nav ul { columns: auto }
- figure svg { min-width: min(36rem, .85 * var(--width, 40rem)) }
+ figure svg { min-width: min(46rem, .85 * var(--width, 40rem)) }
  table, tbody, tr { display: block } tr:has(> th) { display: none }
  tr { border-bottom: 1px solid var(--line); padding: .5rem 0 }
  td { display: inline-block; border: 0; padding: .1rem 1.2rem .1rem 0 } td:empty { display: none }

@@ -285,6 +285,8 @@ pub struct stillflux_settings {
     /// Time for which a state that a single shunt is sampled in lasts, s: dead time, settling, sampling. Without effect with
     /// more sensors.
     pub shunt_window: f64,
+    /// Time constant of the shunt's amplifier, s; 0: none.
+    pub shunt_settling: f64,
     /// 0: the flux is not lowered where the voltage is used up, and the speed ends there. 1: field weakening.
     pub field_weakening: u32,
     /// 1: use the voltage between the circle within the hexagon and the hexagon, 5.2 % more. 0: do not.
@@ -639,6 +641,7 @@ pub extern "C" fn stillflux_defaults(
         offset_time: d.offset_time,
         magnetise_time: d.magnetise_time,
         shunt_window: d.shunt_window,
+        shunt_settling: d.shunt_settling,
         field_weakening: u32::from(d.field_weakening),
         overmodulation: u32::from(d.overmodulation),
         discontinuous_above: d.discontinuous_above.unwrap_or(0.0),
@@ -731,6 +734,7 @@ pub unsafe extern "C" fn stillflux_page(
         offset_time: s.offset_time,
         magnetise_time: s.magnetise_time,
         shunt_window: s.shunt_window,
+        shunt_settling: s.shunt_settling,
         field_weakening: s.field_weakening != 0,
         overmodulation: s.overmodulation != 0,
         discontinuous_above: some(s.discontinuous_above),

@@ -1,10 +1,10 @@
-"""`python3 -m tools run|bench|cycles` in the firmware crate: `make firmware` and `make firmware-bench` call two of them."""
+"""`python3 -m tools run|bench|cycles` in the firmware crate: `make firmware`, `make firmware-bench`, cycles."""
 
 from __future__ import annotations
 
 import sys
 
-from . import cost, cycles, pil, toolchain
+from . import cost, cycles, documents, pil, toolchain
 
 
 def run(chain: toolchain.Toolchain) -> int:
@@ -23,24 +23,22 @@ def run(chain: toolchain.Toolchain) -> int:
 
 
 def bench(chain: toolchain.Toolchain) -> int:
-    """Measures and reports."""
+    """Measures, reports, and brings the tables in the documents up to date."""
     report = cost.measure(chain)
+    report["smallest"] = cost.measure_smallest()
+    report["cycles"] = cost.measure_cycles(chain)
     cost.write(report)
     print(cost.table(report))
+    documents.update(report)
     return 0
 
 
 def time(chain: toolchain.Toolchain) -> int:
-    """Cycles of the control interrupt by the timing model of the Cortex-M4, over 2000 periods under control."""
+    """Cycles of the control interrupt by the timing model of the Cortex-M4."""
     print(cycles.__doc__)
-    for scheme, features in cost.SCHEMES.items():
-        for arithmetic in cost.ARITHMETICS:
-            elf = toolchain.build(chain, "drive", *features, *([] if arithmetic == "f32" else ["q"]))
-            c = cycles.measure(elf, pil.record(arithmetic, scheme)[0], 19_000, 17_000)
-            print(
-                f"{scheme:10}{arithmetic:5}{c.mean:8.0f} cycles a period, worst {c.worst:5};"
-                f"{c.instructions_mean:8.0f} instructions, worst {c.instructions_worst:5}"
-            )
+    for scheme, arithmetics in cost.measure_cycles(chain).items():
+        for arithmetic, of in arithmetics.items():
+            print(f"{scheme:10}{arithmetic:5}{of['mean']:8} cycles a period, worst {of['worst']:5}")
     return 0
 
 

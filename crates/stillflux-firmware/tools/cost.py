@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from . import pil, toolchain
+from . import cycles, pil, toolchain
 from .image import Image
 
 BLOCKS = (
@@ -35,6 +35,8 @@ ENHANCED = (
 ARITHMETICS = ("f32", "q")
 #: Schemes and the features of their images.
 SCHEMES: dict[str, list[str]] = {"paper": ["paper"], "enhanced": []}
+#: Name of the step in the report.
+STEPS = {"paper": "drive_step", "enhanced": "drive_step_enhanced"}
 ISR = "control_isr"
 #: What the design asks for, mean instructions: f32, q.
 TARGETS = {"flux_estimator": (150, 250), "drive_step": (600, 1000)}
@@ -80,6 +82,33 @@ def measure(chain: toolchain.Toolchain) -> dict[str, Any]:
             for key, size in _sizes(toolchain.build(chain, "drive", *of), si).items():
                 report[size_key(key, scheme)][arithmetic] = size
     report["accuracy"] = json.loads(toolchain.host_example("accuracy"))
+    return report
+
+
+def measure_smallest() -> dict[str, Any] | None:
+    """Instructions of the step on a Cortex-M0+ by scheme, mean and worst; `None` without a compiler for it."""
+    chain = toolchain.compiler(toolchain.SMALLEST, "core,compiler_builtins")
+    if chain is None:
+        return None
+    report = {}
+    for scheme, features in SCHEMES.items():
+        image = toolchain.build(chain, "cost", *features, target=toolchain.SMALLEST)
+        lines = toolchain.emulate(image, "-", pil.record("q", scheme)[0].name, count=True).splitlines()
+        rows = {row.get("block"): row for row in map(json.loads, lines)}
+        step = rows[STEPS[scheme]]
+        report[scheme] = {"mean": step["mean"], "worst": step["worst"]}
+    return report
+
+
+def measure_cycles(chain: toolchain.Toolchain) -> dict[str, Any]:
+    """Cycles of the interrupt by the timing model, over 2000 periods under control."""
+    report: dict[str, Any] = {}
+    for scheme, features in SCHEMES.items():
+        report[scheme] = {}
+        for arithmetic in ARITHMETICS:
+            elf = toolchain.build(chain, "drive", *features, *([] if arithmetic == "f32" else ["q"]))
+            of = cycles.measure(elf, pil.record(arithmetic, scheme)[0], 19_000, 17_000)
+            report[scheme][arithmetic] = {"mean": round(of.mean), "worst": of.worst}
     return report
 
 

@@ -11,6 +11,8 @@ from pathlib import Path
 CRATE = Path(__file__).resolve().parents[1]
 ROOT = CRATE.parents[1]
 TARGET = "thumbv7em-none-eabihf"
+#: A Cortex-M0+: no FPU, no long multiplication. The emulated Cortex-M4 runs its instructions one for one.
+SMALLEST = "thumbv6m-none-eabi"
 OUT = Path(os.environ.get("FIRMWARE_TARGET_DIR", ROOT / "target" / "firmware"))
 
 HELP = f"""\
@@ -79,7 +81,7 @@ def compiler(target: str, library: str) -> Toolchain | None:
     return None
 
 
-def build(chain: Toolchain, name: str, *features: str) -> Path:
+def build(chain: Toolchain, name: str, *features: str, target: str = TARGET) -> Path:
     """Builds a bin of the firmware crate; the ELF file under a name of its own.
 
     The enhanced scheme is in it unless `paper` stands alone.
@@ -89,9 +91,10 @@ def build(chain: Toolchain, name: str, *features: str) -> Path:
         args.append("--no-default-features")
     if features:
         args += ["--features", ",".join(features)]
-    chain.cargo(*args, target=TARGET, cwd=CRATE)
-    elf = OUT / ("-".join([name, *features]) + ".elf")
-    shutil.copy(OUT / TARGET / "release" / name, elf)
+    chain.cargo(*args, target=target, cwd=CRATE)
+    kind = [] if target == TARGET else [target.partition("-")[0]]
+    elf = OUT / ("-".join([name, *features, *kind]) + ".elf")
+    shutil.copy(OUT / target / "release" / name, elf)
     return elf
 
 

@@ -176,8 +176,10 @@ fn a_stored_offset_makes_the_next_start_clean() {
     for (k, bench) in Bench::all(14.0).into_iter().enumerate() {
         let base = bench.base;
         let again = || Bench::all(5.0).into_iter().nth(k).unwrap();
+        // The smaller one the start of the enhanced scheme takes without a memory as well.
+        let part = if k < 2 { 0.00625 } else { 0.0125 };
         let with_offset = |s: &mut Scenario| {
-            s.plant.adc.offset = offset(0.00625 * base.i);
+            s.plant.adc.offset = offset(part * base.i);
             s.drive.calibrate_offset = false;
         };
         let first = bench.with(with_offset).speed(&[(0.0, 0.0), (1.6, 0.02)]).run();
@@ -187,7 +189,8 @@ fn a_stored_offset_makes_the_next_start_clean() {
         second.assert_running();
         assert!(second.angle(1.6, 5.0) < 5.0, "stored: {}", second.angle(1.6, 5.0));
         let without = again().with(with_offset).speed(&[(0.0, 0.0), (1.6, 0.005)]).run();
-        assert!(without.angle(1.6, 5.0) > 2.0 * second.angle(1.6, 5.0), "not stored: {}", without.angle(1.6, 5.0));
+        let (without, second) = (without.angle(1.6, 5.0), second.angle(1.6, 5.0));
+        assert!(without > 2.0 * second, "machine {k}: not stored {without}, stored {second}");
     }
 }
 

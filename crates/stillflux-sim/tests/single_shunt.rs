@@ -28,7 +28,7 @@ fn held(
     s.plant.adc.offset = [0.02 * machine.I_N, 0.5 * machine.I_N, 0.3 * machine.I_N];
     s.plant.adc.gain = [1.01, 3.0, 1.7];
     s.plant.shunt = Some(Shunt { settling: 0.3e-6 });
-    s.drive.current_sensors = 1;
+    (s.drive.current_sensors, s.drive.shunt_settling) = (1, 0.3e-6);
     s.signals = Some(vec!["angle_error".into()]);
     change(&mut s);
     let mut run = Run::new(Cow::Owned(s)).unwrap();

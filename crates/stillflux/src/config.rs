@@ -14,7 +14,7 @@ mod enhanced;
 #[cfg(feature = "paper")]
 mod paper;
 mod settings;
-use settings::BOOST;
+pub(crate) use settings::BOOST;
 
 pub use settings::{
     BALANCE_PERIODS, DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme,
@@ -58,7 +58,7 @@ use crate::supervision::phases::PhaseConfig;
 use crate::supervision::plausibility::PlausibilityConfig;
 use crate::words::{Words, words};
 #[cfg(feature = "enhanced")]
-pub(crate) use enhanced::EnhancedConfig;
+pub(crate) use enhanced::{EnhancedConfig, REDUCED, SMALL};
 #[cfg(feature = "paper")]
 pub(crate) use paper::PaperConfig;
 
@@ -515,8 +515,13 @@ impl<R: Real> DriveConfig<R> {
             #[cfg(feature = "modes")]
             two_sensors: p.current_sensors == 2,
             #[cfg(feature = "shunt")]
-            shunt: (p.current_sensors == 1)
-                .then(|| ShuntConfig::new(window, b.omega / inverter.f_s / (2.0 * sigma_l_s), pu.u_dc)),
+            shunt: (p.current_sensors == 1).then(|| {
+                ShuntConfig::new(
+                    (window, 2.0 * p.shunt_settling * inverter.f_s),
+                    b.omega / inverter.f_s / (2.0 * sigma_l_s),
+                    pu.u_dc,
+                )
+            }),
             offset_periods: periods(p.offset_time),
             inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),
             magnetise_periods,

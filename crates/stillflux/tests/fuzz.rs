@@ -180,6 +180,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         } else {
             3
         },
+        shunt_settling: rng.within(0.0, 0.0375) / inverter.f_s,
         shunt_window: if rng.chance(5) {
             0.0
         } else {

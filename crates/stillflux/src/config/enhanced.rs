@@ -7,17 +7,17 @@ use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
 use crate::estimate::priors::Priors;
+use crate::estimate::search::SearchConfig;
 use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
 
 /// Duration of a block in which the induced voltage is measured at the beginning of a start, s.
 const CATCH_BLOCK: f64 = 1e-3;
-/// Duration of the speed search at the beginning of a start, s.
-const PROBE_TIME: f64 = 0.01;
-/// Least `Σ |ψ_R|² dτ` of the search, relative to that at standstill: below it noise and the error of the inverter
-/// model, in large machines of the order of the voltage that builds up the flux, would be taken for a rotation.
-const PROBE_FLOOR: f64 = 0.25;
+/// Reduced currents of a start at standstill, relative to the magnetising current: a sixteenth of the magnetisation time
+/// and three.
+pub(crate) const REDUCED: f64 = 0.7;
+pub(crate) const SMALL: f64 = 0.4;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
 /// with temperature; a faster fit follows the noise of its samples.
 const BALANCE_RATE: f64 = 2.1;
@@ -38,17 +38,16 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub catch: CatchConfig<R>,
     /// What one control period takes off the logarithm of a free rotor flux, times 64.
     pub decay: R,
-    pub probe_periods: u32,
+    pub search: SearchConfig<R>,
+    /// Periods in which the boosted current brings the flux back after the reduced ones.
+    pub recovery_periods: u32,
     /// The gains of two current sensors are compared in the second half of the magnetisation: reciprocal of its periods;
     /// 0 with three sensors.
     #[cfg(feature = "modes")]
     pub pair_weight: R,
-    /// Least `Σ |ψ_R|² dτ` of the speed search.
-    pub probe_floor: R,
 }
-words!(EnhancedConfig: filter, balance, shift, catch, decay, probe_periods,
-    #[cfg(feature = "modes")] pair_weight,
-    probe_floor);
+words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods,
+    #[cfg(feature = "modes")] pair_weight);
 
 impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
@@ -57,8 +56,6 @@ impl<R: Real> EnhancedConfig<R> {
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
         // At rest the rotor flux rises as r_R i τ, up to l_M i.
-        let tau = pu.base.omega * PROBE_TIME;
-        let built_up = (pu.r_r * tau).min(pu.l_m) * BOOST * p.psi_ref / pu.l_s;
         // ψ² (1 - σ)/(2 σl_s).
         let pull_out = p.psi_ref * p.psi_ref * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s);
         let identified = {
@@ -100,14 +97,21 @@ impl<R: Real> EnhancedConfig<R> {
                 leakage: rounded((pu.sigma_l_s / pu.t_s).min(100.0)),
             },
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
-            probe_periods: inverter.periods(PROBE_TIME),
+            recovery_periods: {
+                // As the rotor time constant of the parameters has it, in units of which x is a sixteenth of the time.
+                let x = p.magnetise_time * pu.base.omega / pu.tau_r / 16.0;
+                let psi = REDUCED + (1.0 - REDUCED) * libm::exp(-x);
+                let psi = SMALL + (psi - SMALL) * libm::exp(-3.0 * x);
+                let seconds = libm::log((BOOST - psi) / (BOOST - 1.0)) * pu.tau_r / pu.base.omega;
+                inverter.periods(seconds.min(p.magnetise_time * 3.0 / 16.0))
+            },
+            search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
             #[cfg(feature = "modes")]
             pair_weight: if p.current_sensors == 2 {
                 rounded(2.0 / f64::from(inverter.periods(p.magnetise_time)))
             } else {
                 R::ZERO
             },
-            probe_floor: rounded(PROBE_FLOOR * built_up * built_up * tau / 3.0),
         }
     }
 }

@@ -403,6 +403,9 @@ pub struct DriveParams {
     /// amplifier, sampling of the converter; from the dead time to 15 % of the carrier period. 0: pulses are not shifted,
     /// and at low voltage nothing is seen. Without effect with more sensors.
     pub shunt_window: f64,
+    /// Time constant of the amplifier of a single shunt, s, at most a quarter of the longest window: the current rises while it is
+    /// sampled, and the reading is behind it. 0: none. Without effect with more sensors.
+    pub shunt_settling: f64,
     /// Duration of the magnetisation, s.
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
@@ -478,6 +481,7 @@ impl DriveParams {
             calibrate_offset: true,
             offset_time: 0.1,
             current_sensors: 3,
+            shunt_settling: 0.0,
             shunt_window: (inverter.dead_time + 2.5e-6).min(WINDOW_MAX / inverter.f_s),
             magnetise_time: (4.0 * tau_r).max(1.4),
             low_confidence: LowConfidence::Keep,
@@ -572,6 +576,7 @@ impl DriveParams {
             check("shunt_window", self.shunt_window, inverter.dead_time.min(longest), longest, "s")
                 .map_err(|e| e.with_note("dead time, settling and sampling, at most 15 % of the carrier period"))?;
         }
+        check("shunt_settling", self.shunt_settling, 0.0, 0.25 * longest, "s")?;
         if self.current_sensors > 1 {
             return Ok(());
         }

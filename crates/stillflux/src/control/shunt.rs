@@ -30,7 +30,10 @@
 //! i_min += K (-1/3 (f_max - f_mid + g_max + g_mid) - w_min (1 - f_mid))
 //! ```
 //!
-//! and from there to the mean of the period, of which pulses out of the centre hold the current off,
+//! An amplifier with the time constant `τ` shows the current of a moment `τ` earlier, while it rises with `2/3 u_dc/σl_s` in
+//! either state: `i_max` is read too small by `2/3 K 2τ/T` and `i_min` by as much too large.
+//!
+//! From the end of the period to its mean, of which pulses out of the centre hold the current off,
 //!
 //! ```text
 //! i_k -= K (p_k - (p_a + p_b + p_c)/3),    p = d (f - r)/2 = d (f - d)
@@ -89,18 +92,21 @@ pub struct ShuntConfig<R: Real> {
     pub(crate) window: R,
     /// `T/(2 σl_s)`.
     pub(crate) gain: R,
+    /// Time constant of the amplifier in half periods of the carrier.
+    pub(crate) lag: R,
     /// Gain `g` of the swing's factor.
     pub(crate) rate: R,
 }
-words!(ShuntConfig: window, gain, rate);
+words!(ShuntConfig: window, gain, lag, rate);
 
 impl<R: Real> ShuntConfig<R> {
-    /// For a window and `T/(2 σl_s)`, at a dc link of `u_dc`.
-    pub(crate) fn new(window: f64, gain: f64, u_dc: f64) -> Self {
+    /// For a window and an amplifier's time constant in half periods of the carrier, and `T/(2 σl_s)`, at a dc link of
+    /// `u_dc`.
+    pub(crate) fn new((window, lag): (f64, f64), gain: f64, u_dc: f64) -> Self {
         let swing = 2.0 / 3.0 * gain * u_dc * window;
         let rate = if window > 0.0 { (RATE_SWING / (swing * swing)).min(100.0) } else { 0.0 };
         let r = R::from_f64;
-        Self { window: r(window), gain: r(gain), rate: r(rate) }
+        Self { window: r(window), gain: r(gain), lag: r(lag), rate: r(rate) }
     }
 }
 
@@ -339,9 +345,10 @@ impl<R: Real> Visible<R> {
         // A falling edge waits for the dead time where the current is negative. As a voltage over half a period.
         let late = order.ranked(&loss.phases);
         let late = late.map(|e| (loss.full - loss.least - (e - loss.least).max(R::ZERO)) * R::TWO);
+        let lag = c.lag * u_dc * (third + third);
         let at_end = [
-            (late[0] + late[0]) * third - u[0] * (R::ONE - f[0]),
-            -((f[0] - f[1]) * u_dc + late[0] + late[1]) * third - u[2] * (R::ONE - f[1]),
+            (late[0] + late[0]) * third - u[0] * (R::ONE - f[0]) + lag,
+            -((f[0] - f[1]) * u_dc + late[0] + late[1]) * third - u[2] * (R::ONE - f[1]) - lag,
         ];
         let moment = [0, 1, 2].map(|k| d[k] * (f[k] - d[k]));
         let common = (moment[0] + moment[1] + moment[2]) * third;
@@ -408,7 +415,7 @@ mod tests {
 
     fn config<R: Real>() -> ShuntConfig<R> {
         // Of a period of two of these units: T/(2 σl_s).
-        ShuntConfig { ..ShuntConfig::new(0.1, 1.0 / LEAKAGE, 1.0) }
+        ShuntConfig::new((0.1, 0.0), 1.0 / LEAKAGE, 1.0)
     }
 
     /// The state of a shunt after these pulses, with a model of the loss that is right.
@@ -512,7 +519,7 @@ mod tests {
     #[test]
     fn pulses_are_whole_counts_where_the_duties_and_the_window_are() {
         let (full, m) = (8500.0, 766.0);
-        let c = ShuntConfig::new(m / full, 0.1, 1.0);
+        let c = ShuntConfig::new((m / full, 0.0), 0.1, 1.0);
         for (a, b) in [(4300, 4180), (4250, 4250), (8499, 8400), (120, 3), (8500, 0)] {
             let mut duty = [a, b, 4250].map(|n| (f64::from(n) / full) as f32);
             let (pulses, ..) = arrange(&c, &mut duty, false);

@@ -7,28 +7,25 @@
 //! control begins: what was identified is fresh. A flux of the stop that induces nothing is assumed to have turned at
 //! the speed of the stop. Otherwise:
 //!
-//! ```text
-//! ω = Σ ψ_R × (dψ_R - r_R i dτ) / Σ |ψ_R|² dτ          rotor equation × ψ_R; |ω| > 0.03: rotating
-//! ```
-//!
-//! 1. Speed search, 10 ms. A current along the a-axis builds up `ψ_R`, which the rotor turns by `ω τ`: half a turn at
-//!    1 pu and 50 Hz. The filter integrates without corrections. The denominator is at least a quarter of its
-//!    value at standstill, which lowers `ω` where `ψ_R` is too small for its direction.
+//! 1. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
+//!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections.
 //! 2. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
 //! 3. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
-//!    makes torque on a free shaft. After half of the magnetisation time the filter is initialised at the settled flux.
-//!    In the second half it identifies the sum of the voltages of resistance and inverter; two reduced currents, 0.7 of
-//!    the magnetising current from 9/16 to 11/16 and 0.4 from 11/16 to 12/16 of the time, separate resistance, `v` and
-//!    knee. With two current sensors they also show the difference of their gains ([`crate::estimate::pair`]); where it is
+//!    makes torque on a free shaft. After 9/16 of the magnetisation time the filter is initialised at the settled flux.
+//!    From then on it identifies resistance, `v` and knee, which two reduced currents separate: 0.7 of the magnetising
+//!    current for 1/16 and 0.4 for 3/16 of the time. The boosted current then brings the flux back, and at the end the
+//!    filter is told that it is where it was ([`Filter::settle_again`]): how the flux fell and rose meanwhile depends on
+//!    `r_R`, where it ends does not, and the integral of `u - r_s i` over the whole is known. Without this the error of
+//!    `r̂_s` is as large as half of that of `r_R`. With two current sensors they also show the difference of their gains ([`crate::estimate::pair`]); where it is
 //!    a new one the last three quarters are repeated, since everything identified in them was falsified by it.
 //!
 //! A machine that begins to turn during a pause with its flux left, below 0.06 pu, is not covered.
 
 use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
-use crate::config::{BALANCE_PERIODS, DriveConfig, SPEED_PERIODS};
+use crate::config::{BALANCE_PERIODS, BOOST, DriveConfig, REDUCED, SMALL, SPEED_PERIODS};
 use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
@@ -36,62 +33,21 @@ use crate::estimate::catch::{BLOCKS, Catch};
 use crate::estimate::kalman::{Filter, Input, Learned};
 #[cfg(feature = "modes")]
 use crate::estimate::pair::{HALF_MAX, Pair};
+use crate::estimate::search::SpeedSearch;
 use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
-use crate::scalar::{Real, clamp_seldom, likely};
+use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Speed, per unit, above which a machine counts as rotating at the start.
-const ROTATING: f64 = 0.03;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
 /// Stator frequency against the torque up to which the flux shift must be able to lower the flux: it leads over zero.
 const CROSSING: f64 = 0.0025;
-/// Reduced currents that separate resistance, inverter error and knee, relative to the magnetising current.
-const REDUCED: f64 = 0.7;
-const SMALL: f64 = 0.4;
-
 /// Difference of the gains of two current sensors below which nothing is repeated.
 #[cfg(feature = "modes")]
 const KNOWN_DIFFERENCE: f64 = 1e-3;
-
-/// The two sums of the speed search; after it, the speed over one.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-struct SpeedSearch<R: Real> {
-    /// `Σ ψ_R × (dψ_R - r_R i dτ)`.
-    numerator: R,
-    /// `Σ |ψ_R|² dτ`.
-    denominator: R,
-}
-
-impl<R: Real> SpeedSearch<R> {
-    fn new() -> Self {
-        Self { numerator: R::ZERO, denominator: R::ZERO }
-    }
-
-    /// Ends the search; returns the speed. `floor` keeps it near zero where the rotor flux is too small for its
-    /// direction.
-    fn finish(&mut self, floor: R) -> R {
-        let omega = self.numerator * self.denominator.max(floor).recip();
-        let omega = clamp_seldom(omega, R::from_f64(-1.5), R::from_f64(1.5));
-        *self = Self { numerator: omega, denominator: R::ONE };
-        omega
-    }
-
-    /// Rejects the rotation that the search found.
-    fn reject(&mut self) {
-        self.numerator = R::ZERO;
-    }
-
-    /// After the search: whether the machine is rotating.
-    fn found_rotation(&self) -> bool {
-        !self.numerator.within(R::from_f64(ROTATING))
-    }
-}
 
 /// What a start-up knows of the machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -179,25 +135,32 @@ impl<R: Real> EnhancedEstimators<R> {
                 self.filter.start(&c.enhanced.filter, i_s);
             }
             // The search is made for the boosted current.
-            let searching = self.start == Start::Empty && stage <= c.enhanced.probe_periods;
+            let searching = self.start == Start::Empty && self.search.is_searching();
             return if searching { c.magnetising_current(stage) } else { Dq::new(c.i_quick, R::ZERO) };
         }
         let mut i_ref = c.magnetising_current(stage);
         // The voltage of the resistance is proportional to the current, that of the inverter is not.
         if !self.search.found_rotation() {
+            let sixteenth = (c.magnetise_periods / 16).max(1);
+            let recovering = stage < 13 * sixteenth + c.enhanced.recovery_periods;
             i_ref = i_ref
-                * R::from_f64(match stage * 16 / c.magnetise_periods.max(1) {
-                    9 | 10 => REDUCED,
-                    11 => SMALL,
+                * R::from_f64(match stage / sixteenth {
+                    9 => REDUCED,
+                    10..=12 => SMALL,
+                    13..=15 if recovering => BOOST,
                     _ => 1.0,
                 });
         }
         if stage <= 1 {
             self.filter.start(&c.enhanced.filter, i_s);
-        } else if stage == c.magnetise_periods / 2 && !self.search.found_rotation() {
+        } else if !self.search.found_rotation() {
             // At standstill the settled flux follows from the current.
-            self.filter.settle(&c.enhanced.filter, c.flux_control.psi_rated);
-            self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), R::ZERO);
+            if stage == c.magnetise_periods / 16 * 9 {
+                self.filter.settle(&c.enhanced.filter, c.flux_control.psi_rated);
+                self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), R::ZERO);
+            } else if stage == c.magnetise_periods {
+                self.filter.settle_again(&c.enhanced.filter, c.flux_control.psi_rated);
+            }
         }
         i_ref
     }
@@ -237,7 +200,7 @@ impl<R: Real> EnhancedEstimators<R> {
     #[cold]
     #[inline(never)]
     fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp) -> (Rotator<R>, Dq<R>, bool) {
-        let searching = self.start != Start::Caught && at.stage <= c.enhanced.probe_periods;
+        let searching = self.start != Start::Caught && self.search.is_searching();
         if !searching && at.stage.is_multiple_of(SPEED_PERIODS) {
             self.update_speed(c);
         }
@@ -245,7 +208,12 @@ impl<R: Real> EnhancedEstimators<R> {
         let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         let (mut field, mut periods) = (Rotator::default(), c.magnetise_periods);
         if searching {
-            self.search_speed(c, &psi_r, &i_s, at.stage);
+            let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
+            self.speed.psi_r = psi_r;
+            if let Some(omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
+                self.speed_estimator.start(&psi_r, omega);
+                (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
+            }
         } else if matches!(self.start, Start::Caught | Start::Empty) {
             if self.start == Start::Caught || self.search.found_rotation() {
                 field = Rotator::of(&psi_r).0;
@@ -295,24 +263,6 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         true
     }
-
-    /// One period of the speed search.
-    fn search_speed(&mut self, c: &DriveConfig<R>, psi_r: &AlphaBeta<R>, i_s: &AlphaBeta<R>, stage: u32) {
-        let probe_periods = c.enhanced.probe_periods;
-        let before = self.speed.psi_r;
-        // The current has risen after a fifth of the search.
-        if stage > probe_periods / 5 {
-            self.search.numerator +=
-                before.cross(&(*psi_r - before)) - c.t_s * (c.speed.r_r * self.rotor) * psi_r.cross(i_s);
-            self.search.denominator += c.t_s * psi_r.norm_sq();
-        }
-        self.speed.psi_r = *psi_r;
-        if stage == probe_periods {
-            let omega = self.search.finish(c.enhanced.probe_floor);
-            self.speed_estimator.start(psi_r, omega);
-            (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
-        }
-    }
 }
 
 impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
@@ -360,8 +310,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 // The speed estimator runs in odd periods, and takes less time than what runs in even ones.
                 self.filter.align(x.period);
             }
-            let searched = at.stage <= c.enhanced.catch.block * BLOCKS + c.enhanced.probe_periods;
-            blind = searched && self.start != Start::Caught;
+            blind = self.start != Start::Caught && self.search.is_searching();
         }
         let i_ref = *i_dq_ref;
         let i_m = self.balance.remove(&x.i_s);

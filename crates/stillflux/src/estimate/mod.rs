@@ -1,6 +1,6 @@
 //! Estimators. The published scheme: flux (Fig. 7), offset (Fig. 4), resistance (Fig. 12), and the confidence
 //! in them; with the feature `variants` also its other method for the resistance and the two flux estimators that it
-//! argues against. The enhanced scheme: one filter for all of it, the balance of the current sensors, the flux of a machine that turns at the start, and the rotor resistance by the temperature. Speed is
+//! argues against. The enhanced scheme: one filter for all of it, the balance of the current sensors, the flux and the speed of a machine that turns at the start, and the rotor resistance by the temperature. Speed is
 //! common to both.
 
 pub mod balance;
@@ -21,5 +21,7 @@ pub mod pair;
 pub mod priors;
 pub mod regeneration;
 pub mod resistance;
+#[cfg(feature = "enhanced")]
+pub(crate) mod search;
 pub mod speed;
 pub mod temperature;

@@ -6,9 +6,9 @@
 #![no_main]
 
 use core::cell::RefCell;
-use core::panic::PanicInfo;
 
-use board::{Rounds, clock, flash, pwm, watchdog};
+use board::handlers::stay_blocked;
+use board::{Rounds, clock, flash, watchdog};
 use critical_section::Mutex;
 use stillflux::interrupt::CountsDrive;
 use stm32_metapac::{Interrupt, interrupt};
@@ -53,31 +53,4 @@ fn main() -> ! {
             let _ = memory.map(|memory| flash::store(&memory));
         }
     }
-}
-
-/// Without parameters, or without the right timing.
-fn stay_blocked() -> ! {
-    pwm::block();
-    loop {
-        cortex_m::asm::wfi();
-    }
-}
-
-/// A double word of the parameters that is torn reads so: their check refuses it. All else is an end.
-#[cortex_m_rt::exception]
-unsafe fn NonMaskableInt() {
-    if !flash::acknowledge_torn() {
-        stay_blocked();
-    }
-}
-
-/// Nothing of the control interrupt can get here; the bridge is off before the watchdog comes.
-#[cortex_m_rt::exception]
-unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
-    stay_blocked()
-}
-
-#[panic_handler]
-fn panic(_: &PanicInfo<'_>) -> ! {
-    stay_blocked()
 }

@@ -21,6 +21,8 @@
 pub mod adc;
 pub mod clock;
 pub mod flash;
+#[cfg(target_os = "none")]
+pub mod handlers;
 pub mod machine;
 pub mod mailbox;
 pub mod pwm;

@@ -3,10 +3,8 @@
 #![no_std]
 #![no_main]
 
-use core::cell::RefCell;
-use core::panic::PanicInfo;
-
 use board::{Rounds, flash, watchdog};
+use core::cell::RefCell;
 use critical_section::Mutex;
 use embassy_executor::Spawner;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
@@ -81,13 +79,5 @@ async fn supervise() {
             // One that fails leaves the other slot: the next start has older values.
             let _ = memory.map(|memory| flash::store(&memory));
         }
-    }
-}
-
-#[panic_handler]
-fn panic(_: &PanicInfo<'_>) -> ! {
-    board::pwm::block();
-    loop {
-        cortex_m::asm::wfi();
     }
 }

@@ -3,8 +3,6 @@
 #![no_std]
 #![no_main]
 
-use core::panic::PanicInfo;
-
 #[rtic::app(device = stm32_metapac, peripherals = false)]
 mod app {
     use board::{Rounds, clock, flash, watchdog};
@@ -54,13 +52,5 @@ mod app {
                 let _ = memory.map(|memory| flash::store(&memory));
             }
         }
-    }
-}
-
-#[panic_handler]
-fn panic(_: &PanicInfo<'_>) -> ! {
-    board::pwm::block();
-    loop {
-        cortex_m::asm::wfi();
     }
 }

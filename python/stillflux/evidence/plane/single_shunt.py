@@ -1,8 +1,8 @@
 """The plane with a single shunt in the dc link, whose gain and offset are drawn for every point.
 
 Gain 1 + 0.5 % g and offset 0.7 % g of rated peak current, `g` normal and cut at ±2.5, as the channels of an
-installation are drawn (`evidence.draws`); an amplifier of 0.3 µs, and the window that a drive takes by itself, the
-dead time and 2.5 µs.
+installation are drawn (`evidence.draws`); an amplifier of 0.3 µs, which the drive knows, and the window that
+a drive takes by itself, the dead time and 2.5 µs.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _drawn(case: Case) -> Case:
         "current_gain": (gain, 1.0, 1.0),
         "current_offset": (offset, 0.0, 0.0),
     }
-    scenario = case.scenario.replace(plant=plant).with_settings(current_sensors=1)
+    scenario = case.scenario.replace(plant=plant).with_settings(current_sensors=1, shunt_settling=_SETTLING)
     return replace(case, scenario=scenario)
 
 

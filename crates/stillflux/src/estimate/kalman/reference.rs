@@ -364,7 +364,10 @@ impl Reference {
         let mut q = Matrix::from_diagonal(&State::from(self.c.noise.walk(excess)));
         let room = (noise::WARMED - p[(RS, RS)]).max(0.0);
         let leakage_held = held || omega <= OMEGA_LEAKAGE_HELD;
-        for (k, held) in [(RS, held), (V, held), (KNEE, held), (LEAKAGE, leakage_held)] {
+        if leakage_held {
+            q[(LEAKAGE, LEAKAGE)] = 0.0;
+        }
+        for (k, held) in [(RS, held), (V, held), (KNEE, held), (LEAKAGE, held)] {
             if held {
                 q[(k, k)] = if k == RS { q[(k, k)].min(room) } else { 0.0 };
                 let own = p[(k, k)];
@@ -397,7 +400,13 @@ impl Reference {
             (row * p * row.transpose())[0] + noise::MEASUREMENT + at.transient * at.transient + 2.0 * second * second;
         self.inv_s = 1.0 / s;
         self.gain = p * row.transpose() / s;
+        let of_leakage = p[(LEAKAGE, LEAKAGE)];
         p -= self.gain * (row * p);
+        if leakage_held {
+            // Schmidt's update: the state and its variance stay.
+            p[(LEAKAGE, LEAKAGE)] = of_leakage;
+            self.gain[LEAKAGE] = 0.0;
+        }
         for k in 0..N {
             p[(k, k)] = p[(k, k)].max(noise::FLOOR);
         }

@@ -44,9 +44,9 @@ pub(super) const SLOTS: u32 = 10;
 /// 0.6 pu and rated torque with `r̂_s` 6 % too high it went to its limit within 40 s and turned the rotor flux by 9.5°.
 pub(super) const OMEGA_HELD: f64 = 0.2;
 
-/// Stator frequency, per unit, below which the leakage is held at its value and variance, without correlation. A steady
-/// load does not show it there, and over minutes the remaining errors of the bridge near current zero would be taken for
-/// it: ten minutes of rated torque at the flux shift's 0.006 moved it by 22 % at 2.2 kW.
+/// Stator frequency, per unit, below which the leakage is not corrected. A steady load does not show it there, and over
+/// minutes the remaining errors of the bridge near current zero would be taken for it: ten minutes of rated torque at the
+/// flux shift's 0.006 moved it by 22 % at 2.2 kW. Its variance and correlations stay (Schmidt's update).
 pub(super) const OMEGA_LEAKAGE_HELD: f64 = 0.008;
 
 /// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
@@ -112,7 +112,7 @@ impl<R: Real> OperatingPoint<R> {
         self.omega_s.abs() > R::from_f64(OMEGA_HELD)
     }
 
-    /// Whether the leakage is held.
+    /// Whether the leakage is not corrected.
     #[inline(always)]
     pub(super) fn leakage_held(&self) -> bool {
         self.held() || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
@@ -219,10 +219,10 @@ impl<R: Real> Filter<R> {
             }
             self.p.isolate::<V>();
             self.p.isolate::<KNEE>();
+            self.p.isolate::<LEAKAGE>();
         }
         if q.leakage_held() {
             walk[LEAKAGE] = R::ZERO;
-            self.p.isolate::<LEAKAGE>();
         }
         walk[M] += Noise::lag(c.model.decay, q.transient);
         let induced = c.noise.induced(omega);
@@ -286,13 +286,19 @@ impl<R: Real> Filter<R> {
     }
 
     #[inline(never)]
-    fn update_first(&mut self) {
+    pub(super) fn update_first(&mut self) {
         update_rows!(self, 0 1 2 3 4 5 6);
     }
 
     #[inline(never)]
-    fn update_last(&mut self) {
+    pub(super) fn update_last(&mut self) {
+        let before = self.p.get(LEAKAGE, LEAKAGE);
         update_rows!(self, 7 8 9 10);
+        // Schmidt's update: what is not corrected keeps its variance.
+        if self.point.leakage_held() {
+            self.p.add_at(LEAKAGE, LEAKAGE, before - self.p.get(LEAKAGE, LEAKAGE));
+            self.column[LEAKAGE] = R::ZERO;
+        }
     }
 }
 

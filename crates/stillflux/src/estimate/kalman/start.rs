@@ -23,6 +23,10 @@ use crate::space::AlphaBeta;
 /// Blocks after a start in which the NIS is not evaluated (hold-off): initial errors are not steps.
 const TRIAL: u8 = 200;
 
+/// Standard deviation of the difference of the settled fluxes before and after the reduced currents of a start, per unit:
+/// what an error of 12 % of `r_R` leaves of their transients.
+const SETTLED: f64 = 0.02;
+
 /// Least variance of a state after a stop, relative to its prior variance. Allowance: resistance, bridge and inductance
 /// change with temperature, an offset hardly does.
 const fn least_variance(k: usize) -> f64 {
@@ -162,9 +166,7 @@ impl<R: Real> Filter<R> {
         let m = psi_s - self.sigma_l_s(c) * i_s.re();
         self.psi_s.set(AlphaBeta::new(psi_s, R::ZERO));
         self.m = Integrator::new(m);
-        // At rated flux g = 1, and the slope of the curve is 1 + S c.
-        let per_gamma =
-            m * c.model.rated_slope(self.c.value()).recip() * (R::from_f64(SCALE_GAMMA) * R::from_f64(1.0 / SCALE_PSI));
+        let per_gamma = self.flux_per_gamma(c, m);
         let gamma = self.p.get(GAMMA, GAMMA);
         let common = per_gamma * per_gamma * gamma;
         for (i, j, x) in [(PSI, PSI, common), (M, M, common), (PSI, M, common)] {
@@ -172,6 +174,36 @@ impl<R: Real> Filter<R> {
         }
         self.p.add_at(PSI, GAMMA, -per_gamma * gamma);
         self.p.add_at(M, GAMMA, -per_gamma * gamma);
+    }
+
+    /// The flux is back at the `psi_s` of [`Filter::settle`], to [`SETTLED`]: a measurement of what the voltage model has
+    /// integrated since, for which the same error of the inductance counts as there. Not where it would contradict the
+    /// filter: the shaft was turned.
+    #[cold]
+    #[inline(never)]
+    pub fn settle_again(&mut self, c: &FilterConfig<R>, psi_s: R) {
+        let r = R::from_f64;
+        let per_gamma = self.flux_per_gamma(c, psi_s - self.sigma_l_s(c) * self.i_s.re());
+        let of_gamma = per_gamma * (self.gamma.value() - self.initial.learned.gamma) * r(1.0 / SCALE_GAMMA);
+        let z = (psi_s - self.value().re()) * r(1.0 / SCALE_PSI) - of_gamma;
+        let column = self.p.project(&[(PSI, R::ONE), (GAMMA, per_gamma)]);
+        let s = column[PSI] + per_gamma * column[GAMMA] + r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) });
+        let inv_s = s.max(r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) })).recip();
+        if z * z * inv_s < r(9.0) {
+            (self.column, self.inv_s, self.holds) = (column, inv_s, Holds::Innovation);
+            self.correct(c, z);
+            self.correct_parameters(c);
+            self.update_first();
+            self.update_last();
+        }
+        self.holds = Holds::Nothing;
+    }
+
+    /// Change of a settled flux `m` per error of the inductance, in the scales of both.
+    #[inline(never)]
+    fn flux_per_gamma(&self, c: &FilterConfig<R>, m: R) -> R {
+        // At rated flux g = 1, and the slope of the curve is 1 + S c.
+        m * c.model.rated_slope(self.c.value()).recip() * (R::from_f64(SCALE_GAMMA) * R::from_f64(1.0 / SCALE_PSI))
     }
 
     /// Begins in a machine in operation, at a flux `psi_s` whose components and whose rotor flux are known to a standard

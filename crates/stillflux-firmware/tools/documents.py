@@ -1,0 +1,76 @@
+"""Writes what was measured into `docs/firmware.md`, between its markers: it is typed nowhere.
+
+    <!-- table: NAME -->
+    (one of `TABLES`)
+    <!-- end -->
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from . import cost, toolchain
+
+DOCUMENT = toolchain.ROOT / "docs" / "firmware.md"
+_TABLE = re.compile(r"(<!-- table: (?P<name>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
+_LABELS = {
+    "flash_step": "flash: control step with everything it reaches",
+    "flash_library": "flash: with the start from a page that is ready",
+    "flash_library_si": "flash: with the start from SI values",
+    "ram_drive": "RAM of `Drive`",
+    "ram_config": "of it configuration",
+    "stack_step": "stack of one step",
+}
+
+
+def update(report: Mapping[str, Any]) -> None:
+    """Brings the document up to date."""
+    text = DOCUMENT.read_text(encoding="utf-8")
+    DOCUMENT.write_text(rendered(text, report), encoding="utf-8")
+
+
+def rendered(text: str, report: Mapping[str, Any]) -> str:
+    """The document with everything between its markers made anew."""
+    return _TABLE.sub(lambda match: f"{match[1]}{TABLES[match['name']](report)}\n{match[3]}", text)
+
+
+def instructions(report: Mapping[str, Any]) -> str:
+    """Mean and worst case of the step and of what the enhanced scheme adds; cycles by the timing model."""
+    rows = [["", "f32", "Q", "Q on a Cortex-M0+"], ["---"] * 4]
+    for name, block, scheme in (
+        ("drive step, published scheme", "drive_step", "paper"),
+        ("drive step, enhanced scheme", "drive_step_enhanced", "enhanced"),
+        ("its filter: prediction every period, and the period's part of the block", "filter", None),
+        ("its balance of the current sensors", "balance", None),
+        ("inverter model", "inverter_model", None),
+    ):
+        of = report[block]
+        cells = [f"{of[a]:.0f} / {of[f'{a}_worst']}" for a in cost.ARITHMETICS]
+        smallest = (report.get("smallest") or {}).get(scheme)
+        rows.append([name, *cells, f"{smallest['mean']:.0f} / {smallest['worst']}" if smallest else ""])
+    for scheme, name in (("paper", "published"), ("enhanced", "enhanced")):
+        if of := (report.get("cycles") or {}).get(scheme):
+            cells = [f"{of[a]['mean']} / {of[a]['worst']}" for a in cost.ARITHMETICS]
+            rows.append([f"cycles of the whole interrupt by the timing model, {name} scheme", *cells, ""])
+    return _lines(rows)
+
+
+def sizes(report: Mapping[str, Any]) -> str:
+    """Bytes of an image with one scheme; what exceeds the budget is bold."""
+    rows = [["", "published f32", "Q", "enhanced f32", "Q", "budget"], ["---"] * 6]
+    for key, label in _LABELS.items():
+        budget = cost.SIZES[key][1]
+        measured = [report[cost.size_key(key, s)][a] for s in cost.SCHEMES for a in cost.ARITHMETICS]
+        cells = [f"**{n:,}**" if budget and n > int(budget) else f"{n:,}" for n in measured]
+        rows.append([label, *cells, f"{int(budget):,}" if budget else ""])
+    return _lines(rows)
+
+
+def _lines(rows: list[list[str]]) -> str:
+    return "\n".join(f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in rows)
+
+
+#: Tables by the names of their markers.
+TABLES = {"instructions": instructions, "sizes": sizes}
