@@ -192,6 +192,10 @@ def test_a_killed_sweep_goes_on_and_loses_at_most_one_task(tmp_path: Path) -> No
     # Another metric, another scenario: not those rows.
     other = sf.sweep(points()[:1], ["angle_rms"], "serial", journal)
     assert np.isfinite(other["angle_rms"][0])
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match="folder"):
+        sf.sweep(points(), ["angle_max"], "serial", tmp_path / "folder", progress=lambda *x: run.append(x))
+    assert len(run) == 2, "named before the first run"
     journal.write_text("t,i_a\n")
     with pytest.raises(ValueError, match="holds no rows of a sweep"):
         sf.sweep(points(), ["angle_max"], "serial", journal)
@@ -205,6 +209,7 @@ def test_ctrl_c_keeps_what_was_done() -> None:
 
 def test_maps_and_distributions(tmp_path: Path) -> None:
     found = sf.sweep(points(), ["angle_max"], "serial")
+    assert found.units == {"angle_max": "°"}
     for figure in (found.map("plant_motor.R_s", "load_torque", "angle_max"), found.spread()):
         figure.savefig(tmp_path / "x.png")
         assert (tmp_path / "x.png").stat().st_size > 5_000
@@ -215,7 +220,7 @@ def test_maps_and_distributions(tmp_path: Path) -> None:
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "sweep.toml"
-    text = (EXAMPLES / "sweep_map.toml").read_text().replace("2.6", "1.6").replace("[0.0, 7.0]", "[0.0]")
+    text = (EXAMPLES / "sweep_map.toml").read_text().replace("[1.6e-6, 2.0e-6, 2.4e-6]", "[2.0e-6]")
     file.write_text(text)
     out, plot, journal = tmp_path / "x.csv", tmp_path / "x.png", tmp_path / "x.jsonl"
     assert main(["sweep", str(file), "--out", str(out), "--plot", str(plot), "--resume", str(journal)]) == 0

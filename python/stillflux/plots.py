@@ -206,7 +206,7 @@ def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
     figure = new_figure(figsize=(6.4, 4.8), layout="constrained")
     panel = figure.subplots()
     mesh = panel.pcolormesh(np.arange(len(columns)), np.arange(len(rows)), cells, shading="nearest")
-    figure.colorbar(mesh, ax=panel, label=metric)
+    figure.colorbar(mesh, ax=panel, label=_labelled(found, metric))
     at = np.argwhere(lost)
     if len(at):
         panel.plot(at[:, 1], at[:, 0], "x", color="C3", label="fault or failure")
@@ -219,6 +219,10 @@ def sweep_map(found: Sweep, x: str, y: str, metric: str) -> Figure:
     return figure
 
 
+def _labelled(found: Sweep, metric: str) -> str:
+    return f"{metric}, {found.units[metric]}" if metric in found.units else metric
+
+
 def sweep_spread(found: Sweep, metrics: Sequence[str]) -> Figure:
     """Distribution of metrics over the rows of a sweep; rows that failed count as not reached."""
     figure = new_figure(figsize=(1.0 + 3.2 * len(metrics), 3.4), layout="constrained")
@@ -226,7 +230,7 @@ def sweep_spread(found: Sweep, metrics: Sequence[str]) -> Figure:
         values = np.sort(found[name].astype(float))
         values = values[np.isfinite(values)]
         panel.step(values, np.arange(1, len(values) + 1) / max(1, len(found)), where="post")
-        panel.set(xlabel=name, ylabel="part of the rows", ylim=(0.0, 1.02))
+        panel.set(xlabel=_labelled(found, name), ylabel="part of the rows", ylim=(0.0, 1.02))
         panel.grid(alpha=0.3)
     return figure
 

@@ -1,9 +1,10 @@
 """`sweep`: many scenarios, numbers of each, on any executor.
 
 ```python
-points = sf.grid(base, {"plant_motor.R_s": sf.factors(0.9, 1.0, 1.1), "load_torque": [0.0, 7.0, 14.0]})
+axes = {"plant_motor.R_s": sf.factors(0.9, 1.0, 1.1), "plant_inverter.dead_time": [1.6e-6, 2e-6, 2.4e-6]}
+points = sf.grid(base, axes)
 found = sf.sweep(points, ["angle_max", "confidence_min"], resume="sweep.jsonl", progress=True)
-found.map("plant_motor.R_s", "load_torque", "angle_max").savefig("map.png")
+found.map("plant_motor.R_s", "plant_inverter.dead_time", "angle_max").savefig("map.png")
 ```
 
 A row belongs to its scenario, its metrics and the build, whatever ran it: the same rows, in the order of the
@@ -34,6 +35,7 @@ import numpy as np
 
 from stillflux import metrics as of_results
 from stillflux.build import fingerprint
+from stillflux.outputs import naming
 from stillflux.result import Result
 from stillflux.scenario import Scenario, plain
 from stillflux.simulation import progress_bar, simulate
@@ -72,6 +74,13 @@ METRICS: Mapping[str, Metric] = {
 """Metrics by name, from the plant's truth: angles in degrees, speeds per unit of rated frequency, resistance
 relative, times in s."""
 
+_UNITS: Mapping[str, str] = {
+    "angle_max": "°",
+    "angle_rms": "°",
+    "speed_error_end": "pu",
+    "speed_error_max": "pu",
+    "fault_time": "s",
+}
 _SHOWN = 20  # rows of a table in a notebook
 _IN_FLIGHT = 1000  # tasks handed to an executor at a time
 
@@ -121,7 +130,8 @@ def grid(base: Scenario, axes: Mapping[str, Sequence[Any] | Factors]) -> list[Po
     """Every combination of values of fields of a scenario; the last axis changes first.
 
     A field is that of a scenario ("load_torque", "arithmetic") or of a part ("plant_motor.R_s",
-    "settings.psi_ref", "plant.current_offset"). A combination that no scenario admits is a point with the
+    "settings.psi_ref", "plant.current_offset"). A number in place of a profile holds from t = 0 on: a load
+    turns the machine before the drive has started. A combination that no scenario admits is a point with the
     error. Raises ValueError for a field that there is not, TypeError for an axis that is no list.
     """
     values = [_values(base, name, axis) for name, axis in axes.items()]
@@ -207,6 +217,11 @@ class Sweep:
     def columns(self) -> tuple[str, ...]:
         """Names of the columns."""
         return (*self.parameters, "status", *self.metrics, "error")
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the metrics that have a known one."""
+        return {name: _UNITS[name] for name in self.metrics if name in _UNITS}
 
     @property
     def failed(self) -> list[Mapping[str, Any]]:
@@ -496,14 +511,15 @@ class _Journal:
         if text and not self.rows:
             raise ValueError(f"resume = {path} holds no rows of a sweep")
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        if text and not text.endswith(b"\n"):
-            with self._path.open("ab") as file:
+        # Opened in any case: that it cannot be written shows before the first run, not after it.
+        with naming(self._path), self._path.open("ab") as file:
+            if text and not text.endswith(b"\n"):
                 file.write(b"\n")
 
     def add(self, key: str, row: Mapping[str, Any]) -> None:
         """On the disk before the next one is waited for."""
         self.rows[key] = row
-        with self._path.open("a", encoding="utf-8") as file:
+        with naming(self._path), self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps([key, row]) + "\n")
             file.flush()
             os.fsync(file.fileno())

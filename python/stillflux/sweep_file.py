@@ -9,7 +9,7 @@ duration = 3.0
 omega_ref = [[0.0, 0.0], [1.8, 0.0], [2.3, 15.0]]
 
 [grid]                                # every combination of these values …
-load_torque = [0.0, 7.0, 14.0]
+"plant_inverter.dead_time" = [1.6e-6, 2.0e-6, 2.4e-6]
 "plant_motor.R_s" = { factors = [0.9, 1.0, 1.1] }
 
 [draws]                               # … or scenarios drawn at random
@@ -20,7 +20,7 @@ seed = 1
 
 [plot]                                # optional, for --plot; without it the distribution of the metrics
 x = "plant_motor.R_s"
-y = "load_torque"
+y = "plant_inverter.dead_time"
 metric = "angle_max"
 ```
 """
