@@ -14,7 +14,7 @@ use core::{ptr, slice};
 use drive::config::{DriveParams, EnhancedParams, LowConfidence, Scheme};
 use drive::counts::{Converters, Counts, Layout, Resolution};
 use drive::drive::{Fault, Status};
-use drive::interrupt::{Command, CountsDrive};
+use drive::interrupt::CountsDrive;
 use drive::page::{Page, Ready, WORDS};
 use drive::params::{Inverter, Machine, ParamError, Saturation};
 use drive::si::MemorySi;
@@ -394,7 +394,9 @@ pub unsafe extern "C" fn stillflux_open(drive: *mut stillflux_drive, bytes: usiz
 /// `counts` are the readings at the start of the period, `set_point` what the drive is to do, SI; `command` takes the
 /// compare values of the next period and whether the gates are on. A state without a drive blocks the bridge. Never
 /// fails, allocates, waits or divides by software.
+// Not inlined where it is called here: so the period of the core has one caller, which takes it in.
 #[unsafe(no_mangle)]
+#[inline(never)]
 pub extern "C" fn stillflux_period(
     drive: &mut stillflux_drive,
     counts: &stillflux_counts,
@@ -423,18 +425,14 @@ pub extern "C" fn stillflux_period_at(
     set_point: &stillflux_set_point,
     command: &mut stillflux_command,
 ) -> u32 {
-    let out = match drive.get_mut() {
-        #[cfg(feature = "supervision")]
-        Some(drive) => drive.period_at(stamp, &counts_of(counts), &set_point_of(set_point)),
-        #[cfg(not(feature = "supervision"))]
-        Some(drive) => {
-            let _ = stamp;
-            Some(drive.period(&counts_of(counts), &set_point_of(set_point)))
-        }
-        None => Some(Command::BLOCKED),
-    };
-    let Some(out) = out else { return 0 };
-    (command.compare, command.gates_on) = (out.compare, u32::from(out.gates_on));
+    #[cfg(feature = "supervision")]
+    if let Some(drive) = drive.get_mut() {
+        let Some(out) = drive.period_at(stamp, &counts_of(counts), &set_point_of(set_point)) else { return 0 };
+        (command.compare, command.gates_on) = (out.compare, u32::from(out.gates_on));
+        return 1;
+    }
+    let _ = stamp;
+    stillflux_period(drive, counts, set_point, command);
     1
 }
 
