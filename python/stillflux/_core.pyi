@@ -257,9 +257,9 @@ class Drive:
         """
     @property
     def pulses(self) -> tuple[list[float], list[float], list[float]] | None:
-        """Pulses of the next period with `current_sensors=1`: half widths of the three legs' pulses before and
-        after the middle of the carrier period, and the two instants after it at which the shunt is sampled,
-        all in half periods of the carrier. None with more sensors."""
+        """Pulses of the next period with `current_sensors=1`: half widths of the three legs' pulses before
+        and after the middle of the carrier period, and the two instants after it at which the shunt is
+        sampled, all in half periods of the carrier. None with more sensors."""
     @property
     def gates_on(self) -> bool:
         """False: the bridge has to be blocked; the duties are then 0.5 each."""

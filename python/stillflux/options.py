@@ -49,14 +49,14 @@ class DriveSettings(TypedDict, total=False):
     current_sensors: int
     """3, or 2 in phases a and b: the current of phase c is -(i_a + i_b) then, and its channel is not read.
     The enhanced scheme finds the difference of their gains in the magnetisation at standstill instead of
-    while running; the monitor of the sum of the currents is off. 1: a single shunt in the dc link, whose three
-    readings take the place of the currents (`Drive.pulses`); the plant needs the option `shunt`."""
+    while running; the monitor of the sum of the currents is off. 1: a single shunt in the dc link, whose
+    three readings take the place of the currents (`Drive.pulses`); the plant needs the option `shunt`."""
     shunt_window: float
-    """Time for which a state of the bridge lasts that a single shunt is sampled in, s: dead time, settling of the
-    amplifier, sampling of the converter; from the dead time to 15 % of the carrier period. 0: pulses are not
-    shifted, and at low voltage nothing is seen."""
+    """Time for which a state of the bridge lasts that a single shunt is sampled in, s: dead time, settling of
+    the amplifier, sampling of the converter; from the dead time to 15 % of the carrier period. 0: pulses are
+    not shifted, and at low voltage nothing is seen."""
     shunt_settling: float
-    """Time constant of the amplifier of a single shunt, s: the reading is behind the current by it. 0: none."""
+    """Time constant of the amplifier of a single shunt, s: the reading is behind by it. 0: none."""
     magnetise_time: float
     """Duration of the magnetisation, s."""
     low_confidence: Literal["keep", "limit", "fault"]
@@ -207,8 +207,8 @@ class PlantOptions(TypedDict, total=False):
     adc_skew: Sequence[float]
     """Time before the carrier peak at which each current channel is sampled, s, at most half a period."""
     shunt: float | None
-    """A single shunt in the dc link in place of the current channels, with the time constant of its amplifier in
-    s; offset and gain are those of the first channel. None: three channels."""
+    """A single shunt in the dc link in place of the current channels, with the time constant of its amplifier
+    in s; offset and gain are those of the first channel. None: three channels."""
     iron_loss: tuple[float, float] | None
     """Eddy currents: resistance parallel to the magnetising branch of the Γ circuit in Ω, and time constant
     of the field in the sheets in s, at least 20 µs."""

@@ -68,12 +68,7 @@ struct Outcome {
 }
 
 /// Runs points of speed, per unit, and load, of rated torque, over the time since the end of the start-up.
-fn run(
-    (m, inverter): (Machine, Inverter),
-    x: Factors,
-    seed: u64,
-    (speed, load): (&Points, &Points),
-) -> Outcome {
+fn run((m, inverter): (Machine, Inverter), x: Factors, seed: u64, (speed, load): (&Points, &Points)) -> Outcome {
     let real = Machine {
         R_s: x.r_s * m.R_s,
         R_R: x.r_r * m.R_R,

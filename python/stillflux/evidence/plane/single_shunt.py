@@ -1,8 +1,8 @@
 """The plane with a single shunt in the dc link, whose gain and offset are drawn for every point.
 
 Gain 1 + 0.5 % g and offset 0.7 % g of rated peak current, `g` normal and cut at ±2.5, as the channels of an
-installation are drawn (`evidence.draws`); an amplifier of 0.3 µs, and the window that a drive takes by itself, the
-dead time and 2.5 µs.
+installation are drawn (`evidence.draws`); an amplifier of 0.3 µs, which the drive knows, and the window that
+a drive takes by itself, the dead time and 2.5 µs.
 """
 
 from __future__ import annotations
