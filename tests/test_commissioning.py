@@ -284,8 +284,8 @@ def _unknown(made: commissioning.Draw) -> str:
 
 
 def _typical(name: str) -> commissioning.Draw:
-    """One of the typical drives with an edge that is capacitive, which its data sheet does not say, a dead time that is
-    off by 5 %, and what the converters of the draws do."""
+    """One of the typical drives with an edge that is capacitive, which its data sheet does not say, a dead
+    time that is off by 5 %, and what the converters of the draws do."""
     motor, sheet = DRIVES[name].motor, DRIVES[name].inverter
     plate = sf.Nameplate.of(motor)
     motor = motor.replace(I_N=plate.I_N)
