@@ -190,9 +190,9 @@ SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "enhanced": {"flash_library": (29_952, 37_632), "ram_drive": (1584, 1648), "stack_step": (512, 512)},
 }
 
-#: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680 of
-#: the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the enhanced one: of these the last worst
-#: case is met.
+#: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680
+#: of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the enhanced one: of these the last
+#: worst case is met.
 BUDGET = {
     "flux_estimator": {"f32": 158, "q": 185},
     "drive_step": {"f32": 685, "q": 1072, "f32_worst": 960, "q_worst": 1400},
