@@ -60,7 +60,7 @@ fn configuration<R: Real>(scheme: Scheme) -> DriveConfig<R> {
 #[must_use]
 pub fn running<R: Real>(scheme: Scheme, samples: usize) -> (Drive<R>, Vec<Measurement<R>>) {
     let (machine, inverter) = machine();
-    let units = SiUnits::new(&machine);
+    let units = SiUnits::new(&machine, &inverter);
     let mut drive = Drive::new(configuration(scheme));
     let mut plant = Plant::new(PlantParams::new(machine, inverter)).expect("valid parameters");
     let mut sample = plant.sample();

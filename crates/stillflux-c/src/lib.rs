@@ -241,6 +241,9 @@ pub struct stillflux_inverter {
     /// Half periods of the carrier in a control period: 2; 1 for an update at each of its extremes (feature `modes`);
     /// 4, 6 to 16.
     pub half_periods: u32,
+    /// Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current, s: from
+    /// commissioning; zeros if unknown.
+    pub leg_delay: [[f64; 2]; 3],
     /// Current sensors: 3, or 2 in phases a and b (feature `modes`), or 1, a single shunt in the dc link (feature `shunt`).
     pub current_sensors: u32,
     /// Current that a current channel reads as full scale, A.
@@ -345,6 +348,8 @@ pub struct stillflux_memory {
     pub L_sigma: f64,
     /// Magnetising inductance, H.
     pub L_M: f64,
+    /// Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current, s.
+    pub leg_delay: [[f64; 2]; 3],
 }
 
 /// A parameter outside its admissible range.
@@ -691,6 +696,7 @@ pub extern "C" fn stillflux_memory_of(
         knee: m.knee,
         L_sigma: m.L_sigma,
         L_M: m.L_M,
+        leg_delay: m.leg_delay,
     };
 }
 
@@ -760,8 +766,8 @@ pub unsafe extern "C" fn stillflux_page(
         },
         ..d
     };
-    let &stillflux_memory { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M } = memory;
-    let memory = MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M };
+    let &stillflux_memory { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = memory;
+    let memory = MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay };
     match Ready::<Arithmetic>::new(&m, &i, &params, (inverter.i_full, inverter.u_full), &memory) {
         Ok(ready) => {
             // SAFETY: the caller's promise.
@@ -790,8 +796,8 @@ fn machine_of(m: &stillflux_machine) -> Machine {
 }
 
 fn inverter_of(i: &stillflux_inverter) -> Inverter {
-    let &stillflux_inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, .. } = i;
-    Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods }
+    let &stillflux_inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, leg_delay, .. } = i;
+    Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, leg_delay }
 }
 
 /// Unreachable from every function of the header.
