@@ -284,11 +284,13 @@ def _unknown(made: commissioning.Draw) -> str:
 
 
 def _typical(name: str) -> commissioning.Draw:
-    """One of the typical drives with an edge that is capacitive, which its data sheet does not say, a dead
-    time that is off by 5 %, and what the converters of the draws do."""
+    """One of the typical drives with saturation, a threshold and a dead time that are off, capacitive edges
+    that its data sheet does not mention, and the converters of the draws."""
     motor, sheet = DRIVES[name].motor, DRIVES[name].inverter
     plate = sf.Nameplate.of(motor)
-    motor = motor.replace(I_N=plate.I_N)
+    saturated = 0.4
+    curve = (motor.L_s * (1.0 + saturated), saturated ** (1.0 / 7.0) / motor.base["psi"], 7.0)
+    motor = motor.replace(I_N=plate.I_N, saturation=curve)
     inverter = sheet.replace(dead_time=1.05 * sheet.dead_time, u_th=0.8 * sheet.u_th, c_out=0.6e-9)
     offset = 0.01 * math.sqrt(2.0) * motor.I_N
     return commissioning.Draw(

@@ -138,6 +138,7 @@ class DriveSettings(TypedDict, total=False):
     identify_offset: bool
     """Estimate the offset of the current sensors."""
     identify_resistance: bool
+    identify_legs: bool
     """Estimate stator resistance and inverter error."""
     apply_innovation: bool
     """Correct the states by the filter's innovation; without it the flux is a pure integral."""

@@ -26,10 +26,25 @@ def number(name: str, value: Any) -> float:
         raise TypeError(f"{name} = {value!r} is not a number") from None
 
 
+LegDelay = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+
+def leg_delay(value: Any) -> LegDelay:
+    """Three pairs of plain numbers."""
+    try:
+        a, b, c = ((number("leg_delay", plus), number("leg_delay", minus)) for plus, minus in value)
+    except (TypeError, ValueError) as e:
+        raise ValueError(f"leg_delay = {value!r} is not a pair of numbers for each of three legs") from e
+    return a, b, c
+
+
 def _plain_numbers(of: Motor | Inverter) -> None:
     """Python's numbers in place of numpy's: equal objects have equal text and can be written as JSON."""
     for one in fields(of):
         if one.name == "saturation":
+            continue
+        if one.name == "leg_delay":
+            object.__setattr__(of, one.name, leg_delay(getattr(of, one.name)))
             continue
         value = number(one.name, getattr(of, one.name))
         whole = one.name in ("n_p", "half_periods") and value.is_integer()
@@ -193,6 +208,10 @@ class Inverter:
     """Half periods of the carrier in a control period: 2, the duties are updated once per carrier period; 1,
     at both of its extremes, with samples at both; 4, 6 … 16: in every second, third … eighth carrier
     period."""
+    leg_delay: LegDelay = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
+    """Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current of the
+    leg, s, within ±1 µs and a two-hundredth of the period: delays of its switches and drivers. Only differences between
+    the legs act. A drive compensates them; the enhanced scheme measures them at each start."""
 
     def __post_init__(self) -> None:
         _plain_numbers(self)

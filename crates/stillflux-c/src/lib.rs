@@ -14,7 +14,7 @@ use core::{ptr, slice};
 use drive::config::{DriveParams, EnhancedParams, LowConfidence, Scheme};
 use drive::counts::{Converters, Counts, Layout, Resolution};
 use drive::drive::{Fault, Status};
-use drive::interrupt::{Command, CountsDrive};
+use drive::interrupt::CountsDrive;
 use drive::page::{Page, Ready, WORDS};
 use drive::params::{Inverter, Machine, ParamError, Saturation};
 use drive::si::MemorySi;
@@ -241,6 +241,9 @@ pub struct stillflux_inverter {
     /// Half periods of the carrier in a control period: 2; 1 for an update at each of its extremes (feature `modes`);
     /// 4, 6 to 16.
     pub half_periods: u32,
+    /// Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current, s: from
+    /// commissioning; zeros if unknown.
+    pub leg_delay: [[f64; 2]; 3],
     /// Current sensors: 3, or 2 in phases a and b (feature `modes`), or 1, a single shunt in the dc link (feature `shunt`).
     pub current_sensors: u32,
     /// Current that a current channel reads as full scale, A.
@@ -345,6 +348,8 @@ pub struct stillflux_memory {
     pub L_sigma: f64,
     /// Magnetising inductance, H.
     pub L_M: f64,
+    /// Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current, s.
+    pub leg_delay: [[f64; 2]; 3],
 }
 
 /// A parameter outside its admissible range.
@@ -389,7 +394,9 @@ pub unsafe extern "C" fn stillflux_open(drive: *mut stillflux_drive, bytes: usiz
 /// `counts` are the readings at the start of the period, `set_point` what the drive is to do, SI; `command` takes the
 /// compare values of the next period and whether the gates are on. A state without a drive blocks the bridge. Never
 /// fails, allocates, waits or divides by software.
+// Not inlined where it is called here: so the period of the core has one caller, which takes it in.
 #[unsafe(no_mangle)]
+#[inline(never)]
 pub extern "C" fn stillflux_period(
     drive: &mut stillflux_drive,
     counts: &stillflux_counts,
@@ -418,18 +425,14 @@ pub extern "C" fn stillflux_period_at(
     set_point: &stillflux_set_point,
     command: &mut stillflux_command,
 ) -> u32 {
-    let out = match drive.get_mut() {
-        #[cfg(feature = "supervision")]
-        Some(drive) => drive.period_at(stamp, &counts_of(counts), &set_point_of(set_point)),
-        #[cfg(not(feature = "supervision"))]
-        Some(drive) => {
-            let _ = stamp;
-            Some(drive.period(&counts_of(counts), &set_point_of(set_point)))
-        }
-        None => Some(Command::BLOCKED),
-    };
-    let Some(out) = out else { return 0 };
-    (command.compare, command.gates_on) = (out.compare, u32::from(out.gates_on));
+    #[cfg(feature = "supervision")]
+    if let Some(drive) = drive.get_mut() {
+        let Some(out) = drive.period_at(stamp, &counts_of(counts), &set_point_of(set_point)) else { return 0 };
+        (command.compare, command.gates_on) = (out.compare, u32::from(out.gates_on));
+        return 1;
+    }
+    let _ = stamp;
+    stillflux_period(drive, counts, set_point, command);
     1
 }
 
@@ -693,6 +696,7 @@ pub extern "C" fn stillflux_memory_of(
         knee: m.knee,
         L_sigma: m.L_sigma,
         L_M: m.L_M,
+        leg_delay: m.leg_delay,
     };
 }
 
@@ -762,8 +766,8 @@ pub unsafe extern "C" fn stillflux_page(
         },
         ..d
     };
-    let &stillflux_memory { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M } = memory;
-    let memory = MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M };
+    let &stillflux_memory { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = memory;
+    let memory = MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay };
     match Ready::<Arithmetic>::new(&m, &i, &params, (inverter.i_full, inverter.u_full), &memory) {
         Ok(ready) => {
             // SAFETY: the caller's promise.
@@ -792,8 +796,8 @@ fn machine_of(m: &stillflux_machine) -> Machine {
 }
 
 fn inverter_of(i: &stillflux_inverter) -> Inverter {
-    let &stillflux_inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, .. } = i;
-    Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods }
+    let &stillflux_inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, leg_delay, .. } = i;
+    Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, leg_delay }
 }
 
 /// Unreachable from every function of the header.

@@ -140,7 +140,17 @@ impl Blob {
         let saturation = (L_u != 0.0).then_some(Saturation { L_u, a, S });
         Some(Parameters {
             machine: Machine { R_s, R_R, L_sigma, L_M, n_p: n_p as u32, J, U_N, I_N, f_N, T_N, saturation },
-            inverter: Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods: 2 },
+            inverter: Inverter {
+                u_dc,
+                f_s,
+                u_th,
+                r_d,
+                dead_time,
+                f_clk,
+                c_out,
+                half_periods: 2,
+                leg_delay: [[0.0; 2]; 3],
+            },
             i_full,
             u_full,
             u_off: [u_alpha, u_beta],

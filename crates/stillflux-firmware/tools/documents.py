@@ -58,9 +58,11 @@ def instructions(report: Mapping[str, Any]) -> str:
 
 
 def sizes(report: Mapping[str, Any]) -> str:
-    """Bytes of an image with one scheme; what exceeds the budget is bold."""
+    """Bytes of an image with one scheme, as far as measured; what exceeds the budget is bold."""
     rows = [["", "published f32", "Q", "enhanced f32", "Q", "budget"], ["---"] * 6]
     for key, label in _LABELS.items():
+        if cost.size_key(key, "paper") not in report:
+            continue
         budget = cost.SIZES[key][1]
         measured = [report[cost.size_key(key, s)][a] for s in cost.SCHEMES for a in cost.ARITHMETICS]
         cells = [f"**{n:,}**" if budget and n > int(budget) else f"{n:,}" for n in measured]

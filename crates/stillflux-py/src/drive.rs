@@ -8,7 +8,7 @@ use stillflux::drive::{self as core, Fault};
 use stillflux::si::{MeasurementSi, MemorySi, ReferenceSi, SiDrive};
 
 use crate::convert::{complex, extract, finite, pair, three, value_error};
-use crate::parameters::{Inverter, Motor, arithmetic, drive_params, settings_dict};
+use crate::parameters::{Inverter, Motor, arithmetic, drive_params, leg_delay_tuple, settings_dict};
 
 /// State of a drive's sequence, and the cause and time of a fault.
 ///
@@ -189,6 +189,7 @@ pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, Py
     dict.set_item("knee", m.knee)?;
     dict.set_item("L_sigma", m.L_sigma)?;
     dict.set_item("L_M", m.L_M)?;
+    dict.set_item("leg_delay", leg_delay_tuple(&m.leg_delay))?;
     Ok(dict)
 }
 
@@ -206,9 +207,12 @@ pub fn memory_from(dict: &Bound<'_, PyDict>) -> PyResult<MemorySi> {
         knee: dict.get_item("knee")?.map_or(Ok(1.0), |x| extract("memory knee", &x))?,
         L_sigma: extract("memory L_sigma", &item("L_sigma")?)?,
         L_M: extract("memory L_M", &item("L_M")?)?,
+        // Nor of the legs.
+        leg_delay: dict.get_item("leg_delay")?.map_or(Ok([[0.0; 2]; 3]), |x| extract("memory leg_delay", &x))?,
     };
-    let MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M } = memory;
+    let MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = memory;
     if [u_off[0], u_off[1], i_off[0], i_off[1], i_off[2], loss_error].iter().all(|x| x.is_finite())
+        && leg_delay.iter().flatten().all(|x| x.is_finite())
         && [R_s, knee, L_sigma, L_M].iter().all(|x| x.is_finite() && *x > 0.0)
     {
         Ok(memory)

@@ -62,12 +62,13 @@ pub struct Inverter {
     f_clk: f64,
     c_out: f64,
     half_periods: f64,
+    leg_delay: [[f64; 2]; 3],
 }
 
 impl Inverter {
     /// Validated parameters.
     pub fn params(&self) -> PyResult<params::Inverter> {
-        let Self { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods } = *self;
+        let Self { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, leg_delay } = *self;
         if half_periods.fract() != 0.0 {
             return Err(PyValueError::new_err(format!(
                 "half_periods = {half_periods} is not a whole number from 1 to 16"
@@ -75,7 +76,7 @@ impl Inverter {
         }
         check("half_periods", half_periods, 1.0, 16.0, "").map_err(value_error)?;
         let half_periods = half_periods as u32;
-        let inverter = params::Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods };
+        let inverter = params::Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, leg_delay };
         inverter.validate().map_err(value_error)?;
         Ok(inverter)
     }
@@ -135,9 +136,17 @@ pub fn inverter_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, 
     inverter_dict(py, &inverter)
 }
 
+/// Delays of the legs, as nested tuples.
+pub fn leg_delay_tuple(delay: &[[f64; 2]; 3]) -> ((f64, f64), (f64, f64), (f64, f64)) {
+    let [a, b, c] = delay.map(|[plus, minus]| (plus, minus));
+    (a, b, c)
+}
+
 /// Fields of an inverter.
 pub fn inverter_dict<'py>(py: Python<'py>, inverter: &params::Inverter) -> PyResult<Bound<'py, PyDict>> {
-    Ok(dict!(py, inverter; u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods))
+    let fields = dict!(py, inverter; u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods);
+    fields.set_item("leg_delay", leg_delay_tuple(&inverter.leg_delay))?;
+    Ok(fields)
 }
 
 /// No part of a conversion between equivalent circuits depends on the rating.
@@ -248,7 +257,7 @@ drive_settings! {
     offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation,
     resistance_gain, resistance_at_rest, resistance_at_light_load, resistance_quotient, initial_flux, low_pass, limiter;
     enhanced:
-    identify_offset, identify_resistance, apply_innovation, omega_s_min,
+    identify_offset, identify_resistance, identify_legs, apply_innovation, omega_s_min,
     prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M,
     winding_temperature, cage_constant, rotor_rise, winding_heat;
 }

@@ -38,6 +38,18 @@ pub struct GateDelays {
 }
 
 impl GateDelays {
+    /// These and what the inverter's `leg_delay` says: a longer pulse turns off later, a shorter one on.
+    #[must_use]
+    pub fn with(mut self, inverter: &Inverter) -> Self {
+        for (leg, [plus, minus]) in inverter.leg_delay.into_iter().enumerate() {
+            self.off[leg][0] += plus.max(0.0);
+            self.on[leg][0] -= plus.min(0.0);
+            self.on[leg][1] += minus.max(0.0);
+            self.off[leg][1] -= minus.min(0.0);
+        }
+        self
+    }
+
     /// Checks that no leg's switches are on together.
     ///
     /// # Errors
@@ -239,6 +251,7 @@ pub(crate) struct Average {
 
 impl Bridge {
     pub fn new(inv: &Inverter, delays: &GateDelays) -> Self {
+        let delays = delays.with(inv);
         let (ticks, tick) = if inv.f_clk > 0.0 { (inv.f_clk / (2.0 * inv.f_s), 1.0 / inv.f_clk) } else { (0.0, 0.0) };
         Self {
             u_dc: inv.u_dc,

@@ -114,7 +114,7 @@ impl PlantParams {
         self.inverter.validate()?;
         // Below 10 µs of stray time constant the sub-steps would no longer be few.
         check("(R_s + r_d + R_R)/L_sigma", stray_rate(&self.machine, &self.inverter), 0.0, 1e5, "1/s")?;
-        self.gate_delays.validate(&self.inverter)?;
+        self.gate_delays.with(&self.inverter).validate(&self.inverter)?;
         self.mechanics.validate()?;
         self.adc.validate()?;
         for skew in self.adc.skew {

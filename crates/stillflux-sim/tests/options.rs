@@ -5,6 +5,7 @@
 use std::borrow::Cow;
 use std::f64::consts::TAU;
 use stillflux::base::Base;
+use stillflux::config::Scheme;
 use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine};
 use stillflux_sim::simulate::{Profile, ReferenceProfile, Run, Scenario};
@@ -198,12 +199,13 @@ fn cases(m: &Machine, slots: u32) -> Vec<Case> {
             }),
             with: 0.015..0.05,
             without: 1e-3,
-            angle: 1.0,
+            // Its shaft, free and without friction, turns while the start compares the legs.
+            angle: 1.5,
         },
         Case {
             name: "delays of the switches",
-            set: Box::new(move |s| s.plant.gate_delays = delays),
-            // A constant voltage that the drive does not know of, in units of u_dc f_s 100 ns.
+            set: Box::new(move |s| (s.plant.gate_delays, s.drive.enhanced.identify_legs) = (delays, false)),
+            // A constant voltage that the drive does not know of, in units of u_dc f_s 100 ns: found at the start by default.
             signature: Box::new(|o, _| {
                 let mean = [0, 1].map(|x| o.mean(5.2, 6.0, |k| o.difference("u_s", "estimate.u_s", k)[x]));
                 abs(mean) / 0.54
@@ -266,5 +268,75 @@ fn drive_keeps_the_field_with_every_option_and_every_option_acts() {
             assert!(o.angle < case.angle && o.speed < 0.005, "{name}: {}° {}", o.angle, o.speed);
             assert!(case.with.contains(&with) && without <= case.without, "{name}: {with:e}, without {without:e}");
         }
+    }
+}
+
+/// Drawn delays of every switch, standard deviation 50 ns about 150 ns: a voltage of 0.3 V that is constant, and one
+/// that changes its sign with the currents. The start measures both.
+#[test]
+fn a_start_finds_what_unequal_legs_add_and_without_it_the_field_is_lost() {
+    let delays = GateDelays {
+        on: [[163e-9, 92e-9], [118e-9, 224e-9], [187e-9, 131e-9]],
+        off: [[201e-9, 104e-9], [142e-9, 88e-9], [96e-9, 215e-9]],
+    };
+    let vector = |x: [f64; 3]| [(2.0 * x[0] - x[1] - x[2]) / 3.0, (x[1] - x[2]) / 3f64.sqrt()];
+    // Even and odd part of the legs' delays: a, b for a positive and a negative current.
+    let parts = |x: [[f64; 2]; 3]| [1.0, -1.0].map(|sign| vector(x.map(|[a, b]| 0.5 * (a + sign * b))));
+    let real = parts([0, 1, 2].map(|k| {
+        let (on, off) = (delays.on[k], delays.off[k]);
+        [off[0] - on[0], on[1] - off[1]]
+    }));
+    for (machine, inverter, _) in machines() {
+        let found = {
+            let mut s = Scenario::new(machine, inverter, (4.0 * machine.L_M / machine.R_R).max(1.4));
+            s.plant.gate_delays = delays;
+            s.plant.adc.noise = 0.003 * 2f64.sqrt() * machine.I_N;
+            let mut run = Run::new(Cow::Owned(s)).unwrap();
+            while run.advance(1000) {}
+            run.drive().memory().leg_delay
+        };
+        for (got, want) in parts(found).into_iter().zip(real) {
+            let error = (got[0] - want[0]).hypot(got[1] - want[1]);
+            println!("{} N m: {got:?} of {want:?}, error {:.1} ns", machine.T_N, 1e9 * error);
+            assert!(error < 6e-9, "{got:?}, not {want:?}");
+        }
+        let with = run(machine, inverter, &|s| s.plant.gate_delays = delays);
+        let without = run(machine, inverter, &|s| {
+            (s.plant.gate_delays, s.drive.enhanced.identify_legs) = (delays, false);
+        });
+        println!("{} N m: {:.2}°, without {:.2}°", machine.T_N, with.angle, without.angle);
+        assert!(with.status == Status::Running && with.angle < 2.0 && with.speed < 0.003, "{}°", with.angle);
+        assert!(without.angle > 10.0, "{}°", without.angle);
+    }
+}
+
+/// Delays that the parameters contain are compensated from the first period on, in both schemes.
+#[test]
+fn delays_of_the_parameters_are_compensated_in_both_schemes() {
+    let leg_delay = [[90e-9, 20e-9], [-60e-9, 10e-9], [-30e-9, -80e-9]];
+    for scheme in [Scheme::Enhanced, Scheme::Paper] {
+        let offset = |told: bool| {
+            let machine = Machine::preset_2k2();
+            let real = Inverter { leg_delay, ..Inverter::preset_2k2() };
+            let mut s = Scenario::new(machine, if told { real } else { Inverter::preset_2k2() }, 4.0);
+            s.plant.inverter = real;
+            (s.drive.scheme, s.drive.enhanced.identify_legs) = (scheme, false);
+            let omega = 0.3 * Base::new(&machine).omega_m;
+            s.reference = ReferenceProfile::Speed(Profile::new(vec![(0.0, 0.0), (1.8, 0.0), (2.2, omega)]).unwrap());
+            s.signals = Some(vec!["u_s".to_owned(), "estimate.u_s".to_owned()]);
+            let mut run = Run::new(Cow::Owned(s)).unwrap();
+            while run.advance(1000) {}
+            assert_eq!(run.drive().status(), Status::Running, "{scheme:?} {told}");
+            let columns = &run.record().columns;
+            let rows = columns[0].data.len() / 2;
+            let mean = |x: usize| {
+                let error = |k: usize| columns[0].data[2 * k + x] - columns[1].data[2 * k + x];
+                (3 * rows / 4..rows).map(error).sum::<f64>() / (rows - 3 * rows / 4) as f64
+            };
+            mean(0).hypot(mean(1))
+        };
+        let (told, untold) = (offset(true), offset(false));
+        println!("{scheme:?}: {told:.3} V, without {untold:.3} V");
+        assert!(told < 0.03 && untold > 0.2, "{scheme:?}: {told} V, without {untold} V");
     }
 }

@@ -104,6 +104,8 @@ pub struct PerUnit {
     pub torque_rated: f64,
     /// Rated dc-link voltage.
     pub u_dc: f64,
+    /// What the pulse of each leg is longer than commanded, as part of the period.
+    pub legs: [[f64; 2]; 3],
     /// The duties are updated at both extremes of the carrier.
     pub double_update: bool,
 }
@@ -150,6 +152,7 @@ impl PerUnit {
             },
             torque_rated: machine.T_N / b.torque,
             u_dc: inverter.u_dc / b.u,
+            legs: inverter.leg_delay.map(|delay| delay.map(|t| t * inverter.f_s)),
             double_update: inverter.half_periods == 1,
         })
     }

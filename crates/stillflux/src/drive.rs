@@ -302,7 +302,7 @@ impl<R: Real> Common<R> {
         let period = self.sequence.period();
         let Control { voltage, i_dq_ref, psi_ref, .. } = &mut self.control;
         let u_s = voltage.applied(period, u_dc);
-        let x = PeriodInput { i_abc, i_s, u_s, u_loss: &voltage.loss, psi_ref: *psi_ref, period };
+        let x = PeriodInput { i_abc, i_s, u_s, u_loss: &voltage.loss, u_dc, psi_ref: *psi_ref, period };
         let PeriodOutput { field, complete } = estimators.period(c, &x, i_dq_ref, start_up);
         if complete {
             self.control.start(c, estimators.speed().omega_m);

@@ -47,14 +47,29 @@
 //! and the voltage is most uncertain there; with a narrower one they are unstable. The model takes a tenth of that
 //! band, for the threshold and, unless the knee is larger, for the dead time.
 //!
+//! **Unequal legs.** Switches turn on and off later than they are told, drivers and optocouplers delay one edge more than
+//! the other. With the delays `t_on`, `t_off` of the upper (u) and of the lower (l) switch the pulse of a leg is longer
+//! than commanded by
+//!
+//! ```text
+//! a = t_off,u - t_on,u   for i > 0,        b = t_on,l - t_off,l   for i < 0
+//! e → e - u_dc/T_s ((a + b)/2 + (a - b)/2 sign i)
+//! ```
+//!
+//! What is common to the legs is no voltage of the machine, or one of the dead time. The difference of the even parts
+//! `(a + b)/2` is a constant voltage, that of the odd parts `(a - b)/2` are unequal dead times: 50 ns are 0.27 V at
+//! 540 V and 10 kHz ([`Legs`]). Below the knee the odd part falls with the current as the loss itself; the even one
+//! is taken as constant there too, where it depends on the turn-on delays alone.
+//!
 //! **Validity.** One constant capacitance, equal in all legs, and a current that is constant within the dead time.
-//! Where the change of the current within it is of the size of the knee, the curve is wrong near zero. Legs are taken
-//! as equal; switching delays are not modelled. The knee is limited to 1 pu, the band to 2e-4 … 0.05 pu.
+//! Where the change of the current within it is of the size of the knee, the curve is wrong near zero. Delays do not
+//! depend on the current. The knee is limited to 1 pu, the band to 2e-4 … 0.05 pu, the differences of the legs to
+//! [`LEGS_MAX`].
 
-use crate::base::PerUnit;
+use crate::base::{PerUnit, rounded};
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
-use crate::words::words;
+use crate::words::{Words, words};
 
 /// Least half width of the linear part, relative to the band of current-zero clamping.
 const BAND: f64 = 0.1;
@@ -62,6 +77,55 @@ const BAND: f64 = 0.1;
 const SCALE: f64 = 64.0;
 /// Largest knee, per unit.
 const KNEE_MAX: f64 = 1.0;
+/// Largest component of [`Legs`]: 1 µs at 10 kHz.
+pub const LEGS_MAX: f64 = 0.01;
+
+/// What the pulses of the legs are longer than commanded, as part of the period; the space vectors of the three legs, so
+/// that what is common to them is left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Legs<R: Real> {
+    /// `(a + b)/2`, a constant voltage.
+    pub even: AlphaBeta<R>,
+    /// `(a - b)/2`, in the direction of the current: unequal dead times.
+    pub odd: AlphaBeta<R>,
+}
+words!(Legs: even, odd);
+
+impl<R: Real> Legs<R> {
+    /// Of the three legs, by what their pulses are longer as part of the period, for a positive and for a negative current.
+    #[must_use]
+    pub fn new(of_period: &[[f64; 2]; 3]) -> Self {
+        let part = |sign: f64| {
+            let [a, b, c] = of_period.map(|[plus, minus]| 0.5 * (plus + sign * minus));
+            AlphaBeta::new(rounded((2.0 * a - b - c) / 3.0), rounded((b - c) / libm::sqrt(3.0)))
+        };
+        Self { even: part(1.0), odd: part(-1.0) }
+    }
+
+    /// The same of the three legs, less what is common to them.
+    #[must_use]
+    pub fn of_period(&self) -> [[f64; 2]; 3] {
+        let (even, odd) = (self.even.to_phases().map(R::to_f64), self.odd.to_phases().map(R::to_f64));
+        [0, 1, 2].map(|k| [even[k] + odd[k], even[k] - odd[k]])
+    }
+
+    /// Each component within its limit.
+    #[cold]
+    #[inline(never)]
+    pub fn limited(&self) -> Self {
+        let bound = R::from_f64(LEGS_MAX);
+        Self { even: self.even.limit_components(bound), odd: self.odd.limit_components(bound) }
+    }
+
+    /// Loss of each leg for a positive and for a negative current, at a dc link.
+    #[inline(never)]
+    fn loss(&self, u_dc: R) -> [[R; 2]; 3] {
+        let (even, odd) = ((self.even * u_dc).to_phases(), (self.odd * u_dc).to_phases());
+        [0, 1, 2].map(|k| [-even[k] - odd[k], odd[k] - even[k]])
+    }
+}
 
 /// Parameters of the inverter model, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,10 +143,48 @@ pub struct InverterModel<R: Real> {
     knee: R,
     /// Sampled current less that at the edges, near current zero.
     shift: R,
-    /// The curve for this knee.
+    /// Differences of the legs of the parameters, and the rated dc link.
+    legs: Legs<R>,
+    u_dc: R,
+    /// The curve for this knee and these legs.
     nominal: Knee<R>,
 }
-words!(InverterModel: u_th, dead_time, band, inv_band, knee, shift, nominal);
+
+/// The curve follows from the other constants and is not stored.
+impl<R: Real> Words for InverterModel<R> {
+    const LEN: usize = Stored::<R>::LEN;
+    const LAYOUT: u32 = Stored::<R>::LAYOUT;
+    fn is_representable(&self) -> bool {
+        self.stored().is_representable()
+    }
+    fn put(&self, out: &mut impl FnMut(u32)) {
+        self.stored().put(out);
+    }
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        Stored::take(from).model()
+    }
+}
+
+/// What determines an [`InverterModel`]: its fields, and the rated dc link.
+struct Stored<R: Real> {
+    u_th: R,
+    dead_time: R,
+    band: R,
+    inv_band: R,
+    knee: R,
+    shift: R,
+    legs: Legs<R>,
+    u_dc: R,
+}
+words!(Stored: u_th, dead_time, band, inv_band, knee, shift, legs, u_dc);
+
+impl<R: Real> Stored<R> {
+    fn model(self) -> InverterModel<R> {
+        let Self { u_th, dead_time, band, inv_band, knee, shift, legs, u_dc } = self;
+        let nominal = Knee::new(knee, band, legs.loss(u_dc));
+        InverterModel { u_th, dead_time, band, inv_band, knee, shift, legs, u_dc, nominal }
+    }
+}
 
 /// Curve of a leg's loss over its current, for one knee. Constant between two updates of the estimated knee.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,18 +197,43 @@ pub struct Knee<R: Real> {
     slope: R,
     /// `SCALE I_k/2`.
     tail: R,
+    /// `1/(SCALE width)`.
+    inv_width: R,
+    /// Loss of each leg by its delays, for a positive and for a negative current.
+    legs: [[R; 2]; 3],
 }
-words!(Knee: width, slope, tail);
 
 impl<R: Real> Knee<R> {
     /// For a knee and a least half width of the linear part.
-    fn new(knee: R, band: R) -> Self {
+    fn new(knee: R, band: R, legs: [[R; 2]; 3]) -> Self {
+        let mut of = Self { width: R::ZERO, slope: R::ZERO, tail: R::ZERO, inv_width: R::ZERO, legs };
+        of.set(knee, band);
+        of
+    }
+
+    /// The curve for another knee; the legs stay.
+    #[inline(always)]
+    fn set(&mut self, knee: R, band: R) {
         let scale = R::from_f64(SCALE);
-        let width = knee.max(band);
-        // 1/(SCALE width); where the tail begins the loss is 1 - I_k/(2 width) of the whole.
-        let inv_width = (width * scale).recip();
-        let tail = knee.half() * scale;
-        Self { width, slope: inv_width * (R::ONE - tail * inv_width), tail }
+        self.width = knee.max(band);
+        // Where the tail begins the loss is 1 - I_k/(2 width) of the whole.
+        let inv_width = (self.width * scale).recip();
+        self.tail = knee.half() * scale;
+        self.inv_width = inv_width;
+        self.slope = inv_width * (R::ONE - self.tail * inv_width);
+    }
+
+    /// Loss of a leg by its delays in the linear part of the curve.
+    #[inline(never)]
+    fn delays_near_zero(&self, i: R, delays: &[R; 2]) -> R {
+        let (even, odd) = ((delays[0] + delays[1]).half(), (delays[0] - delays[1]).half());
+        even + odd * (i * self.inv_width * R::from_f64(SCALE))
+    }
+
+    /// Other differences of the legs, at a dc link.
+    #[inline(always)]
+    pub fn set_legs(&mut self, legs: &Legs<R>, u_dc: R) {
+        self.legs = legs.loss(u_dc);
     }
 }
 
@@ -117,6 +244,8 @@ impl<R: Real> Knee<R> {
 pub struct Distortion<R: Real> {
     /// Loss of each phase: add it to the reference to compensate.
     pub phases: [R; 3],
+    /// Its part by the delays of the leg.
+    pub legs: [R; 3],
     /// Its part without the dead time, `u_th`.
     pub least: R,
     /// The whole of it far from current zero, `u_th + U`.
@@ -163,7 +292,7 @@ impl<R: Real> Distortion<R> {
     /// `-∂e/∂ln I_k = min(e, U - e)` for a positive current.
     #[inline(always)]
     pub fn by_knee(&self) -> [R; 3] {
-        self.phases.map(|e| self.leg_by_knee(e))
+        [0, 1, 2].map(|k| self.leg_by_knee(self.phases[k] - self.legs[k]))
     }
 }
 
@@ -174,28 +303,50 @@ impl<R: Real> InverterModel<R> {
         let width = (BAND * pu.dead_time_swing).clamp(2e-4, 0.05);
         let r = R::from_f64;
         let (band, knee) = (r(width), r(pu.knee.min(KNEE_MAX)));
-        Self {
+        let legs = Legs::new(&pu.legs);
+        Stored {
             u_th: r(pu.u_th),
             dead_time: r(pu.dead_time),
             band,
             inv_band: r(1.0 / (SCALE * width)),
+            legs,
             knee,
             shift: r(if pu.knee > 0.0 && !pu.double_update { 0.25 * pu.dead_time_swing } else { 0.0 }),
-            nominal: Knee::new(knee, band),
+            u_dc: r(pu.u_dc),
         }
+        .model()
     }
 
     /// A model of an ideal inverter: no compensation.
     #[must_use]
     pub fn ideal() -> Self {
         let (knee, band, inv_band) = (R::ZERO, R::ONE, R::from_f64(1.0 / SCALE));
-        Self { u_th: R::ZERO, dead_time: R::ZERO, band, inv_band, knee, shift: R::ZERO, nominal: Knee::new(knee, band) }
+        let (zero, legs) = (R::ZERO, Legs::default());
+        Stored { u_th: zero, dead_time: zero, band, inv_band, knee, shift: zero, legs, u_dc: zero }.model()
+    }
+
+    fn stored(&self) -> Stored<R> {
+        let Self { u_th, dead_time, band, inv_band, knee, shift, legs, u_dc, .. } = *self;
+        Stored { u_th, dead_time, band, inv_band, knee, shift, legs, u_dc }
     }
 
     /// The curve for a knee `relative` times that of the parameters.
-    #[inline(never)]
     pub fn knee(&self, relative: R) -> Knee<R> {
-        Knee::new((self.knee * relative).min(R::from_f64(KNEE_MAX)), self.band)
+        let mut knee = self.nominal;
+        self.follow(&mut knee, relative);
+        knee
+    }
+
+    /// Moves a curve to the knee `relative` times that of the parameters; its legs stay.
+    #[inline(never)]
+    pub fn follow(&self, knee: &mut Knee<R>, relative: R) {
+        knee.set((self.knee * relative).min(R::from_f64(KNEE_MAX)), self.band);
+    }
+
+    /// Differences of the legs of the parameters.
+    #[inline(always)]
+    pub fn legs(&self) -> &Legs<R> {
+        &self.legs
     }
 
     /// The curve for the knee of the parameters.
@@ -218,18 +369,20 @@ impl<R: Real> InverterModel<R> {
         let tail = (dead * knee.tail).dividend();
         // A branch for each sign costs less than magnitude and sign apart.
         let (negative_width, negative_full) = (-knee.width, -full);
-        let leg = |i: R| {
+        let leg = |i: R, delays: &[R; 2]| {
             let i = i - self.shift;
             if likely(i > knee.width) {
-                full - tail.over_64(i)
+                (full - tail.over_64(i) + delays[0], delays[0])
             } else if likely(i < negative_width) {
-                negative_full - tail.over_64_of_negative(i)
+                (negative_full - tail.over_64_of_negative(i) + delays[1], delays[1])
             } else {
-                self.near_zero(knee, i, least, dead)
+                let own = knee.delays_near_zero(i, delays);
+                (self.near_zero(knee, i, least, dead) + own, own)
             }
         };
         let [a, b, c] = i_s.to_phases();
-        Distortion { phases: [leg(a), leg(b), leg(c)], least, full }
+        let [a, b, c] = [leg(a, &knee.legs[0]), leg(b, &knee.legs[1]), leg(c, &knee.legs[2])];
+        Distortion { phases: [a.0, b.0, c.0], legs: [a.1, b.1, c.1], least, full }
     }
 
     /// Loss of a leg in the linear part of its curve.
@@ -324,6 +477,44 @@ mod tests {
             assert_eq!(still.phases[0], th);
             assert!((still.of_half(true, Some(0))[0] + 2.0 * full - th).abs() < 1e-12);
             assert!((still.of_half(false, Some(0))[0] - 2.0 * full - th).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn unequal_legs_add_their_delays_by_the_sign_of_the_current() {
+        let (m, f_s) = (Machine::preset_2k2(), 10e3);
+        let leg_delay = [[80e-9, 20e-9], [-50e-9, 10e-9], [-30e-9, -30e-9]];
+        let pu = |leg_delay| PerUnit::new(&m, &Inverter { leg_delay, ..Inverter::preset_2k2() }).unwrap();
+        let (equal, pu) = (InverterModel::<f64>::new(&pu([[0.0; 2]; 3])), pu(leg_delay));
+        let model = InverterModel::<f64>::new(&pu);
+        let at = |model: &InverterModel<f64>, i: &AlphaBeta<f64>| model.distortion(model.nominal(), i, pu.u_dc, 1.0);
+        for k in 0..24 {
+            let (s, c) = (0.2618 * f64::from(k) + 0.1).sin_cos();
+            let i = AlphaBeta::new(0.7 * c, 0.7 * s);
+            if i.to_phases().iter().any(|i| i.abs() < 0.1) {
+                continue;
+            }
+            let (got, without) = (at(&model, &i), at(&equal, &i));
+            let added = got.vector() - without.vector();
+            let longer = [0, 1, 2].map(|k| leg_delay[k][usize::from(i.to_phases()[k] < 0.0)] * f_s * pu.u_dc);
+            // What is common to the legs, and odd in the current, is a dead time.
+            let common = leg_delay.iter().map(|[a, b]| 0.5 * (a - b)).sum::<f64>() / 3.0 * f_s * pu.u_dc;
+            let common = i.to_phases().map(|i| common * i.signum());
+            let want = -AlphaBeta::from_phases(longer) + AlphaBeta::from_phases(common);
+            assert!((added - want).norm_sq() < 1e-20, "{k}: {added:?}, not {want:?}");
+            assert!(
+                (AlphaBeta::from_phases(got.by_knee()) - AlphaBeta::from_phases(without.by_knee())).norm_sq() < 1e-20
+            );
+        }
+        // Continuous at the knee, and through zero.
+        for i in [model.nominal.width + model.shift, model.shift, model.shift - model.nominal.width] {
+            let u = |i: f64| at(&model, &AlphaBeta::new(i, 0.0)).phases[0];
+            assert!((u(i + 1e-9) - u(i - 1e-9)).abs() < 1e-6);
+        }
+        let back = model.legs().of_period();
+        for part in [1.0, -1.0] {
+            let of = |x: [[f64; 2]; 3]| AlphaBeta::<f64>::from_phases(x.map(|[a, b]| a + part * b));
+            assert!((of(back) - of(pu.legs)).norm_sq() < 1e-24);
         }
     }
 

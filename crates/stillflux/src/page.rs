@@ -61,7 +61,7 @@ impl<R: Real> Ready<R> {
             config: DriveConfig::new(machine, inverter, params)?,
             scale: Scale::new(machine, params, full.0, full.1)?,
             units: Units::new(machine),
-            memory: SiUnits::new(machine).memory_per_unit(memory),
+            memory: SiUnits::new(machine, inverter).memory_per_unit(memory),
         })
     }
 

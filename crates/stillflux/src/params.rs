@@ -246,6 +246,9 @@ pub struct Inverter {
     /// Half periods of the carrier in a control period: 2, one update of the duties per carrier period; 1, one at each of
     /// its extremes, with samples at both; 4, 6 … 16: in every second, third … eighth carrier period.
     pub half_periods: u32,
+    /// Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current of the leg,
+    /// s: delays of its switches and drivers. Only differences between the legs act.
+    pub leg_delay: [[f64; 2]; 3],
 }
 
 impl Inverter {
@@ -262,6 +265,7 @@ impl Inverter {
             f_clk: 170e6,
             c_out: 1e-9,
             half_periods: 2,
+            leg_delay: [[0.0; 2]; 3],
         }
     }
 
@@ -311,6 +315,10 @@ impl Inverter {
             check("f_clk", self.f_clk, least, most.min(1e10), "Hz")?;
         }
         check("c_out", self.c_out, 0.0, 10e-9, "F")?;
+        for delay in self.leg_delay.into_iter().flatten() {
+            let most = (0.005 / self.f_s).min(1e-6);
+            check("leg_delay", delay, -most, most, "s")?;
+        }
         check("half_periods", f64::from(self.half_periods), 1.0, 16.0, "")?;
         if self.half_periods != 1 && !self.half_periods.is_multiple_of(2) {
             let (value, around) = (f64::from(self.half_periods), f64::from(self.half_periods - 1));

@@ -14,6 +14,7 @@ use crate::config::{DriveConfig, DriveParams};
 #[cfg(feature = "shunt")]
 use crate::control::shunt::Pulses;
 use crate::drive::{Drive, Estimate, Fault, FaultReport, Measurement, Memory, Quantity, Reference, Status};
+use crate::inverter::Legs;
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Q, Real};
 use crate::space::{AlphaBeta, Space};
@@ -125,6 +126,9 @@ pub struct MemorySi {
     pub L_sigma: f64,
     /// Magnetising inductance, H; the parameter in the published scheme.
     pub L_M: f64,
+    /// Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current, s, less
+    /// what is common to the legs; zero in the published scheme.
+    pub leg_delay: [[f64; 2]; 3],
 }
 
 impl MemorySi {
@@ -132,8 +136,8 @@ impl MemorySi {
     #[must_use]
     pub fn of(machine: &Machine, inverter: &Inverter) -> Self {
         let r_s = machine.R_s + inverter.r_d;
-        let Machine { L_sigma, L_M, .. } = *machine;
-        Self { u_off: [0.0; 2], R_s: r_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M }
+        let (Machine { L_sigma, L_M, .. }, leg_delay) = (*machine, inverter.leg_delay);
+        Self { u_off: [0.0; 2], R_s: r_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M, leg_delay }
     }
 }
 
@@ -159,13 +163,15 @@ pub struct SiUnits {
     l_m: f64,
     /// The parameter `L_sigma`, H, likewise.
     l_sigma: f64,
+    /// Switching frequency, Hz.
+    f_s: f64,
 }
 
 impl SiUnits {
-    /// Units of a machine's rating.
+    /// Units of a machine's rating, with the switching frequency of its inverter.
     #[must_use]
-    pub fn new(machine: &Machine) -> Self {
-        Self { base: Base::new(machine), l_m: machine.L_M, l_sigma: machine.L_sigma }
+    pub fn new(machine: &Machine, inverter: &Inverter) -> Self {
+        Self { base: Base::new(machine), l_m: machine.L_M, l_sigma: machine.L_sigma, f_s: inverter.f_s }
     }
 
     /// Base quantities.
@@ -250,6 +256,7 @@ impl SiUnits {
             knee: m.knee.to_f64(),
             L_sigma: self.l_sigma * m.leakage.to_f64(),
             L_M: self.l_m / m.inv_l_m.to_f64(),
+            leg_delay: m.legs.of_period().map(|x| x.map(|x| x / self.f_s)),
         }
     }
 
@@ -265,6 +272,7 @@ impl SiUnits {
             knee: R::from_f64(m.knee),
             leakage: R::from_f64(m.L_sigma / self.l_sigma),
             inv_l_m: R::from_f64(self.l_m / m.L_M),
+            legs: Legs::new(&m.leg_delay.map(|x| x.map(|x| x * self.f_s))),
         }
     }
 }
@@ -315,7 +323,7 @@ impl SiDrive {
             Arithmetic::F64 => Inner::F64(Drive::new(DriveConfig::new(machine, inverter, params)?)),
             Arithmetic::Q => Inner::Q(Drive::new(DriveConfig::new(machine, inverter, params)?)),
         };
-        Ok(Self { units: SiUnits::new(machine), inner })
+        Ok(Self { units: SiUnits::new(machine, inverter), inner })
     }
 
     /// Base quantities.
@@ -429,7 +437,7 @@ mod tests {
 
     #[test]
     fn memory_comes_back_in_every_arithmetic() {
-        let units = SiUnits::new(&Machine::preset_11k());
+        let units = SiUnits::new(&Machine::preset_11k(), &Inverter::preset_11k());
         let m = MemorySi {
             u_off: [0.5, -0.25],
             R_s: 0.3,
@@ -438,6 +446,7 @@ mod tests {
             knee: 1.5,
             L_sigma: 2e-3,
             L_M: 0.06,
+            leg_delay: [[50e-9, -20e-9], [-40e-9, 30e-9], [-10e-9, -10e-9]],
         };
         fn back<R: Real>(units: &SiUnits, m: &MemorySi) -> MemorySi {
             units.memory(&units.memory_per_unit::<R>(m))
@@ -449,6 +458,7 @@ mod tests {
                     && (got.L_M - m.L_M).abs() < 1e-7
                     && (got.L_sigma - m.L_sigma).abs() < 1e-8
             );
+            assert!(got.leg_delay.iter().zip(m.leg_delay).all(|(x, y)| (x[0] - y[0]).hypot(x[1] - y[1]) < 1e-10));
             assert!((got.i_off[0] - m.i_off[0]).abs() < 1e-5 && (got.loss_error - m.loss_error).abs() < 1e-6);
         }
     }

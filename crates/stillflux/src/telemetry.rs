@@ -190,7 +190,8 @@ mod tests {
                 &Units::new(&machine).reference(&SetPoint::Speed(10.0)),
             );
         }
-        let (t, e) = (Units::new(&machine).telemetry(&drive), SiUnits::new(&machine).estimate(&drive.estimate()));
+        let (t, e) =
+            (Units::new(&machine).telemetry(&drive), SiUnits::new(&machine, &inverter).estimate(&drive.estimate()));
         assert_eq!((t.status, t.fault, t.period), (2, 0, 1200), "magnetising");
         let abs = |[x, y]: [f64; 2]| libm::hypot(x, y);
         for (got, want) in [

@@ -10,6 +10,7 @@ use stillflux::config::{DriveConfig, DriveParams, EnhancedParams, LowConfidence,
 #[cfg(feature = "shunt")]
 use stillflux::control::shunt::Pulses;
 use stillflux::drive::{Drive, Measurement, Memory, Output, Reference, Status};
+use stillflux::inverter::Legs;
 use stillflux::params::{Inverter, Machine, ParamError, Saturation};
 use stillflux::scalar::{Q, Real};
 use stillflux::space::{AlphaBeta, Dq};
@@ -95,6 +96,7 @@ fn hardware(rng: &mut Rng) -> (Machine, Inverter) {
         dead_time: if rng.chance(5) { 0.0 } else { rng.ratio(1e-4, 0.1) / f_s },
         f_clk: if rng.chance(8) { 0.0 } else { rng.ratio(200.0, 8e6) * f_s },
         c_out: if rng.chance(3) { 0.0 } else { rng.ratio(1e-12, 10e-9) },
+        leg_delay: [[0.0; 2]; 3].map(|x: [f64; 2]| x.map(|_| rng.within(-1.0, 1.0) * (0.005 / f_s).min(1e-6))),
         half_periods: [if cfg!(feature = "modes") { 1 } else { 2 }, 2, 2, 4, 6, 16][rng.bits() as usize % 6],
     };
     (machine, inverter)
@@ -138,6 +140,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
     let enhanced = EnhancedParams {
         identify_offset: !rng.chance(4),
         identify_resistance: !rng.chance(4),
+        identify_legs: !rng.chance(4),
         apply_innovation: !rng.chance(6),
         omega_s_min: rng.within(0.0, 0.05) * machine.omega_sR(),
         prior_R_s: rng.ratio(0.002, 0.5),
@@ -288,6 +291,7 @@ fn fuzz<R: Bits>(rng: &mut Rng, periods: u32, seed: u64, refused: &mut impl FnMu
                         knee: any(),
                         leakage: any(),
                         inv_l_m: any(),
+                        legs: Legs { even: AlphaBeta::new(any(), any()), odd: AlphaBeta::new(any(), any()) },
                     };
                     drive.restore(&memory);
                 }
@@ -355,6 +359,8 @@ fn check<R: Real>(drive: &Drive<R>, out: &Output<R>, seed: u64, k: u32) {
         m.knee,
         m.leakage,
         m.inv_l_m,
+        m.legs.even.re(),
+        m.legs.odd.im(),
     ];
     for (n, x) in numbers.iter().enumerate() {
         assert!(x.is_finite(), "{} seed {seed} period {k}: number {n} is {x:?}\n{e:?}\n{m:?}", R::NAME);

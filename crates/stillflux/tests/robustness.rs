@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use proptest::sample::select;
 use stillflux::config::{DriveConfig, DriveParams, Scheme};
 use stillflux::drive::{Drive, Fault, Measurement, Memory, Reference, Status};
+use stillflux::inverter::Legs;
 use stillflux::params::{Inverter, Machine};
 use stillflux::scalar::{Q, Real};
 use stillflux::space::AlphaBeta;
@@ -184,7 +185,7 @@ fn a_stop_blocks_the_gates_at_once() {
 }
 
 /// What a drive holds after it was handed `x` for everything that a memory stores.
-fn restored<R: Real>(scheme: Scheme, x: R) -> [f64; 7] {
+fn restored<R: Real>(scheme: Scheme, x: R) -> [f64; 9] {
     let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
     let params = DriveParams { scheme, calibrate_offset: false, ..DriveParams::new(&machine, &inverter) };
     let mut d = Drive::<R>::new(DriveConfig::new(&machine, &inverter, &params).unwrap());
@@ -197,15 +198,36 @@ fn restored<R: Real>(scheme: Scheme, x: R) -> [f64; 7] {
         knee: x,
         leakage: x,
         inv_l_m: x,
+        legs: Legs { even: AlphaBeta::new(x, -x), odd: AlphaBeta::new(-x, x) },
     });
     let m = d.memory();
-    [m.u_off.re(), m.u_off.im(), m.r_s * R::from_f64(1.0 / r_s), m.i_off[0], m.loss_error, m.leakage, m.inv_l_m]
-        .map(R::to_f64)
+    [
+        m.u_off.re(),
+        m.u_off.im(),
+        m.r_s * R::from_f64(1.0 / r_s),
+        m.i_off[0],
+        m.loss_error,
+        m.leakage,
+        m.inv_l_m,
+        m.legs.even.re(),
+        m.legs.odd.re(),
+    ]
+    .map(R::to_f64)
 }
 
 fn assert_limited<R: Real>(scheme: Scheme, x: R) {
     // An offset voltage of 5 % is that of a sensor offset beyond any healthy one; r_s relative to the parameter.
-    let limits = [(-0.05, 0.05), (-0.05, 0.05), (0.4, 2.0), (-0.15, 0.15), (-0.8, 0.8), (0.5, 2.0), (0.6, 1.6)];
+    let limits = [
+        (-0.05, 0.05),
+        (-0.05, 0.05),
+        (0.4, 2.0),
+        (-0.15, 0.15),
+        (-0.8, 0.8),
+        (0.5, 2.0),
+        (0.6, 1.6),
+        (-0.01, 0.01),
+        (-0.01, 0.01),
+    ];
     let found = restored(scheme, x);
     for (k, (value, (lo, hi))) in found.iter().zip(limits).enumerate() {
         assert!((lo - 1e-6..=hi + 1e-6).contains(value), "{scheme:?} {}: {x:?} became {value} at {k}", R::NAME);

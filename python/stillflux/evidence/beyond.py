@@ -17,15 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stillflux.evidence.claims import Claim, Key, at_least, at_most, reported, worst
+from stillflux.evidence.conditions import START
 from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import Measured, angle, measure
 from stillflux.evidence.registry import targets
 from stillflux.evidence.seeds import SEEDS
 from stillflux.evidence.target import Case, Verdict
+from stillflux.evidence.tolerance import start_up
 from stillflux.parallel import run_jobs
 from stillflux.plots import thin
 from stillflux.result import Result
+from stillflux.scenario import ProfileLike, Scenario
 from stillflux.simulation import simulate
+
+_AFTER_START = 0.1
+"""From the end of the start-up to the first motion of a reference, s."""
 
 __all__ = ["Row", "Summary", "Trace", "cases", "progress", "run_all", "run_case", "run_cases", "summaries"]
 
@@ -91,8 +97,8 @@ def run_case(case: Case) -> Row:
     """Runs one case and judges it."""
     scenario = case.scenario
     if case.before is not None:
-        scenario = scenario.replace(memory=simulate(case.before).memory)
-    result = simulate(scenario)
+        scenario = scenario.replace(memory=_run(case.before).memory)
+    result = _run(scenario)
     measured = measure(result, case.held, case.settled, case.since)
     claims = targets()[case.target].judge(case, result, measured)
     return Row(
@@ -107,6 +113,30 @@ def run_case(case: Case) -> Row:
         claims=tuple(replace(claim, run=case.label, seed=case.seed) for claim in claims),
         trace=trace(result) if case.traced else {},
     )
+
+
+def _run(scenario: Scenario) -> Result:
+    """A run whose references move from `START` on. A machine that has not started by then, since its rotor
+    time constant is long, gets the time that it takes beyond: it is left out of the result."""
+    late = start_up(scenario.motor, scenario.inverter) + _AFTER_START - START
+    if late < 1e-6:
+        return simulate(scenario)
+
+    def later(profile: ProfileLike) -> ProfileLike:
+        if not isinstance(profile, Sequence):
+            return profile
+        return [(0.0, profile[0][1]), *((t + late, value) for t, value in profile)]
+
+    torque = scenario.torque_ref
+    delayed = scenario.replace(
+        omega_ref=later(scenario.omega_ref),
+        torque_ref=None if torque is None else later(torque),
+        load_torque=later(scenario.load_torque),
+        changes=[(t + late, change) for t, change in scenario.changes],
+        duration=scenario.duration + late,
+    )
+    result = simulate(delayed).window(late)
+    return replace(result, scenario=scenario, t=result.t - late)
 
 
 def trace(result: Result) -> Trace:

@@ -171,6 +171,14 @@ fn delays_of_the_switches_add_their_volt_seconds() {
             }));
             let want = [0, 1].map(|x| ideal.u_s[x] + gain[x]);
             assert!(distance(late.u_s, want) < 1e-9, "{mode:?} {angle}: {:?} {want:?}", late.u_s);
+            // As a property of the inverter, what each pulse is longer.
+            let leg_delay = [0, 1, 2].map(|k| [delays.off[k][0] - delays.on[k][0], delays.on[k][1] - delays.off[k][1]]);
+            let inverter = Inverter { leg_delay, ..lossless.inverter };
+            let (mut plant, _) = loaded(PlantParams { mode, inverter, ..lossless }, polar(4.0, angle));
+            plant.step(d, true, 0.0);
+            plant.step(d, true, 0.0);
+            let u_s = plant.truth().u_s;
+            assert!(distance(u_s, want) < 1e-9, "{mode:?} {angle}: {u_s:?} {want:?}");
         }
     }
     let bad = GateDelays { off: [[0.0, 2.2e-6], [0.0; 2], [0.0; 2]], ..GateDelays::default() };

@@ -79,7 +79,7 @@ impl SiCommissioning {
             Arithmetic::F64 => Standstill::F64(Commissioning::new(CommissioningConfig::new(plate, inverter)?)),
             Arithmetic::Q => Standstill::Q(Commissioning::new(CommissioningConfig::new(plate, inverter)?)),
         };
-        let units = with!(&standstill, x => SiUnits::new(x.config().machine()));
+        let units = with!(&standstill, x => SiUnits::new(&x.config().machine, &x.config().sheet));
         Ok(Self { units, arithmetic, shaft, standstill, run: None, refused: false })
     }
 

@@ -6,6 +6,7 @@ use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
+use crate::estimate::legs::LegsConfig;
 use crate::estimate::priors::Priors;
 use crate::estimate::search::SearchConfig;
 use crate::params::{Inverter, Machine};
@@ -18,6 +19,9 @@ const CATCH_BLOCK: f64 = 1e-3;
 /// and three.
 pub(crate) const REDUCED: f64 = 0.7;
 pub(crate) const SMALL: f64 = 0.4;
+/// Half plateaus of the current in which the legs are compared, s; and the least, in time constants of current control.
+const LEGS_TIME: f64 = 0.01;
+const LEGS_SETTLE: f64 = 20.0;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
 /// with temperature; a faster fit follows the noise of its samples.
 const BALANCE_RATE: f64 = 2.1;
@@ -41,12 +45,13 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub search: SearchConfig<R>,
     /// Periods in which the boosted current brings the flux back after the reduced ones.
     pub recovery_periods: u32,
+    pub legs: LegsConfig<R>,
     /// The gains of two current sensors are compared in the second half of the magnetisation: reciprocal of its periods;
     /// 0 with three sensors.
     #[cfg(feature = "modes")]
     pub pair_weight: R,
 }
-words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods,
+words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods, legs,
     #[cfg(feature = "modes")] pair_weight);
 
 impl<R: Real> EnhancedConfig<R> {
@@ -106,6 +111,11 @@ impl<R: Real> EnhancedConfig<R> {
                 inverter.periods(seconds.min(p.magnetise_time * 3.0 / 16.0))
             },
             search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
+            legs: {
+                let half = LEGS_TIME.max(LEGS_SETTLE / (core::f64::consts::TAU * p.current_bandwidth));
+                let on = p.enhanced.identify_legs && p.inverter_model;
+                LegsConfig::new(pu, if on { inverter.periods(half) } else { 0 }, p.current_sensors == 3)
+            },
             #[cfg(feature = "modes")]
             pair_weight: if p.current_sensors == 2 {
                 rounded(2.0 / f64::from(inverter.periods(p.magnetise_time)))

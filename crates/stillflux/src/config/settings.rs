@@ -235,6 +235,8 @@ pub struct EnhancedParams {
     pub identify_offset: bool,
     /// Estimate stator resistance, inverter error and knee.
     pub identify_resistance: bool,
+    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), for 0.2 s.
+    pub identify_legs: bool,
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
     /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
@@ -271,6 +273,7 @@ impl EnhancedParams {
         Self {
             identify_offset: true,
             identify_resistance: true,
+            identify_legs: true,
             apply_innovation: true,
             omega_s_min: 0.006 * machine.omega_sR(),
             prior_R_s: r_s,

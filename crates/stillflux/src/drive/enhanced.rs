@@ -9,6 +9,8 @@
 //!
 //! 1. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections.
+//!    At standstill, or nearly so, the current then alternates along the three axes for 0.2 s, which shows how the legs of
+//!    the bridge differ ([`crate::estimate::legs`]), and whether the machine is at rest; the search is then repeated.
 //! 2. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
@@ -31,14 +33,19 @@ use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{BLOCKS, Catch};
 use crate::estimate::kalman::{Filter, Input, Learned};
+use crate::estimate::legs::{Alternation, LegsProbe};
 #[cfg(feature = "modes")]
 use crate::estimate::pair::{HALF_MAX, Pair};
 use crate::estimate::search::SpeedSearch;
 use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
-use crate::inverter::Knee;
+use crate::inverter::{Knee, Legs};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
+/// Speed at which a machine that rotates is found by [`crate::estimate::legs`].
+const ROTATING: f64 = 0.03;
+/// Speed above which it certainly does: unequal legs are a speed to the search.
+const PERHAPS: f64 = 0.3;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
 /// Least weight of the flux control in regeneration near zero stator frequency.
@@ -87,6 +94,15 @@ pub(super) struct EnhancedEstimators<R: Real> {
     start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
+    /// Differences of the legs, and their measurement in a start-up.
+    legs: Legs<R>,
+    legs_probe: LegsProbe<R>,
+    /// It has found the machine at rest.
+    at_rest: bool,
+    /// Period of the measurement under way.
+    alternation: Option<u32>,
+    /// Periods by which the measurement has put off the start-up.
+    put_off: u32,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
     /// Rotor resistance at its temperature, relative to the parameter.
@@ -112,6 +128,11 @@ impl<R: Real> EnhancedEstimators<R> {
             catch: Catch::new(AlphaBeta::default()),
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
+            legs: *c.inverter.legs(),
+            legs_probe: LegsProbe::default(),
+            at_rest: false,
+            alternation: None,
+            put_off: 0,
             torque_ref: R::ZERO,
             rotor: R::ONE,
         }
@@ -210,7 +231,14 @@ impl<R: Real> EnhancedEstimators<R> {
         if searching {
             let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
             self.speed.psi_r = psi_r;
-            if let Some(omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
+            self.legs_probe.build_up(&c.enhanced.legs, &i_s);
+            if let Some(mut omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
+                self.decide_on_legs(c, omega, at.stage);
+                if self.at_rest {
+                    // The comparison of the legs has seen it for far longer.
+                    self.search.reject();
+                    omega = R::ZERO;
+                }
                 self.speed_estimator.start(&psi_r, omega);
                 (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
             }
@@ -263,6 +291,54 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         true
     }
+
+    /// At the end of the first speed search, after `searched` periods: whether the legs are compared.
+    fn decide_on_legs(&mut self, c: &DriveConfig<R>, omega: R, searched: u32) {
+        let near_rest = omega.within(R::from_f64(PERHAPS));
+        if self.put_off == 0 && self.start == Start::Unknown && near_rest && c.enhanced.legs.is_on() {
+            self.legs_probe.begin(searched);
+            self.alternation = Some(0);
+        }
+    }
+
+    /// One period of the comparison of the legs; after the last one the start-up goes on with a second speed search.
+    #[cold]
+    #[inline(never)]
+    fn compare_legs(
+        &mut self,
+        c: &DriveConfig<R>,
+        x: &PeriodInput<'_, R>,
+        i_dq_ref: &mut Dq<R>,
+        period: u32,
+    ) -> PeriodOutput<R> {
+        let config = &c.enhanced.legs;
+        let i_s = self.balance.remove(&x.i_s);
+        self.filter.rest(&i_s);
+        let i = c.magnetising_current(0).re();
+        let [i_a, i_b, i_c] = x.i_abc;
+        let Alternation { axis, part } = self.legs_probe.step(config, period, &x.u_s, &i_s, i_a + i_b + i_c);
+        *i_dq_ref = Dq::new(i * part, R::ZERO);
+        self.alternation = Some(period + 1);
+        self.put_off += 1;
+        if period + 1 == self.legs_probe.periods(config) {
+            self.at_rest = self.legs_probe.is_at_rest(R::from_f64(ROTATING));
+            if self.at_rest {
+                self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
+                self.knee.set_legs(&self.legs, x.u_dc);
+            }
+            self.alternation = None;
+            self.put_off += self.legs_probe.before();
+            (self.search, self.speed) = (SpeedSearch::new(), SpeedEstimate::default());
+        }
+        let field = FieldQuantities {
+            field: axis,
+            psi_s: R::ZERO,
+            omega_s: R::ZERO,
+            r_s: config.resistance(),
+            i_dq: axis.to_field(&i_s),
+        };
+        PeriodOutput { field, complete: false }
+    }
 }
 
 impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
@@ -286,6 +362,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         {
             self.gone_back = 0;
         }
+        (self.alternation, self.put_off, self.at_rest) = (None, 0, false);
+        self.legs_probe = LegsProbe::default();
         self.shift = FluxShift::default();
         self.torque_ref = R::ZERO;
         self.speed = SpeedEstimate::default();
@@ -301,6 +379,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
+        if let (Some(_), Some(period)) = (start_up, self.alternation) {
+            return self.compare_legs(c, x, i_dq_ref, period);
+        }
+        let start_up = start_up.map(|at| StartUp { stage: at.stage - self.put_off });
         #[cfg(feature = "modes")]
         let start_up = start_up.map(|at| StartUp { stage: at.stage - self.gone_back });
         if let Some(at) = start_up {
@@ -322,8 +404,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             }
+            4 => self.knee.set_legs(&self.legs, x.u_dc),
             6 => {
-                self.knee = c.inverter.knee(self.filter.knee());
+                c.inverter.follow(&mut self.knee, self.filter.knee());
                 if !likely(!c.enhanced.filter.follows_temperature()) {
                     self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
                 }
@@ -456,7 +539,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
 
     fn memory(&self, i_off: [R; 3]) -> Memory<R> {
         let Learned { b, r_s, v: loss_error, knee, leakage, gamma: inv_l_m } = self.filter.learned();
-        Memory { u_off: b * -r_s, r_s, i_off, loss_error, knee, leakage, inv_l_m }
+        Memory { u_off: b * -r_s, r_s, i_off, loss_error, knee, leakage, inv_l_m, legs: self.legs }
     }
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
@@ -464,6 +547,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -memory.r_s.recip() };
         let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
-        self.knee = c.inverter.knee(self.filter.knee());
+        self.legs = memory.legs.limited();
+        c.inverter.follow(&mut self.knee, self.filter.knee());
     }
 }

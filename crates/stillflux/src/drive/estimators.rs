@@ -22,6 +22,8 @@ pub(super) struct PeriodInput<'a, R: Real> {
     /// Voltage applied between the last two samples, and the loss of the inverter model that was commanded last.
     pub u_s: AlphaBeta<R>,
     pub u_loss: &'a Distortion<R>,
+    /// dc-link voltage.
+    pub u_dc: R,
     /// Flux reference in this interval.
     pub psi_ref: R,
     /// Periods since power-up.

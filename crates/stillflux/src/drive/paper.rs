@@ -16,7 +16,7 @@ use crate::estimate::regeneration::Regeneration;
 use crate::estimate::resistance::ResistanceConfig;
 use crate::estimate::resistance::{self, ResistanceEstimator};
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
-use crate::inverter::Knee;
+use crate::inverter::{Knee, Legs};
 use crate::scalar::{Integrator, Real};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -264,7 +264,8 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     /// Inverter and inductance are not estimated.
     fn memory(&self, i_off: [R; 3]) -> Memory<R> {
         let (u_off, r_s) = (self.flux.offset.u_off(), self.resistance.r_s());
-        Memory { u_off, r_s, i_off, loss_error: R::ZERO, knee: R::ONE, leakage: R::ONE, inv_l_m: R::ONE }
+        let (one, legs) = (R::ONE, Legs::default());
+        Memory { u_off, r_s, i_off, loss_error: R::ZERO, knee: one, leakage: one, inv_l_m: one, legs }
     }
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {

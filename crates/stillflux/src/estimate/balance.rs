@@ -61,6 +61,11 @@ impl<R: Real> Balance<R> {
         AlphaBeta::new(i[0] - R::cross(x, [i[1], i[0]]), i[1] + R::dot(x, [i[1], i[0]]))
     }
 
+    /// What is taken off, `x/3`.
+    pub fn image(&self) -> AlphaBeta<R> {
+        AlphaBeta::new(self.image[0].value(), self.image[1].value())
+    }
+
     /// The fit, by one sample: space vector `i` and `sum` of the phase currents as measured.
     #[inline(never)]
     pub fn fit(&mut self, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) {

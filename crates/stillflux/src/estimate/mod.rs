@@ -1,6 +1,8 @@
 //! Estimators. The published scheme: flux (Fig. 7), offset (Fig. 4), resistance (Fig. 12), and the confidence
 //! in them; with the feature `variants` also its other method for the resistance and the two flux estimators that it
-//! argues against. The enhanced scheme: one filter for all of it, the balance of the current sensors, the flux and the speed of a machine that turns at the start, and the rotor resistance by the temperature. Speed is
+//! argues against. The enhanced scheme: one filter for all of it, the balance of the current sensors, the flux and the
+//! speed of a machine that turns at the start, the differences of the bridge's legs, and the rotor resistance by the
+//! temperature. Speed is
 //! common to both.
 
 pub mod balance;
@@ -10,6 +12,8 @@ pub mod confidence;
 pub mod flux;
 pub mod integral;
 pub mod kalman;
+#[cfg(feature = "enhanced")]
+pub(crate) mod legs;
 #[cfg(feature = "variants")]
 pub mod light_load;
 #[cfg(feature = "variants")]

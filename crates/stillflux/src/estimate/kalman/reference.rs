@@ -176,7 +176,12 @@ fn transition_and_measurement_rows_are_the_derivatives_of_the_model() {
                 i_m: Vector2::new(r(), r()),
                 d_i: Vector2::new(r(), r()) * 0.1,
                 u_s: Vector2::new(r(), r()) * 0.1,
-                loss: Distortion { phases: [r() * 0.03, r() * 0.03, r() * 0.03], least: 0.003, full: 0.033 },
+                loss: Distortion {
+                    phases: [r() * 0.03, r() * 0.03, r() * 0.03],
+                    legs: [0.0; 3],
+                    least: 0.003,
+                    full: 0.033,
+                },
             };
             let mut x = State::zeros();
             (x[PSI], x[PSI + 1]) = (0.8 + 0.2 * r(), 0.6 + 0.2 * r());
@@ -482,7 +487,12 @@ impl ClosedLoop {
         let after = self.psi_r + next * sigma;
         // The inverter model takes a third of LOSS per phase, by the sign of its current.
         let phases = AlphaBeta::new(mean.x, mean.y).to_phases();
-        let loss = Distortion { phases: phases.map(|i| LOSS * (i * 20.0).clamp(-1.0, 1.0)), least: 0.0, full: LOSS };
+        let loss = Distortion {
+            phases: phases.map(|i| LOSS * (i * 20.0).clamp(-1.0, 1.0)),
+            legs: [0.0; 3],
+            least: 0.0,
+            full: LOSS,
+        };
         let u = (after - before) / t_s + mean * (c.model.r_s * self.r_s) + vector(&loss.vector()) * LOSS_ERROR;
         self.i = next;
         let i_m = next + self.offset;

@@ -1,0 +1,349 @@
+//! Differences between the legs of the bridge, from a direct current that alternates at standstill. Per unit.
+//!
+//! Delays of the switches make the pulse of leg *k* longer than commanded, by `t_k + d_k sign i_k` of the period
+//! ([`crate::inverter`]). The filter has no state for it: a constant voltage acts like an offset of the current sensors,
+//! but without that offset's effect on `ψ_R = ψ_s - l (i_m - b)`, and unequal dead times act like nothing that it models. At
+//! standstill all of it shows. With the current `±I n_k` along the axis of each phase, one after the other, and the
+//! voltage `u` of the inverter model,
+//!
+//! ```text
+//! ε = u - σl_s di/dτ - (r_s + r_R) i + ψ_R/τ_r = -u_dc 2/3 Σ_j (t_j + d_j sign i_j) n_j,      dψ_R/dτ = r_R i - ψ_R/τ_r
+//! even:    t = -<ε>/u_dc                           mean of both polarities;  t, d: space vectors of the three legs
+//! odd:     d = (2/3) Σ_k t_k <±ε·t_k>/u_dc         t_k ⊥ n_k
+//! ```
+//!
+//! Across the current legs *k* + 1 and *k* + 2 carry equal currents: neither threshold, dead time and knee, as far as they
+//! are common to the legs, nor the resistance are in the odd part. They, and the flux that builds up and decays, change
+//! their sign with the current and are not in the even part, except for the transient with which the flux of a
+//! direction begins at zero instead of within its alternation: of that the error of the parameters is left.
+//!
+//! Unequal gains of three current sensors turn the real current out of the direction of the measured one, by `I x·t_k/3`
+//! ([`super::balance`]). The sum of the measured currents shows `x` at the same time, and its `(r_s + r_R) I x/3`
+//! is taken off. With
+//! two sensors the odd part is not measured.
+//!
+//! | half plateaus of a direction | 1 | 2 | 2 | 1 |
+//! |---|---|---|---|---|
+//! | current | `+I` | `-I` | `+I` | `-I` |
+//!
+//! The flux of the current before is taken off first, and the current goes back to zero at the end.
+//!
+//! Only the middle of the two long plateaus is read, with a triangular weight: the noise of the current at the ends of
+//! the window, times `σl_s`, would otherwise be most of the error. The rotor flux passes zero there, so that a slow
+//! rotation induces nothing on average.
+//!
+//! **Rotation.** In a machine that turns `ε` contains `jω ψ_R`. The flux alternates, so that the differences of the legs
+//! are not in
+//!
+//! ```text
+//! ω = Σ ψ_R × ε/Σ |ψ_R|²
+//! ```
+//!
+//! **Validity.** Standstill. Currents of the legs (`I` and `I/2`) above the knee.
+
+use super::balance::Balance;
+use crate::base::{PerUnit, rounded};
+use crate::inverter::Legs;
+use crate::scalar::{Integrator, Real};
+use crate::space::{AlphaBeta, Rotator};
+use crate::words::words;
+
+/// Half plateaus of a direction, and directions.
+const HALVES: u32 = 6;
+const DIRECTIONS: u32 = 3;
+/// Current that alternates, relative to the one before: the shaft of a salient machine, which is free, turns by its square.
+const CURRENT: f64 = 0.5;
+/// Half width of the window, in parts of a half plateau.
+const WINDOW: (u32, u32) = (3, 5);
+/// Gain of the sums of which the quotient counts: the reciprocal of some thousand periods.
+const MEAN: f64 = 1.0 / 2048.0;
+const SQRT_3_HALF: f64 = 0.866_025_403_784_438_6;
+
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct LegsConfig<R: Real> {
+    /// Periods of half a plateau; 0: off.
+    half: u32,
+    /// 64 times the weight of a step of the triangle: the six windows together have the weight one.
+    weight: R,
+    /// `r_s + r_R`.
+    r: R,
+    /// `σl_s/T_s`.
+    l: R,
+    /// `r_R T_s`, `1/τ_r` and `T_s/τ_r`.
+    build_up: R,
+    inv_tau_r: R,
+    decay: R,
+    /// Whether the odd part is measured.
+    odd: bool,
+}
+words!(LegsConfig: half, weight, r, l, build_up, inv_tau_r, decay, odd);
+
+impl<R: Real> LegsConfig<R> {
+    /// For half plateaus of `half` periods; `odd`: all three currents are measured.
+    #[must_use]
+    pub fn new(pu: &PerUnit, half: u32, odd: bool) -> Self {
+        let of = f64::from(window(half).max(1));
+        let r = rounded::<R>;
+        Self {
+            half,
+            weight: r(64.0 / (6.0 * of * of)),
+            r: r(pu.r_s + pu.r_r),
+            // Limited for fixed point.
+            l: r((pu.sigma_l_s / pu.t_s).min(100.0)),
+            build_up: r(pu.r_r * pu.t_s),
+            inv_tau_r: r(1.0 / pu.tau_r),
+            decay: r(pu.t_s / pu.tau_r),
+            odd,
+        }
+    }
+
+    /// Whether it is measured at all.
+    pub fn is_on(&self) -> bool {
+        self.half > 0
+    }
+
+    /// `r_s + r_R`.
+    pub fn resistance(&self) -> R {
+        self.r
+    }
+
+    /// Direction of the current in a period, and its part of the current before.
+    fn direction(&self, period: Option<u32>) -> (Rotator<R>, R) {
+        let r = R::from_f64;
+        let Some(period) = period else {
+            // Takes off the flux of the current before.
+            return (Rotator::default(), -R::ONE);
+        };
+        let (of, half) = (period / self.half / HALVES, period / self.half % HALVES);
+        let axis = match of {
+            0 => Rotator::default(),
+            1 => Rotator { cos: r(-0.5), sin: r(SQRT_3_HALF) },
+            _ => Rotator { cos: r(-0.5), sin: r(-SQRT_3_HALF) },
+        };
+        let part = match (of, half) {
+            (DIRECTIONS, _) => R::ZERO,
+            (_, 1 | 2 | 5) => -r(CURRENT),
+            _ => r(CURRENT),
+        };
+        (axis, part)
+    }
+
+    /// Weight of a period.
+    fn weight(&self, period: Option<u32>) -> R {
+        let Some(period) = period.filter(|x| *x < DIRECTIONS * HALVES * self.half) else {
+            return R::ZERO;
+        };
+        let within = period % (HALVES * self.half);
+        // The centres of the long plateaus are 2 and 4 half plateaus from the beginning.
+        let from_centre = [2, 4].map(|k| within.abs_diff(k * self.half));
+        self.weight.periods(window(self.half).saturating_sub(from_centre[0].min(from_centre[1])))
+    }
+}
+
+/// Half width of the window, in periods.
+fn window(half: u32) -> u32 {
+    half * WINDOW.0 / WINDOW.1
+}
+
+/// Adds `gain · x` to both components.
+#[inline(never)]
+fn add<R: Real>(to: &mut [Integrator<R>; 2], gain: R, x: &AlphaBeta<R>) {
+    to[0].add(gain, x.re());
+    to[1].add(gain, x.im());
+}
+
+fn vector<R: Real>(x: &[Integrator<R>; 2]) -> AlphaBeta<R> {
+    AlphaBeta::new(x[0].value(), x[1].value())
+}
+
+/// What a period of the measurement asks for.
+#[derive(Clone, Copy, Debug)]
+pub struct Alternation<R: Real> {
+    /// Direction of the current.
+    pub axis: Rotator<R>,
+    /// Its amount with its sign, relative to the current before.
+    pub part: R,
+}
+
+/// State.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct LegsProbe<R: Real> {
+    /// Periods for which the current has flowed in the first direction before.
+    before: u32,
+    /// Rotor flux, and the current of the latest period.
+    psi_r: [Integrator<R>; 2],
+    i_s: AlphaBeta<R>,
+    /// Means of the voltage, of its part across the current in the direction of the current, and of the sum of the
+    /// currents likewise.
+    even: [Integrator<R>; 2],
+    odd: [Integrator<R>; 2],
+    sum: [Integrator<R>; 2],
+    /// Means of `ψ_R × ε` and `|ψ_R|²`.
+    turning: Integrator<R>,
+    square: Integrator<R>,
+}
+
+impl<R: Real> LegsProbe<R> {
+    /// Begins, after a current in the first direction for `before` periods.
+    pub fn begin(&mut self, before: u32) {
+        self.before = before;
+    }
+
+    /// Periods for which the current has flowed in the first direction before.
+    pub fn before(&self) -> u32 {
+        self.before
+    }
+
+    /// Periods of the whole measurement.
+    pub fn periods(&self, c: &LegsConfig<R>) -> u32 {
+        self.before + (DIRECTIONS * HALVES + 1) * c.half
+    }
+
+    /// The rotor flux one period later, at a current; returns the one before. Also for the current before the measurement.
+    pub fn build_up(&mut self, c: &LegsConfig<R>, i_s: &AlphaBeta<R>) -> AlphaBeta<R> {
+        let psi_r = vector(&self.psi_r);
+        add(&mut self.psi_r, c.build_up, i_s);
+        add(&mut self.psi_r, -c.decay, &psi_r);
+        self.i_s = *i_s;
+        psi_r
+    }
+
+    /// One period, counted from zero: voltage of the inverter model and current between the last two samples, and sum of
+    /// the currents. Returns what the current is to be next.
+    pub fn step(
+        &mut self,
+        c: &LegsConfig<R>,
+        period: u32,
+        u_s: &AlphaBeta<R>,
+        i_s: &AlphaBeta<R>,
+        sum: R,
+    ) -> Alternation<R> {
+        let period = period.checked_sub(self.before);
+        let (axis, part) = c.direction(period);
+        let w = c.weight(period);
+        let i_last = self.i_s;
+        let psi_r = self.build_up(c, i_s);
+        let u = *u_s - (*i_s - i_last) * c.l - *i_s * c.r + psi_r * c.inv_tau_r;
+        self.turning.add(R::from_f64(MEAN), psi_r.cross(&u));
+        self.square.add(R::from_f64(MEAN), psi_r.norm_sq());
+        let signed = w * part * R::from_f64(1.0 / CURRENT);
+        let across = axis.axis().cross(&u);
+        add(&mut self.even, w, &u);
+        add(&mut self.odd, signed, &AlphaBeta::new(-axis.sin * across, axis.cos * across));
+        add(&mut self.sum, signed, &(axis.axis() * sum));
+        Alternation { axis, part }
+    }
+
+    /// Whether the machine turned slower than `omega`.
+    pub fn is_at_rest(&self, omega: R) -> bool {
+        self.turning.value().abs() < omega * self.square.value()
+    }
+
+    /// The differences, where `legs` are those that the inverter model has, at a dc link, and `i` was the current before.
+    #[must_use]
+    pub fn result(&self, c: &LegsConfig<R>, legs: &Legs<R>, balance: &Balance<R>, i: R, u_dc: R) -> Legs<R> {
+        let i = i * R::from_f64(CURRENT);
+        let inv_u_dc = u_dc.recip();
+        let even = legs.even - vector(&self.even) * inv_u_dc;
+        let mut odd = legs.odd;
+        if c.odd {
+            // I x/3 of the sensors, less what is removed from the currents.
+            let gains = vector(&self.sum) * R::from_f64(2.0 / 3.0) - balance.image() * i;
+            odd += (vector(&self.odd) * R::TWO - gains * c.r) * inv_u_dc;
+        }
+        Legs { even, odd }.limited()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::params::{Inverter, Machine};
+    use crate::scalar::Q;
+
+    const LEGS: [[f64; 2]; 3] = [[6e-4, -2e-4], [-5e-4, 1e-4], [-1e-4, 9e-4]];
+
+    /// What is found of [`LEGS`] in a machine that turns at `omega`, with sensors of these gains, and whether it is at rest.
+    fn found<R: Real>(gains: [f64; 3], omega: f64) -> (Legs<R>, bool) {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let pu = PerUnit::new(&machine, &inverter).unwrap();
+        let config = LegsConfig::<R>::new(&pu, 100, true);
+        let (r, i_0, u_dc) = (R::from_f64, 0.6, pu.u_dc);
+        let mut probe = LegsProbe::<R>::default();
+        probe.begin(100);
+        let mut psi_r = AlphaBeta::<f64>::default();
+        let (mut axis, mut target, mut i) = (AlphaBeta::<f64>::new(1.0, 0.0), i_0, 0.0);
+        let image = AlphaBeta::<f64>::from_phases(gains.map(|g| 0.5 * (g - 1.0)));
+        for period in 0..100 + probe.periods(&config) {
+            i += 0.2 * (target - i);
+            // The measured current is on the axis, the real one turned out of it by the gains.
+            let on_axis = axis * i;
+            let off = AlphaBeta::new(
+                image.dot(&AlphaBeta::new(on_axis.re(), -on_axis.im())),
+                -on_axis.cross(&AlphaBeta::new(image.re(), -image.im())),
+            );
+            let i_s = on_axis - off;
+            let turned = AlphaBeta::new(-psi_r.im(), psi_r.re());
+            let d_psi = i_s * pu.r_r - psi_r * (1.0 / pu.tau_r) + turned * omega;
+            let phases = i_s.to_phases();
+            // By unequal legs, and by a dead time that the model has too small.
+            let lost = [0, 1, 2].map(|k| {
+                let [plus, minus] = LEGS[k];
+                if phases[k] > 0.0 { 2e-3 - plus * u_dc } else { -2e-3 - minus * u_dc }
+            });
+            let u_s = i_s * pu.r_s + d_psi + AlphaBeta::from_phases(lost);
+            psi_r += d_psi * pu.t_s;
+            let measured = [0, 1, 2].map(|k| phases[k] * gains[k]);
+            let sum = r(measured.iter().sum());
+            let [u_s, i_s] = [u_s, AlphaBeta::from_phases(measured)].map(|x| AlphaBeta::new(r(x.re()), r(x.im())));
+            if period < 100 {
+                probe.build_up(&config, &i_s);
+            } else {
+                let next = probe.step(&config, period - 100, &u_s, &i_s, sum);
+                let of = next.axis.axis();
+                axis = AlphaBeta::new(of.re().to_f64(), of.im().to_f64());
+                target = i_0 * next.part.to_f64();
+            }
+        }
+        let legs = probe.result(&config, &Legs::default(), &Balance::default(), r(i_0), r(u_dc));
+        (legs, probe.is_at_rest(r(0.03)))
+    }
+
+    fn error<R: Real>(legs: &Legs<R>) -> f64 {
+        let want = Legs::<f64>::new(&LEGS);
+        [(legs.even, want.even), (legs.odd, want.odd)]
+            .map(|(x, y)| (x.re().to_f64() - y.re()).hypot(x.im().to_f64() - y.im()))
+            .into_iter()
+            .fold(0.0, f64::max)
+    }
+
+    fn is_found<R: Real>() {
+        for gains in [[1.0; 3], [1.01, 0.995, 0.995]] {
+            let (legs, at_rest) = found::<R>(gains, 0.0);
+            assert!(at_rest && error(&legs) < 2e-5, "{}, {gains:?}: {legs:?}", R::NAME);
+        }
+    }
+
+    #[test]
+    fn unequal_legs_are_found_in_every_arithmetic_also_with_unequal_sensors() {
+        is_found::<f64>();
+        is_found::<f32>();
+        is_found::<Q>();
+    }
+
+    #[test]
+    fn a_machine_that_turns_is_not_taken_for_one_at_rest() {
+        for omega in [0.005, -0.01] {
+            let (legs, at_rest) = found::<f32>([1.0; 3], omega);
+            assert!(at_rest && error(&legs) < 1e-4, "{omega}: {legs:?}");
+        }
+        for omega in [0.06, -0.1, 0.2, -0.4, 1.0] {
+            assert!(!found::<f32>([1.0; 3], omega).1, "{omega}");
+        }
+    }
+}
