@@ -70,18 +70,20 @@ def test_the_log_of_a_simulation_comes_back(run: sf.Result, scheme: Scheme) -> N
         expected = np.degrees(run["estimate.angle_deviation"])
         assert (error < 2.0 * expected + 0.3)[under_load].all()
     else:
-        # At zero stator frequency the published estimator integrates what is left of the voltage's error:
-        # that of R_s, which the last lines bound, over the time there.
-        turning = np.abs(run["estimate.omega_s"]) > 0.01 * MOTOR.base["omega"]
-        slow = under_load & ~turning
-        rate = 0.02 * MOTOR.R_s * np.abs(run["i_s"][slow]) / np.abs(run["psi_s"][slow])
+        # Where the field hardly turns the published estimator integrates what is left of the voltage's error:
+        # that of R_s, which the drive of the log had itself and the last lines bound.
+        slow = under_load & (np.abs(run["estimate.omega_s"]) < 0.05 * MOTOR.base["omega"])
+        off = np.abs(found.R_s - (1.1 * MOTOR.R_s + INVERTER.r_d))[slow]
+        rate = off * np.abs(run["i_s"][slow]) / np.abs(run["psi_s"][slow])
         drift = np.degrees(np.cumsum(rate) * (run.t[1] - run.t[0]))
-        assert (error < 1.0)[under_load & turning].all()
+        assert (error < 1.0)[under_load & ~slow].all()
         assert (error[slow] < 1.0 + drift).all()
     assert np.abs(found.omega_m - run["omega_m"])[under_load].max() < 0.01 * MOTOR.base["omega_m"]
     assert np.abs(found.torque - run["torque"])[run.t > 3.0].mean() < 0.03 * MOTOR.T_N
     assert found.R_s[-1] == pytest.approx(1.1 * MOTOR.R_s + INVERTER.r_d, rel=0.02)
-    assert found.confidence[-1] > 0.8
+    turning, still = found.confidence[run.t < 4.5][-1], found.confidence[-1]
+    assert turning > 0.8
+    assert still < turning, "at zero stator frequency less is known"
 
 
 def test_the_band_contains_the_error(run: sf.Result) -> None:

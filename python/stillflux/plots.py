@@ -231,6 +231,7 @@ def sweep_spread(found: Sweep, metrics: Sequence[str]) -> Figure:
         values = values[np.isfinite(values)]
         panel.step(values, np.arange(1, len(values) + 1) / max(1, len(found)), where="post")
         panel.set(xlabel=_labelled(found, name), ylabel="part of the rows", ylim=(0.0, 1.02))
+        panel.locator_params(axis="x", nbins=4)
         panel.grid(alpha=0.3)
     return figure
 
