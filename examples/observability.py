@@ -1,8 +1,9 @@
 """What cannot be seen at zero stator frequency, and what the drive does about it.
 
 Rated load where the stator frequency is zero: one direction of the flux error does not show in the
-terminals. Kept there (`omega_s_min=0`), the expected deviation of the angle grows and the angle drifts. By
-default the drive lowers its flux, the slip rises and the field keeps turning.
+terminals. Kept there (`omega_s_min=0`), the expected deviation of the angle grows and the angle drifts, under
+some realisations of the noise until the field is lost. By default the drive lowers its flux, the slip rises
+and the field keeps turning.
 """
 
 import math
@@ -14,7 +15,7 @@ from stillflux.plots import new_figure
 
 
 def main() -> dict[str, sf.Result]:
-    """Twelve seconds at that point, with and without the flux shift."""
+    """Eleven seconds at that point, with and without the flux shift."""
     motor, inverter = sf.Motor.preset("11kW"), sf.Inverter.preset("11kW")
     psi_r = motor.base["psi"] * motor.L_M / motor.L_s
     slip = motor.T_N / (1.5 * motor.n_p) * motor.R_R / psi_r**2
@@ -42,7 +43,7 @@ if __name__ == "__main__":
         shown = result.t > 2.0
         upper.fill_between(result.t[shown], -band[shown], band[shown], alpha=0.3, label="± 2 σ expected")
         upper.plot(result.t[shown], error[shown], linewidth=0.9, label="true error")
-        upper.set(title=name, ylabel="field angle, °" if name != "default" else "")
+        upper.set(title=name, ylim=(-30.0, 30.0), ylabel="field angle, °" if name != "default" else "")
         lower.plot(result.t[shown], result["omega_s"][shown] / (2.0 * math.pi), linewidth=0.9)
         lower.set(xlabel="time, s", ylabel="stator frequency, Hz" if name != "default" else "")
         print(f"{name}: angle error at most {np.abs(error[result.t > 4.5]).max():.1f}°")

@@ -15,6 +15,11 @@ from typing import Any
 
 import pytest
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 ROOT = Path(__file__).resolve().parents[1]
 CRATE = ROOT / "crates" / "stillflux-c"
 EXAMPLES = CRATE / "examples"
@@ -58,6 +63,14 @@ def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     features = " ".join(FEATURES[request.param])
     subprocess.run(["make", "-s", "c", f"C_TO={to}", f"C_FEATURES={features}"], cwd=ROOT, check=True)
     return request.param, to
+
+
+def test_header_and_library_have_the_same_features() -> None:
+    """The header knows the size of the state, which depends on them."""
+    manifests = [CRATE / "Cargo.toml", CRATE / "header" / "Cargo.toml"]
+    library, header = (tomllib.loads(m.read_text(encoding="utf-8"))["features"] for m in manifests)
+    renamed = {name: [on.replace("drive/", "stillflux/") for on in ons] for name, ons in library.items()}
+    assert renamed == header
 
 
 def compile_host(compiler: str, library: Path, to: Path, *sources: str) -> None:

@@ -182,16 +182,17 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
 
 #: Bytes of an image with one scheme and without the optional features of the core, f32 and q: library
 #: (interrupt and start from the page), `Drive`, stack of one interrupt whatever it calls. The design asks for
-#: 16 KiB of flash, 1024 bytes of RAM and 512 of stack. The published one is within that in f32; in q, where each
-#: product saturates, it is 1.6 kB of flash and 48 bytes of RAM beyond. The enhanced one, with the start into a
-#: turning machine and eleven states, misses flash and RAM by far.
+#: 16 KiB of flash, 1024 bytes of RAM and 512 of stack. The published one is within that in f32; in q, where
+#: each product saturates, it is 1.6 kB of flash and 48 bytes of RAM beyond. The enhanced one, with the start
+#: into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (16_384, 18_176), "ram_drive": (1024, 1088), "stack_step": (416, 448)},
     "enhanced": {"flash_library": (29_952, 37_632), "ram_drive": (1584, 1648), "stack_step": (512, 512)},
 }
 
-#: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680 of the
-#: published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the enhanced one: of these the last worst case is met.
+#: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680
+#: of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the enhanced one: of these the last
+#: worst case is met.
 BUDGET = {
     "flux_estimator": {"f32": 158, "q": 185},
     "drive_step": {"f32": 685, "q": 1072, "f32_worst": 960, "q_worst": 1400},

@@ -169,7 +169,8 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
             black_box(applied(&modulate(black_box([r(0.1), r(-0.2), r(0.1)]), r(0.6), Some(&timer))));
         }),
         Box::new(move || {
-            let loss = Distortion { phases: [r(0.03), r(-0.02), r(-0.01)], least: R::ZERO, full: r(0.03) };
+            let phases = [r(0.03), r(-0.02), r(-0.01)];
+            let loss = Distortion { phases, full: r(0.03), ..Distortion::default() };
             let seen = Input { u_s: black_box(u), loss: &loss, i_m: i, i_ref, omega_s: r(0.03) };
             filter.step(filter_config, &seen, false);
             black_box(filter.magnitude());

@@ -343,7 +343,7 @@ impl<R: Real> Visible<R> {
         let (f, d, u) = (order.ranked(&pulses.falling), order.ranked(duty), order.ranked(&u.to_phases()));
         let third = R::from_f64(1.0 / 3.0);
         // A falling edge waits for the dead time where the current is negative. As a voltage over half a period.
-        let late = order.ranked(&loss.phases);
+        let late = order.ranked(&[0, 1, 2].map(|k| loss.phases[k] - loss.legs[k]));
         let late = late.map(|e| (loss.full - loss.least - (e - loss.least).max(R::ZERO)) * R::TWO);
         let lag = c.lag * u_dc * (third + third);
         let at_end = [
@@ -426,7 +426,8 @@ mod tests {
         signs: [f64; 3],
     ) -> Shunt<f64> {
         // The loss is relative to the whole period, of two units.
-        let loss = Distortion { phases: signs.map(|s| DEAD / 2.0 * s), least: 0.0, full: DEAD / 2.0 };
+        let phases = signs.map(|s| DEAD / 2.0 * s);
+        let loss = Distortion { phases, least: 0.0, full: DEAD / 2.0, ..Distortion::default() };
         let u = applied(duty) - loss.vector();
         let visible = Visible::of(c, (&pulses.0, pulses.1, pulses.2), duty, &loss, (&u, 1.0));
         Shunt { visible: [Some(visible); 2], ..Shunt::default() }
