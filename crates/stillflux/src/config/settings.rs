@@ -235,7 +235,8 @@ pub struct EnhancedParams {
     pub identify_offset: bool,
     /// Estimate stator resistance, inverter error and knee.
     pub identify_resistance: bool,
-    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), for 0.2 s.
+    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), for 0.2 s; not without
+    /// `calibrate_offset`.
     pub identify_legs: bool,
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
