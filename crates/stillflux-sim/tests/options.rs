@@ -199,8 +199,7 @@ fn cases(m: &Machine, slots: u32) -> Vec<Case> {
             }),
             with: 0.015..0.05,
             without: 1e-3,
-            // Its shaft, free and without friction, turns while the start compares the legs.
-            angle: 1.5,
+            angle: 1.0,
         },
         Case {
             name: "delays of the switches",

@@ -113,7 +113,8 @@ impl<R: Real> EnhancedConfig<R> {
             search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
             legs: {
                 let half = LEGS_TIME.max(LEGS_SETTLE / (core::f64::consts::TAU * p.current_bandwidth));
-                let on = p.enhanced.identify_legs && p.inverter_model;
+                // Offsets of the sensors that were not read would be taken for a voltage of the legs.
+                let on = p.enhanced.identify_legs && p.inverter_model && p.calibrate_offset;
                 LegsConfig::new(pu, if on { inverter.periods(half) } else { 0 }, p.current_sensors == 3)
             },
             #[cfg(feature = "modes")]

@@ -236,7 +236,7 @@ pub struct EnhancedParams {
     /// Estimate stator resistance, inverter error and knee.
     pub identify_resistance: bool,
     /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), which then takes
-    /// 0.2 s longer; off by default.
+    /// 0.2 s longer; off by default, and without `calibrate_offset`.
     pub identify_legs: bool,
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
