@@ -111,7 +111,7 @@ def write_page(compiler: str, folder: Path) -> Path:
 def test_a_page_from_c_is_that_in_the_image_from_rust(compiler: str, library: tuple[str, Path]) -> None:
     arithmetic, folder = library
     page = write_page(compiler, folder).read_bytes()
-    assert len(page) == 1024
+    assert len(page) == 1536
     try:
         chain = toolchain.find()
     except toolchain.MissingError as missing:

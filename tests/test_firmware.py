@@ -144,7 +144,7 @@ def test_a_page_of_another_scheme_keeps_the_bridge_blocked(chain: Any) -> None:
 
 def _page(elf: bytes) -> bytes:
     at = elf.index(MAGIC)
-    return elf[at : at + 1024]
+    return elf[at : at + 1536]
 
 
 def test_a_torn_parameter_page_keeps_the_bridge_blocked(chain: Any) -> None:

@@ -37,7 +37,7 @@ pub const STILLFLUX_ERROR_PARAMETER: u32 = 3;
 pub const STILLFLUX_ERROR_CLOSED: u32 = 4;
 
 /// Words of a parameter page.
-pub const STILLFLUX_PAGE_WORDS: usize = 256;
+pub const STILLFLUX_PAGE_WORDS: usize = 384;
 const _: () = assert!(STILLFLUX_PAGE_WORDS == WORDS);
 
 /// Gates off, waiting for a set point.

@@ -2,7 +2,7 @@
 //! what comes back, the same source on host and target.
 //!
 //! To the target travel the frames of [`crate::exchange`], of which only the readings count. Back, 4 words a period:
-//! compare values and state. At the end the parameter page with what was found ([`stillflux::page`]), 1 KiB.
+//! compare values and state. At the end the parameter page with what was found ([`stillflux::page`]).
 
 use stillflux::commission::{Nameplate, Stage, Status};
 use stillflux::interrupt::{Command, CountsCommissioning};

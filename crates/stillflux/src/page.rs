@@ -28,8 +28,8 @@ use crate::words::{Words, words};
 const MAGIC: u32 = 0x3372_6673;
 /// Words before the content.
 const HEAD: usize = 5;
-/// Words of a page; 1 KiB.
-pub const WORDS: usize = 256;
+/// Words of a page, 1.5 KiB: enough for every feature, and with the number of its writing within a flash page of 2 KiB.
+pub const WORDS: usize = 384;
 
 /// What an image needs to know, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]

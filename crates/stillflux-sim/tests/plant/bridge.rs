@@ -152,7 +152,7 @@ fn bridge_loses_dead_time_threshold_and_resistance() {
 fn delays_of_the_switches_add_their_volt_seconds() {
     let delays = GateDelays {
         on: [[0.10e-6, 0.25e-6], [0.05e-6, 0.0], [0.3e-6, 0.2e-6]],
-        off: [[0.40e-6, 0.15e-6], [0.6e-6, 0.5e-6], [0.0, 0.35e-6]],
+        off: [[0.40e-6, 0.15e-6], [0.5e-6, 0.45e-6], [0.0, 0.35e-6]],
     };
     let d = [0.53, 0.48, 0.50];
     for mode in [Mode::Switching, Mode::Averaged] {

@@ -235,7 +235,8 @@ pub struct EnhancedParams {
     pub identify_offset: bool,
     /// Estimate stator resistance, inverter error and knee.
     pub identify_resistance: bool,
-    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), for 0.2 s.
+    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), which then takes
+    /// 0.2 s longer; off by default.
     pub identify_legs: bool,
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
@@ -273,7 +274,7 @@ impl EnhancedParams {
         Self {
             identify_offset: true,
             identify_resistance: true,
-            identify_legs: true,
+            identify_legs: false,
             apply_innovation: true,
             omega_s_min: 0.006 * machine.omega_sR(),
             prior_R_s: r_s,
