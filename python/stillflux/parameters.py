@@ -209,9 +209,10 @@ class Inverter:
     at both of its extremes, with samples at both; 4, 6 … 16: in every second, third … eighth carrier
     period."""
     leg_delay: LegDelay = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
-    """Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current of the
-    leg, s, within ±1 µs and a two-hundredth of the period: delays of its switches and drivers. Only differences between
-    the legs act. A drive compensates them; the enhanced scheme measures them at each start."""
+    """Time by which the pulse of each leg is longer than commanded, for a positive and for a negative current
+    of the leg, s, within ±1 µs and a two-hundredth of the period: delays of its switches and drivers. Only
+    differences between the legs act. A drive compensates them; the enhanced scheme measures them at each
+    start."""
 
     def __post_init__(self) -> None:
         _plain_numbers(self)
