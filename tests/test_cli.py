@@ -22,10 +22,10 @@ SCENARIO = """
 motor = "2.2kW"
 inverter = {preset = "2.2kW", f_s = 5e3}
 plant_motor = {preset = "2.2kW", R_s = 4.0}
-duration = 2.1
-omega_ref = [[0.0, 0.0], [1.9, 0.0], [1.9, 3.0]]
+duration = 1.8
+omega_ref = [[0.0, 0.0], [1.6, 0.0], [1.6, 3.0]]
 plant = {current_offset = [0.01, 0.02]}
-changes = [[2.0, {R_s = 4.2}]]
+changes = [[1.7, {R_s = 4.2}]]
 """
 
 
@@ -61,7 +61,7 @@ def test_simulate_plots_chosen_signals(tmp_path: Path) -> None:
 def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bad.toml"
     for text, expected in [
-        (SCENARIO.replace("2.1", "-1.0"), "duration = -1"),
+        (SCENARIO.replace("1.8", "-1.0"), "duration = -1"),
         (SCENARIO + "speed = 3\n", "speed is not a field"),
         ("duration =", "bad.toml|Invalid|invalid"),
     ]:

@@ -83,13 +83,13 @@ def test_many_runs() -> None:
 def test_the_drive_holds_on_plants_that_others_wrote(package: str, name: str) -> None:
     pytest.importorskip(package)
     worst = notebook(name)[1]["worst"]
-    assert worst("enhanced", 2.4, 3.4) < 1.0
-    assert worst("enhanced", 3.6, math.inf) < 1.0
+    assert worst("enhanced", 2.4, 3.4) < 0.5
+    assert worst("enhanced", 3.6, math.inf) < 0.5
 
 
 def test_observability() -> None:
     kept, default = (run("observability")[name].window(4.5) for name in ("omega_s_min=0", "default"))
-    assert metrics.worst_angle(kept) > metrics.worst_angle(default)
+    assert metrics.worst_angle(kept) > 5.0 * metrics.worst_angle(default)
     assert kept["estimate.angle_deviation"].max() > 2.0 * default["estimate.angle_deviation"].max()
 
 

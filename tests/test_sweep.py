@@ -24,7 +24,7 @@ MOTOR = sf.Motor.preset("2.2kW")
 BASE = sf.Scenario(
     motor=MOTOR,
     inverter=sf.Inverter.preset("2.2kW"),
-    duration=2.1,
+    duration=1.7,
     omega_ref=5.0,
     signals=["angle_error", "status", "omega_m", "reference", "estimate.confidence", "R_s", "estimate.R_s"],
 )
@@ -157,9 +157,9 @@ def test_failures_are_rows() -> None:
 
 
 def test_a_fault_of_the_drive_is_a_status() -> None:
-    found = sf.sweep([BASE.replace(changes=[(2.0, {"u_dc": 10.0})])], ["fault_time"], "serial")
+    found = sf.sweep([BASE.replace(changes=[(1.6, {"u_dc": 10.0})])], ["fault_time"], "serial")
     assert "under-voltage" in found["status"][0]
-    assert 2.0 <= found["fault_time"][0] < 2.01
+    assert 1.6 <= found["fault_time"][0] < 1.61
     assert not found.failed
 
 
