@@ -450,7 +450,8 @@ impl<R: Real> DriveConfig<R> {
                     small_floor_sq: r(0.02 * 0.02),
                     calls_open: watched(0.004),
                     calls_control: watched(0.25),
-                    calls_zero: watched(0.008),
+                    calls_zero: watched(0.004),
+                    t_s: r(t_slow),
                 },
                 #[cfg(feature = "supervision")]
                 channels: ChannelConfig {

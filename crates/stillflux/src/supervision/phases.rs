@@ -3,13 +3,15 @@
 //! ```text
 //! |i* - i|² > 0.2² |i*|² + 0.05²         violated
 //! Σ|i_x| < 0.15 Σ|i_x*|                  phase x is open; sums over the violated calls
-//! |i* - i|² > 0.06² |i*|² + 0.02²        and |ω̂_s| > 0.03, |i_x| < 0.03 |i| in every call for 8 ms: phase x is open
+//! |i* - i|² > 0.06² |i*|² + 0.02²        and |ω̂_s| > 0.03, |i_x| < 0.03 |i| in every call for 4 ms and 0.1 rad of ω̂_s τ:
+//!                                        phase x is open
 //! ```
 //!
 //! An open phase confines the current vector to a line. A rotating reference leaves that line in every turn, and the
 //! sums over the violated calls tell the phase; a direct current deviates unless the phase happens to carry none. At low
 //! frequency the estimated field may follow the current that is left, and the reference with it: then a phase whose
-//! current stays at its zero under a small deviation, although the field turns, is open. After 4 ms of violation (leaky, [`super::leaky`]) an open
+//! current stays at its zero under a small deviation, although the field turns, is open: a healthy one has passed the zero
+//! after 2 · 0.03 rad. After 4 ms of violation (leaky, [`super::leaky`]) an open
 //! phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped or
 //! inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
 //!
@@ -24,14 +26,16 @@ use crate::words::words;
 /// Largest deviation relative to the reference, and one that a healthy drive has in transients only.
 const DEVIATION: f64 = 0.2;
 const SMALL: f64 = 0.06;
-/// Smallest current of a phase relative to the current vector: a healthy phase passes it within some ms.
+/// Smallest current of a phase relative to the current vector: a healthy phase has passed it after `2 · ZERO` rad.
 const ZERO: f64 = 0.03;
+/// Angle by which the field turns while an open phase stays there, rad.
+const PASSED: f64 = 0.1;
 /// Current of an open phase relative to its reference, mean magnitudes: noise, and samples that still deviated
 /// otherwise.
 const OPEN: f64 = 0.15;
 /// Least mean reference, per unit, with which a phase counts.
 const CARRIES: f64 = 0.1;
-/// Least stator frequency at which a phase passes its zero in less than 8 ms.
+/// Least stator frequency at which the angle counts: below it the estimate of a frequency is noise to a good part.
 const TURNS: f64 = 0.03;
 /// Part of a current that one call adds to the sums: keeps them within the range of fixed point.
 const SCALE: f64 = 1.0 / 64.0;
@@ -49,10 +53,12 @@ pub struct PhaseConfig<R: Real> {
     pub calls_open: u32,
     /// See `calls_open`.
     pub calls_control: u32,
-    /// Calls at the zero of its current after which a phase is open.
+    /// Calls at the zero of its current after which a phase is open, if the field has turned meanwhile.
     pub calls_zero: u32,
+    /// Normalised time between two calls.
+    pub t_s: R,
 }
-words!(PhaseConfig: floor_sq, small_floor_sq, calls_open, calls_control, calls_zero);
+words!(PhaseConfig: floor_sq, small_floor_sq, calls_open, calls_control, calls_zero, t_s);
 
 /// State.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,8 +66,8 @@ words!(PhaseConfig: floor_sq, small_floor_sq, calls_open, calls_control, calls_z
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Phases<R: Real> {
     counter: LeakyCounter,
-    /// Calls for which each phase has been at the zero of its current.
-    zero: [u32; 3],
+    /// Calls for which each phase has been at the zero of its current, and by what the field has turned in them, rad.
+    zero: [(u32, R); 3],
     /// Sums of `|i_x|` and of `|i_x*|` over the violated calls, scaled.
     measured: [R; 3],
     wanted: [R; 3],
@@ -69,7 +75,7 @@ pub struct Phases<R: Real> {
 
 impl<R: Real> Default for Phases<R> {
     fn default() -> Self {
-        Self { counter: LeakyCounter::default(), zero: [0; 3], measured: [R::ZERO; 3], wanted: [R::ZERO; 3] }
+        Self { counter: LeakyCounter::default(), zero: [(0, R::ZERO); 3], measured: [R::ZERO; 3], wanted: [R::ZERO; 3] }
     }
 }
 
@@ -109,11 +115,19 @@ impl<R: Real> Phases<R> {
         let r = R::from_f64;
         let open = |phase: f64| Some(Trip::new(Fault::OpenPhase, r(phase), R::ZERO));
         let (measured, wanted) = (field.to_stator(i).to_phases(), field.to_stator(i_ref).to_phases());
-        let turns = omega_s.is_some_and(|omega_s| !omega_s.within(r(TURNS)));
-        let nothing = if turns { i.norm_sq() * r(ZERO * ZERO) } else { R::ZERO };
+        let omega_s = omega_s.map(R::abs);
+        let turned = omega_s.filter(|omega_s| *omega_s > r(TURNS)).map(|omega_s| omega_s * c.t_s);
+        let nothing = if turned.is_some() { i.norm_sq() * r(ZERO * ZERO) } else { R::ZERO };
         for (k, number) in [1.0, 2.0, 3.0].into_iter().enumerate() {
-            self.zero[k] = if measured[k] * measured[k] < nothing { self.zero[k].saturating_add(1) } else { 0 };
-            if self.zero[k] > c.calls_zero {
+            let (calls, angle) = self.zero[k];
+            self.zero[k] = match turned {
+                Some(turned) if measured[k] * measured[k] < nothing => {
+                    (calls.saturating_add(1), (angle + turned).min(R::ONE))
+                }
+                _ => (0, R::ZERO),
+            };
+            let (calls, angle) = self.zero[k];
+            if calls > c.calls_zero && angle > r(PASSED) {
                 return open(number);
             }
         }
