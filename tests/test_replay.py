@@ -89,9 +89,7 @@ def test_the_log_of_a_simulation_comes_back(run: sf.Result, scheme: Scheme) -> N
 def test_the_band_contains_the_error(run: sf.Result) -> None:
     for begin in (0.0, 2.9):
         found = sf.replay(run.window(begin), MOTOR, INVERTER)
-        # Until the load comes the voltage of the log contains what its drive had measured of the legs of the
-        # bridge at its start, an error of some tenths of a degree that the replay does not know of.
-        judged = found.t > max(begin + 0.3, 2.5)
+        judged = found.t > max(begin + 0.3, 1.8)
         normalised = angle_error(found, run)[judged] / np.degrees(found.angle_deviation[judged])
         assert np.mean(np.abs(normalised) < 3.0) > 0.9
 
