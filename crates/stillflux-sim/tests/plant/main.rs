@@ -8,7 +8,7 @@ mod shunt;
 mod slots;
 
 use stillflux::params::{Gamma, Inverter, Machine, Saturation};
-use stillflux_sim::{Plant, PlantParams};
+use stillflux_sim::{Energy, Plant, PlantParams};
 
 /// Control period of every run here, s.
 const T_S: f64 = 1e-4;
@@ -106,4 +106,22 @@ fn runs_up_alike(with: impl Fn(PlantParams) -> PlantParams) {
         assert!((a.omega_m - b.omega_m).abs() < 1e-6 && a.omega_m > 5.0, "{} {}", a.omega_m, b.omega_m);
         assert!(distance(a.psi_r, b.psi_r) < 1e-7);
     }
+}
+
+/// A run-up with coulomb friction and pauses of the gates: the plant after it, its energies, and what is missing in the
+/// balance of the machine and in that of everything, over the input.
+fn energies(mut p: PlantParams) -> (Plant, Energy, f64, f64) {
+    p.mechanics.coulomb = 0.3;
+    let mut plant = plant(p);
+    plant.track_energy(true);
+    let begin = plant.node_energy();
+    for k in 0..6000 {
+        let t = k as f64 * T_S;
+        plant.step(duties(polar(25.0 + 200.0 * t, std::f64::consts::TAU * 20.0 * t * t), 540.0), k % 700 < 650, 1.0);
+    }
+    let e = *plant.energy().unwrap();
+    let lost = e.copper_s + e.copper_r + e.iron + e.shaft;
+    let machine = e.input - lost - plant.magnetic_energy();
+    let all = e.link - e.conduction - e.charging - lost - plant.magnetic_energy() - plant.node_energy() + begin;
+    (plant, e, machine / e.input, all / e.input)
 }
