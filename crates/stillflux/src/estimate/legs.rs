@@ -117,7 +117,8 @@ impl<R: Real> LegsConfig<R> {
             // Takes off the flux of the current before.
             return (Rotator::default(), -R::ONE);
         };
-        let (of, half) = (period / self.half / HALVES, period / self.half % HALVES);
+        let halves = period / self.half.max(1);
+        let (of, half) = (halves / HALVES, halves % HALVES);
         let axis = match of {
             0 => Rotator::default(),
             1 => Rotator { cos: r(-0.5), sin: r(SQRT_3_HALF) },
@@ -136,7 +137,7 @@ impl<R: Real> LegsConfig<R> {
         let Some(period) = period.filter(|x| *x < DIRECTIONS * HALVES * self.half) else {
             return R::ZERO;
         };
-        let within = period % (HALVES * self.half);
+        let within = period % (HALVES * self.half.max(1));
         // The centres of the long plateaus are 2 and 4 half plateaus from the beginning.
         let from_centre = [2, 4].map(|k| within.abs_diff(k * self.half));
         self.weight.periods(window(self.half).saturating_sub(from_centre[0].min(from_centre[1])))

@@ -145,6 +145,19 @@ impl<R: Real> Covariance<R> {
         *self.get_mut(I, I) = variance;
     }
 
+    /// Multiplies the correlations of a state with all others by a `factor` from 0 to 1; its variance stays. `P` stays
+    /// positive: the result is the mean of itself and of the isolated one, with these weights.
+    #[inline(always)]
+    pub fn fade<const I: usize>(&mut self, factor: R) {
+        let variance = self.get(I, I);
+        let mut fade = |k: usize| {
+            let of = self.get_mut(I, k);
+            *of = *of * factor;
+        };
+        let _: [(); N] = written_out!(fade);
+        *self.get_mut(I, I) = variance;
+    }
+
     /// Update of row `I`: `P ← P - (P h)(P h)ᵀ/S`, the variance not below a floor.
     #[inline(always)]
     pub fn reduce<const I: usize>(&mut self, ph: &Column<R>, inv_s: R, floor: R) {

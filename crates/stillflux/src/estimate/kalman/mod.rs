@@ -67,7 +67,8 @@
 //! * Below `|ω_s| = 0.008` the leakage is not corrected, since a steady load does not show it there; it keeps its variance,
 //!   and the others their correlations with it (Schmidt's filter): a load that comes in at standstill turns the rotor flux
 //!   by the error of the leakage, and the gains must know. Without the correlations the filter took that for errors of
-//!   resistance and offset, and large machines lost every tenth load step.
+//!   resistance and offset, and large machines lost every tenth load step. The correlations fade within some
+//!   seconds (`REMEMBERED`).
 //! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
 //!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.
 //! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 blocks, means that something has

@@ -6,7 +6,7 @@ use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA,
     SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
 };
-use super::schedule::{Holds, OMEGA_HELD, OMEGA_LEAKAGE_HELD};
+use super::schedule::{Holds, OMEGA_HELD, OMEGA_LEAKAGE_HELD, REMEMBERED};
 use super::{
     B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, N, NIS_CORNER,
     NIS_THRESHOLD, R_S_RANGE, SIGMA_LOST, V_MAX, noise,
@@ -371,6 +371,10 @@ impl Reference {
         let leakage_held = held || omega <= OMEGA_LEAKAGE_HELD;
         if leakage_held {
             q[(LEAKAGE, LEAKAGE)] = 0.0;
+            let own = p[(LEAKAGE, LEAKAGE)];
+            p.row_mut(LEAKAGE).scale_mut(REMEMBERED);
+            p.column_mut(LEAKAGE).scale_mut(REMEMBERED);
+            p[(LEAKAGE, LEAKAGE)] = own;
         }
         for (k, held) in [(RS, held), (V, held), (KNEE, held), (LEAKAGE, held)] {
             if held {

@@ -46,8 +46,13 @@ pub(super) const OMEGA_HELD: f64 = 0.2;
 
 /// Stator frequency, per unit, below which the leakage is not corrected. A steady load does not show it there, and over
 /// minutes the remaining errors of the bridge near current zero would be taken for it: ten minutes of rated torque at the
-/// flux shift's 0.006 moved it by 22 % at 2.2 kW. Its variance and correlations stay (Schmidt's update).
+/// flux shift's 0.006 moved it by 22 % at 2.2 kW. Its variance stays, and its correlations for a while (Schmidt's update).
 pub(super) const OMEGA_LEAKAGE_HELD: f64 = 0.008;
+/// Part of the correlations with the leakage that is left after a block in which it is not corrected: they fade with 4096
+/// blocks, some seconds. A change of load is weighed by them; over minutes errors of the bridge near current zero, which
+/// are no noise, went by them into the flux: ten minutes of rated torque at the flux shift's 0.006 turned it by 9° at
+/// 2.2 kW. Allowance.
+pub(super) const REMEMBERED: f64 = 1.0 - 1.0 / 4096.0;
 
 /// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
 const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
@@ -223,6 +228,7 @@ impl<R: Real> Filter<R> {
         }
         if q.leakage_held() {
             walk[LEAKAGE] = R::ZERO;
+            self.p.fade::<LEAKAGE>(R::from_f64(REMEMBERED));
         }
         walk[M] += Noise::lag(c.model.decay, q.transient);
         let induced = c.noise.induced(omega);
