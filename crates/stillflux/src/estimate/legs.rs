@@ -137,7 +137,9 @@ impl<R: Real> LegsConfig<R> {
         let Some(period) = period.filter(|x| *x < DIRECTIONS * HALVES * self.half) else {
             return R::ZERO;
         };
-        let within = period % (HALVES * self.half.max(1));
+        // Not the remainder of a product, which might wrap to zero.
+        let half = self.half.max(1);
+        let within = period - period / half / HALVES * HALVES * half;
         // The centres of the long plateaus are 2 and 4 half plateaus from the beginning.
         let from_centre = [2, 4].map(|k| within.abs_diff(k * self.half));
         self.weight.periods(window(self.half).saturating_sub(from_centre[0].min(from_centre[1])))
