@@ -182,21 +182,22 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
 
 #: Bytes of an image with one scheme and without the optional features of the core, f32 and q: library
 #: (interrupt and start from the page), `Drive`, stack of one interrupt whatever it calls. The design asks for
-#: 16 KiB of flash, 1024 bytes of RAM and 512 of stack. The published one is within that in f32; in q, where
-#: each product saturates, it is 1.6 kB of flash and 48 bytes of RAM beyond. The enhanced one, with the start
-#: into a turning machine and eleven states, misses flash and RAM by far.
+#: 16 KiB of flash, 1024 bytes of RAM and 512 of stack. The published one misses that by 0.6 kB and 32 bytes in
+#: f32 and, where each product saturates, by 2 kB and 112 bytes in q. The enhanced one, with the start into a
+#: turning machine and eleven states, misses it by far. Of both the legs of the bridge, which are in every
+#: build, take 0.7 kB and 60 bytes (published), 3 kB, 256 bytes and 72 of stack (enhanced).
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (16_384, 18_176), "ram_drive": (1024, 1088), "stack_step": (416, 448)},
-    "enhanced": {"flash_library": (29_952, 37_632), "ram_drive": (1584, 1648), "stack_step": (512, 512)},
+    "paper": {"flash_library": (17_024, 18_432), "ram_drive": (1056, 1136), "stack_step": (416, 448)},
+    "enhanced": {"flash_library": (33_024, 40_832), "ram_drive": (1840, 1904), "stack_step": (592, 576)},
 }
 
 #: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680
-#: of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the enhanced one: of these the last
-#: worst case is met.
+#: of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the enhanced one. None of these is met;
+#: the loss of unequal legs takes 30 to 80 of them.
 BUDGET = {
     "flux_estimator": {"f32": 158, "q": 185},
-    "drive_step": {"f32": 685, "q": 1072, "f32_worst": 960, "q_worst": 1400},
-    "drive_step_enhanced": {"f32": 908, "q": 1430, "f32_worst": 1108, "q_worst": 1790},
+    "drive_step": {"f32": 716, "q": 1132, "f32_worst": 976, "q_worst": 1472},
+    "drive_step_enhanced": {"f32": 944, "q": 1512, "f32_worst": 1196, "q_worst": 1888},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }
