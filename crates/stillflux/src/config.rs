@@ -294,7 +294,7 @@ impl<R: Real> DriveConfig<R> {
 
     /// Magnetising current of the start-up: boosted until the flux has built up, then held.
     pub(crate) fn magnetising_current(&self, stage: u32) -> Dq<R> {
-        let i_d = self.flux_control.magnetising_current(self.flux_control.psi_rated);
+        let i_d = self.flux_control.feedforward(self.flux_control.psi_rated, R::ZERO);
         Dq::new(if stage < self.boost_periods { i_d * R::from_f64(BOOST) } else { i_d }, R::ZERO)
     }
 
@@ -315,6 +315,7 @@ impl<R: Real> DriveConfig<R> {
         let slow_periods = |t: f64| periods(t / f64::from(SLOW_PERIODS));
         #[cfg(feature = "supervision")]
         let watched = |t: f64| if p.supervision { slow_periods(t) } else { u32::MAX };
+        let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
         let i_q_max = libm::sqrt(i_max * i_max - i_0 * i_0);
@@ -343,8 +344,7 @@ impl<R: Real> DriveConfig<R> {
         // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
 
-        // Reciprocal of `k` of (12): torque current at pull-out over the flux.
-        let inv_k = 0.5 * pu.l_m / (l_s * sigma_l_s);
+        let inv_two_l_product = 0.5 / l_product;
         let k_i = t_s * k_p * pu.hz(p.current_bandwidth) / 5.0;
         let speed_k_i = t_slow * speed_gain * pu.hz(p.speed_bandwidth) / 4.0;
         fits::<R>("J", machine.J, "kg m^2", speed_gain, 1.0)?;
@@ -360,10 +360,9 @@ impl<R: Real> DriveConfig<R> {
         if p.scheme == Scheme::Enhanced {
             FilterConfig::<R>::check(machine, inverter)?;
         }
-        fits::<R>("L_M", machine.L_M, "H", pu.l_m, 1.0)?;
-        fits::<R>("L_M", machine.L_M, "H", 1.0 / pu.l_m, -1.0)?;
-        fits::<R>("L_sigma", machine.L_sigma, "H", sigma_l_s, 1.0)?;
-        fits::<R>("L_sigma", machine.L_sigma, "H", inv_k, -1.0)?;
+        fits::<R>("L_M", machine.L_M, "H", pu.l_m * pu.l_m, 2.0)?;
+        fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * l_product * l_product, 4.0)?;
+        fits::<R>("L_sigma", machine.L_sigma, "H", inv_two_l_product, -1.0)?;
         fits::<R>("i_max", p.i_max, "A", 1.0 / (0.9 * i_q_max * p.psi_ref), -1.0)?;
         let ramp_acceleration = slow * ramp::CALLS / b.omega_m;
         let ramp_jerk = slow * ramp_acceleration;
@@ -411,9 +410,10 @@ impl<R: Real> DriveConfig<R> {
             flux_control: FluxControlConfig {
                 psi_rated: r(p.psi_ref),
                 inv_psi_rated: r(1.0 / p.psi_ref),
-                leakage: r(sigma_l_s),
-                gamma: r(1.0 / pu.l_m),
-                inv_k: r(inv_k),
+                l_sum: r(l_s + sigma_l_s),
+                root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
+                root_i_q: r(4.0 * l_product * l_product),
+                inv_two_l_product: r(inv_two_l_product),
                 k_p: r(flux_gain * tau_r),
                 k_i: r(t_slow * flux_gain),
                 limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
@@ -475,7 +475,7 @@ impl<R: Real> DriveConfig<R> {
             // Leaves a quarter of the current to the torque.
             i_d_max: r(libm::sqrt(15.0 / 16.0) * i_max),
             i_q_max: r(i_q_max),
-            pull_out_use: r(0.8 * inv_k),
+            pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_limit: r(u_limit),
             u_use: r(u_use),
             u_dc_min: r(p.u_dc_min / b.u),

@@ -3,12 +3,9 @@
 //! (12) holds for the correct field orientation and is implicit in `i_d`; solved for a reference,
 //!
 //! ```text
-//! i_d* = [(1 + 2 λγ) ψ* - √(ψ*² - (k i_q)²)]/k,    k = 2λ (1 + λγ),    λ = σl_s,  γ = 1/l_M
-//! |i_q| < ψ*/k                                                            pull-out
+//! i_d* = [b - √(b² - 4 l_s σl_s (ψ*² + l_s σl_s i_q²))] / (2 l_s σl_s),    b = (l_s + σl_s) ψ*
+//! |i_q| < ψ* (1 - σ) / (2 σl_s)                                             pull-out
 //! ```
-//!
-//! with what the scheme has learned of both inductances ([`FluxController::step`]). It is the flux asked for that counts,
-//! also where the one that is estimated differs: `i_d*` of the latter would hold it where it is.
 //!
 //! The PI part corrects errors of the inductances; with `e = ψ* - |ψ̂_s|`,
 //!
@@ -65,12 +62,14 @@ pub struct FluxControlConfig<R: Real> {
     pub psi_rated: R,
     /// Its reciprocal.
     pub inv_psi_rated: R,
-    /// Leakage inductance `λ`.
-    pub leakage: R,
-    /// Inverse main inductance `γ`.
-    pub gamma: R,
-    /// `1/k`.
-    pub inv_k: R,
+    /// `l_s + σl_s`.
+    pub l_sum: R,
+    /// `(l_s + σl_s)² - 4 l_s σl_s`, coefficient of `ψ*²` in the radicand of (12).
+    pub root_psi: R,
+    /// `(2 l_s σl_s)²`, coefficient of `-i_q²`.
+    pub root_i_q: R,
+    /// `1 / (2 l_s σl_s)`.
+    pub inv_two_l_product: R,
     /// Proportional gain.
     pub k_p: R,
     /// Integral gain times the time between two calls.
@@ -86,7 +85,7 @@ pub struct FluxControlConfig<R: Real> {
 }
 words! {
     FluxControlConfig:
-    psi_rated, inv_psi_rated, leakage, gamma, inv_k, k_p, k_i, limit, limit_high, k_p_weak, k_i_weak,
+    psi_rated, inv_psi_rated, l_sum, root_psi, root_i_q, inv_two_l_product, k_p, k_i, limit, limit_high, k_p_weak, k_i_weak,
 }
 
 /// State of the flux controller.
@@ -95,9 +94,8 @@ words! {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxController<R: Real> {
     x: Integrator<R>,
-    /// Reciprocal root of the radicand of the last call, and its `1/k`.
+    /// Reciprocal root of the radicand of the last call.
     inv_root: R,
-    inv_k: R,
 }
 
 impl<R: Real> FluxControlConfig<R> {
@@ -107,10 +105,21 @@ impl<R: Real> FluxControlConfig<R> {
         if likely(psi_ref == self.psi_rated) { self.inv_psi_rated } else { psi_ref.recip() }
     }
 
-    /// Magnetising current `ψ*/l_s` of a flux, with the inductances of the parameters.
-    #[cold]
-    pub fn magnetising_current(&self, psi_ref: R) -> R {
-        psi_ref * self.gamma * (R::ONE + self.leakage * self.gamma).recip()
+    /// `i_d*` of (12) for a flux and a torque current below pull-out.
+    #[inline(always)]
+    pub fn feedforward(&self, psi_ref: R, i_q: R) -> R {
+        self.solve(psi_ref, self.radicand(psi_ref, i_q).sqrt())
+    }
+
+    /// Radicand of (12).
+    #[inline(always)]
+    fn radicand(&self, psi_ref: R, i_q: R) -> R {
+        psi_ref * psi_ref * self.root_psi - i_q * i_q * self.root_i_q
+    }
+
+    #[inline(always)]
+    fn solve(&self, psi_ref: R, root: R) -> R {
+        (self.l_sum * psi_ref - root) * self.inv_two_l_product
     }
 }
 
@@ -121,23 +130,15 @@ pub fn weight_by_frequency<R: Real>(omega_s: R) -> R {
 }
 
 impl<R: Real> FluxController<R> {
-    /// Begins without a correction.
-    pub fn start(&mut self, c: &FluxControlConfig<R>) {
-        *self = Self { inv_k: c.inv_k, ..Self::default() };
+    /// Resets the integrator.
+    pub fn start(&mut self) {
+        *self = Self::default();
     }
 
-    /// One period; returns `i_d*`: that of (12) for a flux `psi_ref` with leakage and inverse main inductance relative to
-    /// the parameters, and the PI part of an `error` of the flux with a `weight` from 0 to 1.
+    /// One period; returns `i_d*`: that of (12) for a flux `psi`, and the PI part of an `error` of the flux with a
+    /// `weight` from 0 to 1.
     #[inline(always)]
-    pub fn step(
-        &mut self,
-        c: &FluxControlConfig<R>,
-        (psi_ref, [leakage, gamma]): (R, [R; 2]),
-        error: R,
-        i_q: R,
-        weight: R,
-        range: Range,
-    ) -> R {
+    pub fn step(&mut self, c: &FluxControlConfig<R>, psi: R, error: R, i_q: R, weight: R, range: Range) -> R {
         let (k_p, k_i, limit) = match range {
             Range::Low => (c.k_p, c.k_i, c.limit),
             Range::High => (c.k_p, c.k_i, c.limit_high),
@@ -147,18 +148,9 @@ impl<R: Real> FluxController<R> {
         // At weight zero the integrator decays with the rate k_i.
         let leak = x * (R::ONE - weight);
         let x = self.x.add_limited(k_i, error * weight - leak, limit);
-        let leakage = c.leakage * leakage;
-        let part = leakage * (c.gamma * gamma);
-        let half = leakage + leakage * part;
-        let k = half + half;
-        // The inductances change by far less than a hundredth from call to call: a Newton step, which also comes from the
-        // nominal ones to those that were learned before a restart.
-        self.inv_k = (self.inv_k + self.inv_k * (R::ONE - k * self.inv_k)).max(c.inv_k.quarter());
-        let across = k * i_q;
-        let radicand = (psi_ref * psi_ref - across * across).max(R::ZERO);
+        let radicand = c.radicand(psi, i_q).max(R::ZERO);
         self.inv_root = radicand.rsqrt_near(self.inv_root);
-        let i_d = (psi_ref + psi_ref * (part + part) - radicand * self.inv_root) * self.inv_k;
-        i_d + (error * k_p * weight + x).limit(limit)
+        c.solve(psi, radicand * self.inv_root) + (error * k_p * weight + x).limit(limit)
     }
 }
 
@@ -166,29 +158,15 @@ impl<R: Real> FluxController<R> {
 mod tests {
     use super::*;
 
-    const L_S: f64 = 1.67;
-    const SIGMA_L_S: f64 = 0.143;
-    const NOMINAL: [f64; 2] = [1.0; 2];
-
-    fn started() -> FluxController<f64> {
-        let mut ctrl = FluxController::default();
-        ctrl.start(&config());
-        ctrl
-    }
-
-    /// `i_d*` without an error of the flux, once it stands.
-    fn feedforward(psi: f64, inductances: [f64; 2], i_q: f64) -> f64 {
-        let (c, mut ctrl) = (config(), started());
-        (0..50).map(|_| ctrl.step(&c, (psi, inductances), 0.0, i_q, 1.0, Range::Low)).last().unwrap()
-    }
-
     pub(super) fn config() -> FluxControlConfig<f64> {
+        let (l_s, sl) = (1.67, 0.143);
         FluxControlConfig {
             psi_rated: 1.0,
             inv_psi_rated: 1.0,
-            leakage: SIGMA_L_S,
-            gamma: 1.0 / (L_S - SIGMA_L_S),
-            inv_k: 0.5 * (L_S - SIGMA_L_S) / (L_S * SIGMA_L_S),
+            l_sum: l_s + sl,
+            root_psi: (l_s - sl) * (l_s - sl),
+            root_i_q: 4.0 * (l_s * sl) * (l_s * sl),
+            inv_two_l_product: 0.5 / (l_s * sl),
             k_p: 1.0,
             k_i: 0.003,
             limit: 0.2,
@@ -199,21 +177,19 @@ mod tests {
     }
 
     #[test]
-    fn feedforward_solves_equation_12_with_the_inductances_that_were_learned() {
-        for [of_leakage, of_gamma] in [NOMINAL, [1.3, 1.15], [0.8, 0.9]] {
-            let (leakage, l_m) = (of_leakage * SIGMA_L_S, (L_S - SIGMA_L_S) / of_gamma);
-            let l_s = l_m + leakage;
-            for k in 0..30 {
-                let i_q = f64::from(k) * 0.08;
-                let i_d = feedforward(1.0, [of_leakage, of_gamma], i_q);
-                let rhs = (1.0 + l_s * leakage * (i_d * i_d + i_q * i_q)) / (l_s + leakage);
-                assert!((i_d - rhs).abs() < 1e-9, "{i_d} {rhs}");
-            }
-            assert!((feedforward(1.0, [of_leakage, of_gamma], 0.0) - 1.0 / l_s).abs() < 1e-9);
+    fn feedforward_solves_equation_12() {
+        let c = config();
+        for k in 0..30 {
+            let i_q = f64::from(k) * 0.1;
+            let i_d = c.feedforward(1.0, i_q);
+            let l_product = 0.5 / c.inv_two_l_product;
+            let rhs = 1.0 / c.l_sum + l_product / c.l_sum * (i_d * i_d + i_q * i_q);
+            assert!((i_d - rhs).abs() < 1e-12);
         }
-        assert!((config().magnetising_current(0.8) - 0.8 / L_S).abs() < 1e-12);
-        let pull_out = (1.0 - SIGMA_L_S / L_S) / (2.0 * SIGMA_L_S);
-        assert!((config().inv_k - pull_out).abs() < 1e-9);
+        assert!((c.feedforward(1.0, 0.0) - 1.0 / 1.67).abs() < 1e-12);
+        let (l_s, sl) = (1.67, 0.143);
+        let pull_out = (1.0 - sl / l_s) / (2.0 * sl);
+        assert!((c.root_psi - c.root_i_q * pull_out * pull_out).abs() < 1e-9);
     }
 
     /// `i_d*` beyond the feedforward, after `periods` at a flux and a stator frequency.
@@ -221,15 +197,15 @@ mod tests {
         let c = config();
         let mut i_d = 0.0;
         for _ in 0..periods {
-            i_d = ctrl.step(&c, (1.0, NOMINAL), 1.0 - psi_s, 0.3, weight_by_frequency(omega_s), Range::Low);
+            i_d = ctrl.step(&c, 1.0, 1.0 - psi_s, 0.3, weight_by_frequency(omega_s), Range::Low);
         }
-        i_d - feedforward(1.0, NOMINAL, 0.3)
+        i_d - c.feedforward(1.0, 0.3)
     }
 
     #[test]
     fn a_flux_that_is_missing_is_asked_for_up_to_the_limit_and_no_more_is_held() {
         for sign in [1.0, -1.0] {
-            let mut ctrl = started();
+            let mut ctrl = FluxController::default();
             assert!((sign * correction(&mut ctrl, 1.0 - 0.1 * sign, 0.5, 1) - 0.1003).abs() < 1e-6, "k_p and k_i");
             assert!((sign * correction(&mut ctrl, 1.0 - 0.5 * sign, 0.5, 10_000) - 0.2).abs() < 1e-9);
             // The integrator holds the limit and nothing beyond it.
@@ -240,7 +216,7 @@ mod tests {
     #[test]
     fn the_flux_estimate_counts_as_far_as_the_voltage_tells_it() {
         for sign in [1.0, -1.0] {
-            let first = |omega: f64| correction(&mut started(), 0.9, sign * omega, 1);
+            let first = |omega: f64| correction(&mut FluxController::default(), 0.9, sign * omega, 1);
             assert!(first(0.0).abs() < 1e-9 && first(0.0199).abs() < 1e-9);
             assert!((first(0.04) - 0.5 * 0.1003).abs() < 1e-6);
             assert!((first(0.06) - 0.1003).abs() < 1e-6 && (first(0.3) - 0.1003).abs() < 1e-6);
@@ -249,7 +225,7 @@ mod tests {
 
     #[test]
     fn at_zero_stator_frequency_the_correction_is_forgotten() {
-        let mut ctrl = started();
+        let mut ctrl = FluxController::default();
         correction(&mut ctrl, 0.5, 0.5, 10_000);
         let k_i = config().k_i;
         assert!((correction(&mut ctrl, 0.5, 0.0, (1.0 / k_i) as u32) - 0.2 * (-1.0f64).exp()).abs() < 1e-3);
@@ -258,10 +234,10 @@ mod tests {
 
     #[test]
     fn beyond_pull_out_the_current_is_that_of_pull_out() {
-        let (c, mut ctrl) = (config(), started());
+        let (c, mut ctrl) = (config(), FluxController::default());
         for i_q in [6.0, -50.0] {
-            let i_d = ctrl.step(&c, (1.0, NOMINAL), 0.0, i_q, 0.0, Range::Low);
-            assert!((i_d - (1.0 + 2.0 * c.leakage * c.gamma) * c.inv_k).abs() < 1e-6, "{i_d}");
+            let i_d = ctrl.step(&c, 1.0, 0.0, i_q, 0.0, Range::Low);
+            assert!((i_d - c.l_sum * c.inv_two_l_product).abs() < 1e-6, "{i_d}");
         }
     }
 

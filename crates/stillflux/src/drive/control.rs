@@ -1,7 +1,7 @@
 //! Speed, flux and current control of Fig. 3 on the quantities that a scheme estimates, per unit.
 //!
 //! ```text
-//! ψ* = min(κ ψ_N, ψ*_u),    i_q* = T*/ψ,    i_d* by (12) at ψ* and i_q*, with the flux controller's correction
+//! ψ* = min(κ ψ_N, ψ*_u),    i_q* = T*/ψ,    i_d* by (12) at ψ and i_q*, with the flux controller's correction
 //! |T*| ≤ ψ min(0.8 i_q,pull-out(ψ_p), √(i_max² - i_0²), √(i_max² - i_d*²), i_q,u)
 //! ```
 //!
@@ -97,7 +97,7 @@ impl<R: Real> Control<R> {
     pub fn start(&mut self, c: &DriveConfig<R>, omega_m: R) {
         self.psi_ref = c.flux_control.psi_rated;
         self.psi_weak = c.flux_control.psi_rated;
-        self.flux.start(&c.flux_control);
+        self.flux.start();
         self.weakening = Weakening::default();
         self.i_q_room = c.i_q_max;
         if self.i_max_sq == R::ZERO {
@@ -168,14 +168,17 @@ impl<R: Real> Control<R> {
         let (u_max, u_sq, psi_weak) = (u_dc * c.u_use, self.current.u_sq(), self.psi_weak);
         let psi_ref = psi_weak.min(c.flux_control.psi_rated * factor);
         self.psi_ref = psi_ref;
-        // Torque and pull-out by the estimated flux, with the weight that the scheme gives it.
-        let (range, (psi, weight));
+        // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
+        let (range, (psi, weight), psi_ff);
         if likely(psi_weak == c.flux_control.psi_rated) {
             (psi, weight) = estimators.present_flux(psi_ref);
+            psi_ff = psi;
             range = if speed.omega_s.within(R::from_f64(FREQUENCY_HIGH)) { Range::Low } else { Range::High };
         } else {
-            // At this frequency nothing is known better than the flux that the voltage model integrates.
+            // At this frequency nothing is known better than the flux that the voltage model integrates. The
+            // feedforward is that of the reference, which the flux has to follow.
             (psi, weight) = (estimators.psi_s().max(c.weakening.psi_min), R::ONE);
+            psi_ff = psi_ref;
             range = Range::Weakened;
         }
         let mut i_q_max = self.largest_torque_current(c, estimators, psi);
@@ -229,8 +232,7 @@ impl<R: Real> Control<R> {
         };
         self.limited = limited;
         let i_q = torque_ref * c.flux_control.reciprocal(psi);
-        let wanted = (psi_ref, estimators.inductances());
-        let i_d = self.flux.step(&c.flux_control, wanted, psi_ref - estimators.psi_s(), i_q, weight, range);
+        let i_d = self.flux.step(&c.flux_control, psi_ff, psi_ref - estimators.psi_s(), i_q, weight, range);
         self.i_q_room += (c.i_q_max - self.i_q_room) * R::from_f64(1.0 / 16.0);
         self.i_dq_ref = Dq::new(i_d, i_q);
         if !likely(self.i_dq_ref.norm_sq() <= self.i_max_sq) {

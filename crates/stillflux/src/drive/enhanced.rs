@@ -484,13 +484,6 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         (psi_ref + weight * (psi - psi_ref), weight * gain)
     }
 
-    /// The inverse main inductance counts with the weight of `|ψ̂_s|`: where the flux is not known neither is it.
-    #[inline(always)]
-    fn inductances(&self) -> [R; 2] {
-        let f = &self.filter;
-        [f.leakage(), R::ONE + f.magnitude_weight() * (f.gamma() - R::ONE)]
-    }
-
     /// `|ψ̂_s|` over the relative leakage. A flux below `psi` counts with its full amount: taken too small it costs
     /// torque, taken too large the flux collapses.
     #[inline(always)]

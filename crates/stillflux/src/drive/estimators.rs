@@ -119,15 +119,9 @@ pub(super) trait Estimators<R: Real> {
     /// `|ψ̂_s|`.
     fn psi_s(&self) -> R;
 
-    /// Flux by which the torque current is computed, at a flux reference: `|ψ̂_s|` where the
+    /// Flux by which torque current and magnetising current are computed, at a flux reference: `|ψ̂_s|` where the
     /// scheme takes it as more accurate than the reference. And the weight of flux control, 0 to 1.
     fn present_flux(&self, psi_ref: R) -> (R, R);
-
-    /// Leakage and inverse main inductance relative to the parameters, as far as they are learned.
-    #[inline(always)]
-    fn inductances(&self) -> [R; 2] {
-        [R::ONE; 2]
-    }
 
     /// Flux that sets the distance to pull-out, for the leakage inductance of the parameters, given that of
     /// [`Estimators::present_flux`].

@@ -490,12 +490,6 @@ impl<R: Real> Filter<R> {
         c.model.sigma_l_s * self.leakage()
     }
 
-    /// Inverse main inductance relative to that of the parameters.
-    #[inline]
-    pub fn gamma(&self) -> R {
-        self.gamma.value()
-    }
-
     /// Rotor flux `ψ_s - σl_s i` of the latest period.
     #[inline]
     pub fn rotor_flux(&self, c: &FilterConfig<R>) -> AlphaBeta<R> {
