@@ -136,9 +136,10 @@ def _check_start(result: Result) -> list[Claim]:
 
 
 def _starts_on(result: Result) -> list[Claim]:
+    """The enhanced scheme takes the open phase for a rotation and drives a current up to its trip."""
+    time = 1e3 * (min(_found(result), float(result.t[-1])) - _begins(result))
     return [
-        holds("another fault, or none", result.status.fault != "open phase"),
-        at_least("time without one, ms", 1e3 * (min(_found(result), result.t[-1]) - _begins(result)), 100.0),
+        holds("over-current, or no fault for 100 ms", result.status.fault == "over-current" or time >= 100.0)
     ]
 
 
