@@ -152,7 +152,7 @@ impl<R: Real> Covariance<R> {
         let variance = self.get(I, I);
         let mut fade = |k: usize| {
             let of = self.get_mut(I, k);
-            *of = *of * factor;
+            *of *= factor;
         };
         let _: [(); N] = written_out!(fade);
         *self.get_mut(I, I) = variance;
