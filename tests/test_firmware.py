@@ -183,8 +183,8 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
 #: Bytes of an image with one scheme and without the optional features of the core, f32 and q: library
 #: (interrupt and start from the page), `Drive`, stack of one interrupt whatever it calls. The design asks for
 #: 16 KiB of flash, 1024 bytes of RAM and 512 of stack. The published one misses that by 0.6 kB and 32 bytes
-#: in f32 and, where each product saturates, by 2 kB and 112 bytes in q. The enhanced one, with the start into a
-#: turning machine and eleven states, misses it by far. Of both the legs of the bridge, which are in every
+#: in f32 and, where each product saturates, by 2 kB and 112 bytes in q. The enhanced one, with the start into
+#: a turning machine and eleven states, misses it by far. Of both the legs of the bridge, which are in every
 #: build, take 0.7 kB and 60 bytes (published), 3 kB, 256 bytes and 72 of stack (enhanced).
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (17_024, 18_432), "ram_drive": (1056, 1136), "stack_step": (416, 448)},
