@@ -40,8 +40,8 @@
 //! ```
 //!
 //! which at zero voltage is half of the swing `K m` that the shifted pulses make: 90 mA at 2.2 kW and 0.9 A at 11 kW with
-//! 4.5 µs, systematic and in the direction of the voltage. The change of the currents' mean over the last quarter of the period is left out: at
-//! 50 Hz and 10 kHz that is 0.5° of the current.
+//! 4.5 µs, systematic and in the direction of the voltage. The change of the currents' mean over the last quarter of the
+//! period is left out: at 50 Hz and 10 kHz that is 0.5° of the current.
 //!
 //! **Swing.** What the current really swings by in a state is not known from the leakage at rated flux alone: where the
 //! main flux saturates, the inductance to so short a pulse is less along the flux, by a seventh at 2.2 kW, and an error of a
@@ -79,8 +79,9 @@ use crate::words::words;
 /// Part of the deviation from the offset that is taken over in every period: a tenth of a second at 10 kHz.
 pub(crate) const RATE: f64 = 1.0 / 1024.0;
 
-/// The same of the swing's factor, and from one period with the reverse order to the next.
+/// Part of the deviation that the swing's factor takes over in every period with the reverse order.
 const RATE_SWING: f64 = 1.0 / 512.0;
+/// Periods from one with the reverse order to the next.
 const PROBE_PERIODS: u32 = 8;
 
 /// Settings of the single shunt, per unit.

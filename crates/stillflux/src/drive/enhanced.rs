@@ -9,8 +9,9 @@
 //!
 //! 1. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections.
-//!    At standstill, or nearly so, the current then alternates along the three axes for 0.2 s, which shows how the legs of
-//!    the bridge differ ([`crate::estimate::legs`]), and whether the machine is at rest; the search is then repeated.
+//!    With `identify_legs`, and at standstill or nearly so, the current then alternates along the three axes for 0.2 s,
+//!    which shows how the legs of the bridge differ ([`crate::estimate::legs`]), and whether the machine is at rest; the
+//!    search is then repeated.
 //! 2. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
@@ -20,8 +21,9 @@
 //!    current for 1/16 and 0.4 for 3/16 of the time. The boosted current then brings the flux back, and at the end the
 //!    filter is told that it is where it was ([`Filter::settle_again`]): how the flux fell and rose meanwhile depends on
 //!    `r_R`, where it ends does not, and the integral of `u - r_s i` over the whole is known. Without this the error of
-//!    `r̂_s` is as large as half of that of `r_R`. With two current sensors they also show the difference of their gains ([`crate::estimate::pair`]); where it is
-//!    a new one the last three quarters are repeated, since everything identified in them was falsified by it.
+//!    `r̂_s` is as large as half of that of `r_R`. With two current sensors the reduced currents also show the difference
+//!    of their gains ([`crate::estimate::pair`]); where it is a new one the last three quarters are repeated, since
+//!    everything identified in them was falsified by it.
 //!
 //! A machine that begins to turn during a pause with its flux left, below 0.06 pu, is not covered.
 
@@ -36,16 +38,15 @@ use crate::estimate::kalman::{Filter, Input, Learned};
 use crate::estimate::legs::{Alternation, LegsProbe};
 #[cfg(feature = "modes")]
 use crate::estimate::pair::{HALF_MAX, Pair};
-use crate::estimate::search::SpeedSearch;
+use crate::estimate::search::{ROTATING, SpeedSearch};
 use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use crate::inverter::{Knee, Legs};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Speed at which a machine that rotates is found by [`crate::estimate::legs`].
-const ROTATING: f64 = 0.03;
-/// Speed above which it certainly does: unequal legs are a speed to the search.
-const PERHAPS: f64 = 0.3;
+/// Speed found by the search above which the legs are not compared: below it what looks like a rotation may be unequal
+/// legs.
+const CERTAINLY_ROTATING: f64 = 0.3;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
 /// Least weight of the flux control in regeneration near zero stator frequency.
@@ -97,11 +98,11 @@ pub(super) struct EnhancedEstimators<R: Real> {
     /// Differences of the legs, and their measurement in a start-up.
     legs: Legs<R>,
     legs_probe: LegsProbe<R>,
-    /// It has found the machine at rest.
+    /// That measurement has found the machine at rest.
     at_rest: bool,
-    /// Period of the measurement under way.
+    /// Its present period, while it is under way.
     alternation: Option<u32>,
-    /// Periods by which the measurement has put off the start-up.
+    /// Periods by which it has delayed the start-up.
     put_off: u32,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
@@ -294,7 +295,7 @@ impl<R: Real> EnhancedEstimators<R> {
 
     /// At the end of the first speed search, after `searched` periods: whether the legs are compared.
     fn decide_on_legs(&mut self, c: &DriveConfig<R>, omega: R, searched: u32) {
-        let near_rest = omega.within(R::from_f64(PERHAPS));
+        let near_rest = omega.within(R::from_f64(CERTAINLY_ROTATING));
         if self.put_off == 0 && self.start == Start::Unknown && near_rest && c.enhanced.legs.is_on() {
             self.legs_probe.begin(searched);
             self.alternation = Some(0);

@@ -30,7 +30,7 @@ use crate::space::AlphaBeta;
 use crate::words::words;
 
 /// Speed above which a machine counts as rotating.
-const ROTATING: f64 = 0.03;
+pub(crate) const ROTATING: f64 = 0.03;
 /// Least duration, s.
 const LEAST: f64 = 0.01;
 /// Rotor flux at which a machine counts as being at rest.
