@@ -83,7 +83,7 @@ impl<R: Word> Blocks<R> {
             follow: None,
             different: 0,
         };
-        blocks.flux_control.start(config.flux_control_config());
+        blocks.flux_control.start();
         blocks.flux.offset.restore(e.u_off);
         blocks.flux.start(psi, i_s);
         blocks.flux.set_stator_frequency(config.flux_config(), R::ZERO);
