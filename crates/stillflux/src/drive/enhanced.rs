@@ -381,7 +381,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
         if let (Some(_), Some(period)) = (start_up, self.alternation) {
-            return self.compare_legs(c, x, i_dq_ref, period);
+            // A copy: the input itself then stays in registers.
+            let x = *x;
+            return self.compare_legs(c, &x, i_dq_ref, period);
         }
         let start_up = start_up.map(|at| StartUp { stage: at.stage - self.put_off });
         #[cfg(feature = "modes")]
