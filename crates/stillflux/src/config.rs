@@ -340,7 +340,7 @@ impl<R: Real> DriveConfig<R> {
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
         let omega_n = pu.hz(p.pll_bandwidth);
-        let magnetise_periods = periods(p.magnetise_time);
+        let magnetise_periods = periods(p.build_up_time(machine));
         // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
 

@@ -1,6 +1,8 @@
 //! Settings of a drive, SI unless marked per unit, with defaults derived from machine and inverter (docs/gains.md) and
 //! the admissible range of each. A value outside it is an error that names field, value and range.
 
+#[cfg(feature = "enhanced")]
+use super::enhanced::legs_time;
 use crate::base::Base;
 use crate::estimate::priors::Priors;
 use crate::estimate::temperature::{ALUMINIUM, Temperature};
@@ -9,6 +11,9 @@ use crate::words::Words;
 
 /// Magnetising current during the build-up of the flux, as multiple of its final value.
 pub(crate) const BOOST: f64 = 1.5;
+
+/// Least duration of the magnetisation, in rotor time constants.
+const LEAST_BUILD_UP: f64 = 3.0;
 
 /// Control periods from one run of the speed estimator to the next, and of each slower block.
 pub const SPEED_PERIODS: u32 = 2;
@@ -25,6 +30,12 @@ const PERIODS_A_TURN: f64 = 30.0;
 /// Behind 1.5 periods of delay and the leakage inductance current control answers it in phase at a sixth of the control's
 /// rate, which is 36 periods a turn; 45 keep the ripple a fifth below. Current control oscillates with 40, not with 50.
 const PERIODS_OVERMODULATED: f64 = 45.0;
+
+/// Duration of the comparison of the legs, s: without the enhanced scheme there is none.
+#[cfg(not(feature = "enhanced"))]
+fn legs_time(_: f64) -> f64 {
+    0.0
+}
 
 /// Largest stator frequency that the loops carry, rad/s.
 fn fastest_field(inverter: &Inverter) -> f64 {
@@ -235,8 +246,8 @@ pub struct EnhancedParams {
     pub identify_offset: bool,
     /// Estimate stator resistance, inverter error and knee.
     pub identify_resistance: bool,
-    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), which then takes
-    /// 0.2 s longer; off by default, and without `calibrate_offset`.
+    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), in the first
+    /// 0.2 s of its magnetisation; not without `inverter_model` and `calibrate_offset`.
     pub identify_legs: bool,
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
@@ -274,7 +285,7 @@ impl EnhancedParams {
         Self {
             identify_offset: true,
             identify_resistance: true,
-            identify_legs: false,
+            identify_legs: true,
             apply_innovation: true,
             omega_s_min: 0.006 * machine.omega_sR(),
             prior_R_s: r_s,
@@ -350,6 +361,7 @@ impl EnhancedParams {
         let switch = |field, value, default| same(field, f64::from(u8::from(value)), f64::from(u8::from(default)));
         switch("identify_offset", self.identify_offset, d.identify_offset)?;
         switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;
+        switch("identify_legs", self.identify_legs, d.identify_legs)?;
         switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
         same("omega_s_min", self.omega_s_min, d.omega_s_min)?;
         let mut priors = self.priors().into_iter().zip(d.priors());
@@ -410,7 +422,8 @@ pub struct DriveParams {
     /// Time constant of the amplifier of a single shunt, s, at most a quarter of the longest window: the current rises while it is
     /// sampled, and the reading is behind it. 0: none. Without effect with more sensors.
     pub shunt_settling: f64,
-    /// Duration of the magnetisation, s.
+    /// Duration of the magnetisation, s, at least three rotor time constants: also with the comparison of the legs before it
+    /// ([`EnhancedParams::identify_legs`]), whose time what is left for the flux is three rotor time constants at least.
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
     pub low_confidence: LowConfidence,
@@ -466,7 +479,7 @@ impl DriveParams {
     #[must_use]
     pub fn new(machine: &Machine, inverter: &Inverter) -> Self {
         let i_n = machine.I_N * core::f64::consts::SQRT_2;
-        let tau_r = machine.L_M / machine.R_R;
+        let (tau_r, current_bandwidth) = (machine.L_M / machine.R_R, 0.03 * inverter.f_c());
         Self {
             scheme: Scheme::default(),
             psi_ref: 1.0,
@@ -477,7 +490,7 @@ impl DriveParams {
             i_range: 2.5 * i_n,
             u_dc_min: 0.6 * inverter.u_dc,
             u_dc_max: 1.45 * inverter.u_dc,
-            current_bandwidth: 0.03 * inverter.f_c(),
+            current_bandwidth,
             flux_bandwidth: 5.0,
             speed_bandwidth: 9.0,
             pll_bandwidth: 25.0,
@@ -487,7 +500,7 @@ impl DriveParams {
             current_sensors: 3,
             shunt_settling: 0.0,
             shunt_window: (inverter.dead_time + 2.5e-6).min(WINDOW_MAX / inverter.f_s),
-            magnetise_time: (4.0 * tau_r).max(1.4),
+            magnetise_time: (4.0 * tau_r + legs_time(current_bandwidth)).max(1.4),
             low_confidence: LowConfidence::Keep,
             fresh_time: 10.0,
             supervision: true,
@@ -544,7 +557,7 @@ impl DriveParams {
         self.validate_sensors(inverter)?;
         check("half_periods", f64::from(inverter.half_periods), if modes { 1.0 } else { 2.0 }, 16.0, "")
             .map_err(needs_modes)?;
-        check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
+        check("magnetise_time", self.magnetise_time, LEAST_BUILD_UP * tau_r, 60.0, "s")?;
         check("fresh_time", self.fresh_time, 0.0, 3600.0, "s")?;
         if self.stall_time != 0.0 {
             check("stall_time", self.stall_time, 0.1, 60.0, "s")?;
@@ -561,6 +574,21 @@ impl DriveParams {
             Scheme::Paper => self.enhanced.refuse_changes(machine),
             Scheme::Enhanced => self.paper.refuse_changes(),
         }
+    }
+
+    /// Whether a start compares the legs of the bridge. Offsets of the sensors that were not read would be taken for a
+    /// voltage of the legs.
+    pub(super) fn compares_legs(&self) -> bool {
+        self.scheme == Scheme::Enhanced && self.enhanced.identify_legs && self.inverter_model && self.calibrate_offset
+    }
+
+    /// Part of the magnetisation in which the flux builds up and settles and the resistance is identified, s.
+    pub(super) fn build_up_time(&self, machine: &Machine) -> f64 {
+        if !self.compares_legs() {
+            return self.magnetise_time;
+        }
+        let left = self.magnetise_time - legs_time(self.current_bandwidth);
+        left.max(LEAST_BUILD_UP * machine.L_M / machine.R_R)
     }
 
     /// Number of current sensors, and what a single shunt asks of the pulses.
