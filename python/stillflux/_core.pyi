@@ -504,6 +504,10 @@ class Plant:
     u_dc: float
     speed: float | None
     @property
+    def encoder(self) -> int | None:
+        """Position of the encoder (option `encoder_lines`) at the instant of the latest reading, counts, four a
+        line; None without one."""
+    @property
     def current_offset(self) -> tuple[float, float, float]:
         """Offsets of the current channels as last set, A; takes a complex space vector or three values."""
     @current_offset.setter

@@ -107,8 +107,8 @@ class DriveSettings(TypedDict, total=False):
 
     encoder_lines: int
     """Lines of an incremental encoder on the shaft, a quarter of the steps a turn of a resolver: from 16 a
-    pole pair to 65,536; 0 (default): none. Its speed is compared with the estimate; the drive gets its position
-    by `Drive.step(encoder=…)`, in a scenario from the plant's option of the same name."""
+    pole pair to 65,536; 0 (default): none. Its speed is compared with the estimate; the drive gets its
+    position by `Drive.step(encoder=…)`, in a scenario from the plant's option of the same name."""
     encoder_states: int
     """States of the counter of the encoder, 65,536 of one of 16 bits."""
     encoder_mode: Literal["compare", "control"]

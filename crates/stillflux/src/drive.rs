@@ -164,8 +164,14 @@ impl<R: Real> Drive<R> {
     pub fn encoder(&self) -> Option<EncoderReading<R>> {
         let (c, control) = (&self.config, &self.common.control);
         let (encoder, hand_over) = (&control.encoder, &control.hand_over);
-        let state = if control.is_silent(c) { EncoderState::Silent } else { hand_over.state() };
-        let difference = if self.status() == Status::Running { hand_over.difference() } else { R::ZERO };
+        let running = self.status() == Status::Running;
+        let state = match hand_over.state() {
+            _ if control.is_silent(c) => EncoderState::Silent,
+            // There is nothing yet that could contradict it.
+            EncoderState::Silent if !running => EncoderState::Agrees,
+            state => state,
+        };
+        let difference = if running { hand_over.difference() } else { R::ZERO };
         c.encoder.as_ref().map(|_| EncoderReading { omega_m: encoder.omega(), difference, state })
     }
 

@@ -21,7 +21,15 @@ _OMEGA = 0.3
 _LINES = 1024
 _BROKEN = 0.6
 """Time until it is whole again, and that is looked at afterwards, s."""
-_SIGNALS = ("omega_m", "reference", "torque", "encoder.omega_m", "encoder.state", "estimate.omega_m", "status")
+_SIGNALS = (
+    "omega_m",
+    "reference",
+    "torque",
+    "encoder.omega_m",
+    "encoder.state",
+    "estimate.omega_m",
+    "status",
+)
 _SHOWN = ("omega_m", "encoder.omega_m", "encoder.state", "torque")
 
 _FAULTS = {
