@@ -505,8 +505,8 @@ class Plant:
     speed: float | None
     @property
     def encoder(self) -> int | None:
-        """Position of the encoder (option `encoder_lines`) at the instant of the latest reading, counts, four a
-        line; None without one."""
+        """Position of the encoder (option `encoder_lines`) at the instant of the latest reading, counts, four
+        a line; None without one."""
     @property
     def current_offset(self) -> tuple[float, float, float]:
         """Offsets of the current channels as last set, A; takes a complex space vector or three values."""
