@@ -9,15 +9,15 @@
 //! stood. Else its direction is not known: the current stays at zero until it has decayed, or induces a voltage.
 //! Otherwise:
 //!
-//! 1. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
+//! 1. The current alternates along the three axes, 0.2 s at 10 kHz, which shows how the legs of the bridge differ
+//!    ([`crate::estimate::legs`]), and whether the machine is at rest; a machine that certainly rotates is found after a
+//!    third of it. Without `identify_legs` this is left out.
+//! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections.
-//!    With `identify_legs`, and at standstill or nearly so, the current then alternates along the three axes for 0.2 s,
-//!    which shows how the legs of the bridge differ ([`crate::estimate::legs`]), and whether the machine is at rest; the
-//!    search is then repeated.
-//! 2. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
+//! 3. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
-//! 3. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
+//! 4. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
 //!    makes torque on a free shaft. After 9/16 of the magnetisation time the filter is initialised at the settled flux.
 //!    From then on it identifies resistance, `v` and knee, which two reduced currents separate: 0.7 of the magnetising
 //!    current for 1/16 and 0.4 for 3/16 of the time. The boosted current then brings the flux back, and at the end the
@@ -46,8 +46,8 @@ use crate::inverter::{Knee, Legs};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Speed found by the search above which the legs are not compared: below it what looks like a rotation may be unequal
-/// legs.
+/// Speed found in the first direction above which the legs are not compared any further: below it what looks like a
+/// rotation may be unequal legs.
 const CERTAINLY_ROTATING: f64 = 0.3;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
@@ -233,7 +233,10 @@ impl<R: Real> EnhancedEstimators<R> {
                     Start::Caught
                 }
                 (None, Start::Fresh(..)) => Start::Empty,
-                _ => Start::Unknown,
+                _ => {
+                    self.alternation = c.enhanced.legs.is_on().then_some(0);
+                    Start::Unknown
+                }
             };
         }
         FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) }
@@ -254,9 +257,7 @@ impl<R: Real> EnhancedEstimators<R> {
         if searching {
             let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
             self.speed.psi_r = psi_r;
-            self.legs_probe.build_up(&c.enhanced.legs, &i_s);
             if let Some(mut omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
-                self.decide_on_legs(c, omega, at.stage);
                 if self.at_rest {
                     // The comparison of the legs has seen it for far longer.
                     self.search.reject();
@@ -317,16 +318,7 @@ impl<R: Real> EnhancedEstimators<R> {
         true
     }
 
-    /// At the end of the first speed search, after `searched` periods: whether the legs are compared.
-    fn decide_on_legs(&mut self, c: &DriveConfig<R>, omega: R, searched: u32) {
-        let near_rest = omega.within(R::from_f64(CERTAINLY_ROTATING));
-        if self.put_off == 0 && self.start == Start::Unknown && near_rest && c.enhanced.legs.is_on() {
-            self.legs_probe.begin(searched);
-            self.alternation = Some(0);
-        }
-    }
-
-    /// One period of the comparison of the legs; after the last one the start-up goes on with a second speed search.
+    /// One period of the comparison of the legs; after the last one the start-up goes on with the speed search.
     #[cold]
     #[inline(never)]
     fn compare_legs(
@@ -345,15 +337,16 @@ impl<R: Real> EnhancedEstimators<R> {
         *i_dq_ref = Dq::new(i * part, R::ZERO);
         self.alternation = Some(period + 1);
         self.put_off += 1;
-        if period + 1 == self.legs_probe.periods(config) {
+        let [all, first] = config.periods();
+        if period + 1 == first && !self.legs_probe.is_at_rest(R::from_f64(CERTAINLY_ROTATING)) {
+            self.alternation = None;
+        } else if period + 1 == all {
             self.at_rest = self.legs_probe.is_at_rest(R::from_f64(ROTATING));
             if self.at_rest {
                 self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
                 self.knee.set_legs(&self.legs, x.u_dc);
             }
             self.alternation = None;
-            self.put_off += self.legs_probe.before();
-            (self.search, self.speed) = (SpeedSearch::new(), SpeedEstimate::default());
         }
         let field = FieldQuantities {
             field: axis,
@@ -411,7 +404,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
         if let (Some(_), Some(period)) = (start_up, self.alternation) {
-            return self.compare_legs(c, x, i_dq_ref, period);
+            // A copy: the input itself then stays in registers.
+            let x = *x;
+            return self.compare_legs(c, &x, i_dq_ref, period);
         }
         let start_up = start_up.map(|at| StartUp { stage: at.stage - self.put_off });
         #[cfg(feature = "modes")]
