@@ -120,6 +120,7 @@ impl<R: Real> Legs<R> {
     }
 
     /// Loss of each leg for a positive and for a negative current, at a dc link.
+    #[cfg(feature = "legs")]
     #[inline(never)]
     fn loss(&self, u_dc: R) -> [[R; 2]; 3] {
         let (even, odd) = ((self.even * u_dc).to_phases(), (self.odd * u_dc).to_phases());
@@ -144,7 +145,9 @@ pub struct InverterModel<R: Real> {
     /// Sampled current less that at the edges, near current zero.
     shift: R,
     /// Differences of the legs of the parameters, and the rated dc link.
+    #[cfg(feature = "legs")]
     legs: Legs<R>,
+    #[cfg(feature = "legs")]
     u_dc: R,
     /// The curve for this knee and these legs.
     nominal: Knee<R>,
@@ -173,21 +176,38 @@ struct Stored<R: Real> {
     inv_band: R,
     knee: R,
     shift: R,
+    #[cfg(feature = "legs")]
     legs: Legs<R>,
+    #[cfg(feature = "legs")]
     u_dc: R,
 }
-words!(Stored: u_th, dead_time, band, inv_band, knee, shift, legs, u_dc);
+words!(Stored: u_th, dead_time, band, inv_band, knee, shift, #[cfg(feature = "legs")] legs, #[cfg(feature = "legs")] u_dc);
 
 impl<R: Real> Stored<R> {
     fn model(self) -> InverterModel<R> {
-        let Self { u_th, dead_time, band, inv_band, knee, shift, legs, u_dc } = self;
-        let nominal = Knee::new(knee, band, legs.loss(u_dc));
-        InverterModel { u_th, dead_time, band, inv_band, knee, shift, legs, u_dc, nominal }
+        let Self { u_th, dead_time, band, inv_band, knee, shift, .. } = self;
+        let mut nominal = Knee::default();
+        nominal.set(knee, band);
+        #[cfg(feature = "legs")]
+        nominal.set_legs(&self.legs, self.u_dc);
+        InverterModel {
+            u_th,
+            dead_time,
+            band,
+            inv_band,
+            knee,
+            shift,
+            #[cfg(feature = "legs")]
+            legs: self.legs,
+            #[cfg(feature = "legs")]
+            u_dc: self.u_dc,
+            nominal,
+        }
     }
 }
 
 /// Curve of a leg's loss over its current, for one knee. Constant between two updates of the estimated knee.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Knee<R: Real> {
@@ -200,18 +220,12 @@ pub struct Knee<R: Real> {
     /// `1/(SCALE width)`.
     inv_width: R,
     /// Loss of each leg by its delays, for a positive and for a negative current.
+    #[cfg(feature = "legs")]
     legs: [[R; 2]; 3],
 }
 
 impl<R: Real> Knee<R> {
-    /// For a knee and a least half width of the linear part.
-    fn new(knee: R, band: R, legs: [[R; 2]; 3]) -> Self {
-        let mut of = Self { width: R::ZERO, slope: R::ZERO, tail: R::ZERO, inv_width: R::ZERO, legs };
-        of.set(knee, band);
-        of
-    }
-
-    /// The curve for another knee; the legs stay.
+    /// The curve for another knee and a least half width of the linear part; the legs stay.
     #[inline(always)]
     fn set(&mut self, knee: R, band: R) {
         let scale = R::from_f64(SCALE);
@@ -223,14 +237,30 @@ impl<R: Real> Knee<R> {
         self.slope = inv_width * (R::ONE - self.tail * inv_width);
     }
 
+    /// Loss of a leg by its delays, for a positive (0) and for a negative current (1). What nothing is to be added to is a
+    /// negative zero.
+    #[inline(always)]
+    #[cfg_attr(not(feature = "legs"), allow(clippy::unused_self))]
+    fn delay(&self, leg: usize, sign: usize) -> R {
+        #[cfg(feature = "legs")]
+        return self.legs[leg][sign];
+        #[cfg(not(feature = "legs"))]
+        {
+            let _ = (leg, sign);
+            -R::ZERO
+        }
+    }
+
     /// Loss of a leg by its delays in the linear part of the curve.
     #[inline(never)]
-    fn delays_near_zero(&self, i: R, delays: &[R; 2]) -> R {
-        let (even, odd) = ((delays[0] + delays[1]).half(), (delays[0] - delays[1]).half());
+    fn delays_near_zero(&self, i: R, leg: usize) -> R {
+        let (plus, minus) = (self.delay(leg, 0), self.delay(leg, 1));
+        let (even, odd) = ((plus + minus).half(), (plus - minus).half());
         even + odd * (i * self.inv_width * R::from_f64(SCALE))
     }
 
     /// Other differences of the legs, at a dc link.
+    #[cfg(feature = "legs")]
     #[inline(always)]
     pub fn set_legs(&mut self, legs: &Legs<R>, u_dc: R) {
         self.legs = legs.loss(u_dc);
@@ -245,6 +275,7 @@ pub struct Distortion<R: Real> {
     /// Loss of each phase: add it to the reference to compensate.
     pub phases: [R; 3],
     /// Its part by the delays of the leg.
+    #[cfg(feature = "legs")]
     pub legs: [R; 3],
     /// Its part without the dead time, `u_th`.
     pub least: R,
@@ -292,7 +323,12 @@ impl<R: Real> Distortion<R> {
     /// `-∂e/∂ln I_k = min(e, U - e)` for a positive current.
     #[inline(always)]
     pub fn by_knee(&self) -> [R; 3] {
-        [0, 1, 2].map(|k| self.leg_by_knee(self.phases[k] - self.legs[k]))
+        [0, 1, 2].map(|k| {
+            let e = self.phases[k];
+            #[cfg(feature = "legs")]
+            let e = e - self.legs[k];
+            self.leg_by_knee(e)
+        })
     }
 }
 
@@ -303,15 +339,16 @@ impl<R: Real> InverterModel<R> {
         let width = (BAND * pu.dead_time_swing).clamp(2e-4, 0.05);
         let r = R::from_f64;
         let (band, knee) = (r(width), r(pu.knee.min(KNEE_MAX)));
-        let legs = Legs::new(&pu.legs);
         Stored {
             u_th: r(pu.u_th),
             dead_time: r(pu.dead_time),
             band,
             inv_band: r(1.0 / (SCALE * width)),
-            legs,
             knee,
             shift: r(if pu.knee > 0.0 && !pu.double_update { 0.25 * pu.dead_time_swing } else { 0.0 }),
+            #[cfg(feature = "legs")]
+            legs: Legs::new(&pu.legs),
+            #[cfg(feature = "legs")]
             u_dc: r(pu.u_dc),
         }
         .model()
@@ -321,13 +358,35 @@ impl<R: Real> InverterModel<R> {
     #[must_use]
     pub fn ideal() -> Self {
         let (knee, band, inv_band) = (R::ZERO, R::ONE, R::from_f64(1.0 / SCALE));
-        let (zero, legs) = (R::ZERO, Legs::default());
-        Stored { u_th: zero, dead_time: zero, band, inv_band, knee, shift: zero, legs, u_dc: zero }.model()
+        Stored {
+            u_th: R::ZERO,
+            dead_time: R::ZERO,
+            band,
+            inv_band,
+            knee,
+            shift: R::ZERO,
+            #[cfg(feature = "legs")]
+            legs: Legs::default(),
+            #[cfg(feature = "legs")]
+            u_dc: R::ZERO,
+        }
+        .model()
     }
 
     fn stored(&self) -> Stored<R> {
-        let Self { u_th, dead_time, band, inv_band, knee, shift, legs, u_dc, .. } = *self;
-        Stored { u_th, dead_time, band, inv_band, knee, shift, legs, u_dc }
+        let Self { u_th, dead_time, band, inv_band, knee, shift, .. } = *self;
+        Stored {
+            u_th,
+            dead_time,
+            band,
+            inv_band,
+            knee,
+            shift,
+            #[cfg(feature = "legs")]
+            legs: self.legs,
+            #[cfg(feature = "legs")]
+            u_dc: self.u_dc,
+        }
     }
 
     /// The curve for a knee `relative` times that of the parameters.
@@ -344,6 +403,7 @@ impl<R: Real> InverterModel<R> {
     }
 
     /// Differences of the legs of the parameters.
+    #[cfg(feature = "legs")]
     #[inline(always)]
     pub fn legs(&self) -> &Legs<R> {
         &self.legs
@@ -369,20 +429,28 @@ impl<R: Real> InverterModel<R> {
         let tail = (dead * knee.tail).dividend();
         // A branch for each sign costs less than magnitude and sign apart.
         let (negative_width, negative_full) = (-knee.width, -full);
-        let leg = |i: R, delays: &[R; 2]| {
+        let leg = |i: R, k: usize| {
             let i = i - self.shift;
             if likely(i > knee.width) {
-                (full - tail.over_64(i) + delays[0], delays[0])
+                let own = knee.delay(k, 0);
+                (full - tail.over_64(i) + own, own)
             } else if likely(i < negative_width) {
-                (negative_full - tail.over_64_of_negative(i) + delays[1], delays[1])
+                let own = knee.delay(k, 1);
+                (negative_full - tail.over_64_of_negative(i) + own, own)
             } else {
-                let own = knee.delays_near_zero(i, delays);
+                let own = if cfg!(feature = "legs") { knee.delays_near_zero(i, k) } else { -R::ZERO };
                 (self.near_zero(knee, i, least, dead) + own, own)
             }
         };
         let [a, b, c] = i_s.to_phases();
-        let [a, b, c] = [leg(a, &knee.legs[0]), leg(b, &knee.legs[1]), leg(c, &knee.legs[2])];
-        Distortion { phases: [a.0, b.0, c.0], legs: [a.1, b.1, c.1], least, full }
+        let [a, b, c] = [leg(a, 0), leg(b, 1), leg(c, 2)];
+        Distortion {
+            phases: [a.0, b.0, c.0],
+            #[cfg(feature = "legs")]
+            legs: [a.1, b.1, c.1],
+            least,
+            full,
+        }
     }
 
     /// Loss of a leg in the linear part of its curve.
@@ -480,6 +548,7 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "legs")]
     #[test]
     fn unequal_legs_add_their_delays_by_the_sign_of_the_current() {
         let (m, f_s) = (Machine::preset_2k2(), 10e3);

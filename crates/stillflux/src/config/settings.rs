@@ -65,7 +65,8 @@ impl Scheme {
     pub const BUILT: u32 = cfg!(feature = "paper") as u32
         | (cfg!(feature = "enhanced") as u32) << 1
         | (cfg!(feature = "supervision") as u32) << 2
-        | (cfg!(feature = "variants") as u32) << 3;
+        | (cfg!(feature = "variants") as u32) << 3
+        | (cfg!(feature = "legs") as u32) << 4;
 
     /// An error if the scheme is left out of this build.
     pub(super) fn check(self) -> Result<(), ParamError> {
@@ -292,6 +293,9 @@ impl EnhancedParams {
     fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
         check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")?;
         self.priors().into_iter().try_for_each(|(name, value, most)| check(name, value, 0.002, most, ""))?;
+        let built = cfg!(feature = "legs");
+        check("identify_legs", f64::from(u8::from(self.identify_legs)), 0.0, f64::from(u8::from(built)), "")
+            .map_err(|e| e.with_note("needs the feature `legs`"))?;
         self.validate_temperature()
     }
 
