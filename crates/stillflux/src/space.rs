@@ -9,7 +9,6 @@ use crate::scalar::Real;
 use crate::words::Words;
 use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Mul, Neg, Sub};
-use nalgebra::Vector2;
 
 /// Marker of stator coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -18,7 +17,8 @@ pub struct Stator;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Field;
 
-/// Space vector in the frame `F`; stored as its two components.
+/// Space vector in the frame `F`; stored as its two components, which pass between functions in a register each. (A vector
+/// of nalgebra holds an array: the compiler passes it as an integer, and moves it between both kinds of registers.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -26,7 +26,8 @@ pub struct Field;
     serde(bound = "F: Clone", from = "[R; 2]", into = "[R; 2]")
 )]
 pub struct Space<R: Real, F> {
-    v: Vector2<R>,
+    re: R,
+    im: R,
     frame: PhantomData<F>,
 }
 
@@ -76,31 +77,31 @@ impl<R: Real, F> Space<R, F> {
     /// From its real (α or d) and imaginary (β or q) component.
     #[inline]
     pub fn new(re: R, im: R) -> Self {
-        Self { v: Vector2::new(re, im), frame: PhantomData }
+        Self { re, im, frame: PhantomData }
     }
 
     /// Real component.
     #[inline]
     pub fn re(&self) -> R {
-        self.v.x
+        self.re
     }
 
     /// Imaginary component.
     #[inline]
     pub fn im(&self) -> R {
-        self.v.y
+        self.im
     }
 
     /// Scalar product, `Re(conj(a) b)`.
     #[inline]
     pub fn dot(&self, o: &Self) -> R {
-        R::dot([self.v.x, self.v.y], [o.v.x, o.v.y])
+        R::dot([self.re, self.im], [o.re, o.im])
     }
 
     /// Cross product, `Im(conj(a) b)`; with `a` a flux and `b` a current the per-unit torque.
     #[inline]
     pub fn cross(&self, o: &Self) -> R {
-        R::cross([self.v.x, self.v.y], [o.v.x, o.v.y])
+        R::cross([self.re, self.im], [o.re, o.im])
     }
 
     /// Squared magnitude.
@@ -113,12 +114,12 @@ impl<R: Real, F> Space<R, F> {
     // A call: only starts need it, and flash is short.
     #[inline(never)]
     pub fn limit_components(&self, bound: R) -> Self {
-        Self::new(self.v.x.limit(bound), self.v.y.limit(bound))
+        Self::new(self.re.limit(bound), self.im.limit(bound))
     }
 
     /// Both components finite.
     pub fn is_finite(&self) -> bool {
-        self.v.x.is_finite() && self.v.y.is_finite()
+        self.re.is_finite() && self.im.is_finite()
     }
 }
 
@@ -126,34 +127,35 @@ impl<R: Real, F> Add for Space<R, F> {
     type Output = Self;
     #[inline]
     fn add(self, o: Self) -> Self {
-        Self { v: self.v + o.v, frame: PhantomData }
+        Self::new(self.re + o.re, self.im + o.im)
     }
 }
 impl<R: Real, F> AddAssign for Space<R, F> {
     #[inline]
     fn add_assign(&mut self, o: Self) {
-        self.v += o.v;
+        self.re += o.re;
+        self.im += o.im;
     }
 }
 impl<R: Real, F> Sub for Space<R, F> {
     type Output = Self;
     #[inline]
     fn sub(self, o: Self) -> Self {
-        Self { v: self.v - o.v, frame: PhantomData }
+        Self::new(self.re - o.re, self.im - o.im)
     }
 }
 impl<R: Real, F> Mul<R> for Space<R, F> {
     type Output = Self;
     #[inline]
     fn mul(self, k: R) -> Self {
-        Self::new(self.v.x * k, self.v.y * k)
+        Self::new(self.re * k, self.im * k)
     }
 }
 impl<R: Real, F> Neg for Space<R, F> {
     type Output = Self;
     #[inline]
     fn neg(self) -> Self {
-        Self::new(-self.v.x, -self.v.y)
+        Self::new(-self.re, -self.im)
     }
 }
 

@@ -42,6 +42,18 @@ fn fastest_field(inverter: &Inverter) -> f64 {
     core::f64::consts::TAU * inverter.f_c() / PERIODS_A_TURN
 }
 
+/// Least number of an encoder's lines for each pole pair: one count is 0.1 rad of the field, and its ripple some hundredths
+/// of rated speed.
+const LINES_A_POLE_PAIR: f64 = 16.0;
+
+/// Difference of measured and estimated speed that an estimate may have: three quarters of the rated slip, for a rotor
+/// resistance that is wrong by half at one and a half times rated torque, and 0.01 pu for the rest.
+fn encoder_deviation(machine: &Machine) -> f64 {
+    let b = Base::new(machine);
+    let slip = machine.R_R * machine.T_N / (1.5 * f64::from(machine.n_p) * b.psi * b.psi);
+    (0.75 * slip + 0.01 * b.omega) / f64::from(machine.n_p)
+}
+
 /// What an error says of a setting that is left out of the build.
 fn needs_modes(e: ParamError) -> ParamError {
     if cfg!(feature = "modes") { e } else { e.with_note("needs the feature `modes`") }
@@ -128,6 +140,18 @@ impl Words for LowConfidence {
             _ => Self::Fault,
         }
     }
+}
+
+/// What a drive does with the speed of its encoder.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum EncoderMode {
+    /// It is compared with the estimated speed, and nothing depends on it.
+    #[default]
+    Compare,
+    /// It is what the speed control follows, as long as the encoder is valid.
+    Control,
 }
 
 /// Settings of the published scheme.
@@ -469,6 +493,21 @@ pub struct DriveParams {
     pub u_dc_buffer: Option<f64>,
     /// dc-link voltages from which on the brake chopper takes current and at which it takes all, V; `None`: no chopper.
     pub u_dc_chopper: Option<(f64, f64)>,
+    /// Lines of an incremental encoder on the shaft, a quarter of the steps a turn of a resolver; from 16 a pole pair to
+    /// 65,536; 0: none. This and the next four are the feature `encoder` ([`crate::control::handover`]); the content of its
+    /// counter is given by [`crate::drive::Drive::set_encoder`].
+    pub encoder_lines: u32,
+    /// States of the encoder's counter, 65,536 of one of 16 bits; of one that is reset at each turn four times the lines. At
+    /// least 16 times the counts of two control periods at `omega_max`, at most 2^31.
+    pub encoder_states: u32,
+    /// What the measured speed is used for.
+    pub encoder_mode: EncoderMode,
+    /// Difference from which on measured and estimated speed do not agree, mechanical rad/s, 0.005 to 10 pu, beside the
+    /// ripple of one count.
+    pub encoder_deviation: f64,
+    /// Whether an encoder that does not agree, or is silent, stops the drive
+    /// ([`crate::drive::Fault::EncoderApart`]). Otherwise the drive is sensorless until it agrees again.
+    pub encoder_fault: bool,
     /// Settings of the published scheme: the defaults, unless the drive runs it.
     pub paper: PaperParams,
     /// Settings of the enhanced scheme: the defaults, unless the drive runs it.
@@ -519,6 +558,11 @@ impl DriveParams {
             u_dc_brake: None,
             u_dc_buffer: None,
             u_dc_chopper: None,
+            encoder_lines: 0,
+            encoder_states: 1 << 16,
+            encoder_mode: EncoderMode::Compare,
+            encoder_deviation: encoder_deviation(machine),
+            encoder_fault: false,
             paper: PaperParams::default(),
             enhanced: EnhancedParams::new(machine),
         }
@@ -569,6 +613,7 @@ impl DriveParams {
         }
         self.validate_limits(machine, inverter)?;
         self.validate_link(inverter)?;
+        self.validate_encoder(machine, inverter)?;
         self.paper.validate()?;
         self.enhanced.validate(machine)?;
         match self.scheme {
@@ -671,6 +716,32 @@ impl DriveParams {
             }
         }
         Ok(())
+    }
+
+    /// Encoder and its counter.
+    fn validate_encoder(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
+        const BUILT: bool = cfg!(feature = "encoder");
+        const NOTE: &str =
+            if BUILT { "encoder_mode and encoder_fault need an encoder" } else { "needs the feature `encoder`" };
+        let (lines, omega_n) = (f64::from(self.encoder_lines), machine.omega_sR() / f64::from(machine.n_p));
+        let used = self.encoder_lines > 0 || self.encoder_fault || self.encoder_mode != EncoderMode::Compare;
+        let (least, most) = match (used, BUILT) {
+            (false, _) => (0.0, 65_536.0),
+            (true, true) => (LINES_A_POLE_PAIR * f64::from(machine.n_p), 65_536.0),
+            (true, false) => (0.0, 0.0),
+        };
+        check("encoder_lines", if used && !BUILT { lines.max(1.0) } else { lines }, least, most, "")
+            .map_err(|e| e.with_note(NOTE))?;
+        let turns = f64::from(SPEED_PERIODS) / inverter.f_c() * self.omega_max / core::f64::consts::TAU;
+        check(
+            "encoder_states",
+            f64::from(self.encoder_states),
+            16.0 * (4.0 * lines * turns),
+            f64::from(1_u32 << 31),
+            "",
+        )
+        .map_err(|e| e.with_note("at least 16 times the counts of two control periods at omega_max"))?;
+        check("encoder_deviation", self.encoder_deviation, 0.005 * omega_n, 10.0 * omega_n, "rad/s")
     }
 
     /// Voltages of the link's control.

@@ -169,7 +169,9 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         match start_up {
             Some(at) => {
                 *i_dq_ref = c.magnetising_current(at.stage);
-                self.magnetise(c, x, i_dq_ref, at.stage)
+                // A copy: the input itself then stays in registers.
+                let x = *x;
+                self.magnetise(c, &x, i_dq_ref, at.stage)
             }
             None => PeriodOutput { field: self.step(&c.paper, x), complete: false },
         }

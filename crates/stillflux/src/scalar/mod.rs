@@ -80,6 +80,8 @@ pub trait Real:
     const LARGEST: f64;
     /// Smallest gain of a configuration: smaller ones are resolved to less than 3 %.
     const LEAST_GAIN: f64;
+    /// Loads of this arithmetic reach 1 KiB only beyond an address, as those of the FPU of a Cortex-M4 do.
+    const SHORT_REACH: bool;
 
     /// Nearest representable value; saturates. NaN stays what it is where there is one, and is zero
     /// in fixed point. Folds to a constant for literals.

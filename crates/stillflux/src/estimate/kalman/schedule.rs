@@ -16,8 +16,8 @@
 //! | 4, 6 | row and column of a flux component each |
 //! | 5 | none |
 //! | 7 | `Q`; decorrelation of consider states |
-//! | 8 | angle deviation, `S`, `P Hᵀ`, update of rows 0 to 6 |
-//! | 9 | update of rows 7 to 10 |
+//! | 8 | angle deviation, `S`, `P Hᵀ`, update of rows 0 to 7 |
+//! | 9 | update of rows 8 to 10 |
 //! | 10 … | none |
 //!
 //! What takes long has an even number. [`Filter::align`] lets these fall on periods in which the drive has little else to
@@ -293,13 +293,13 @@ impl<R: Real> Filter<R> {
 
     #[inline(never)]
     pub(super) fn update_first(&mut self) {
-        update_rows!(self, 0 1 2 3 4 5 6);
+        update_rows!(self, 0 1 2 3 4 5 6 7);
     }
 
     #[inline(never)]
     pub(super) fn update_last(&mut self) {
         let before = self.p.get(LEAKAGE, LEAKAGE);
-        update_rows!(self, 7 8 9 10);
+        update_rows!(self, 8 9 10);
         // Schmidt's update: what is not corrected keeps its variance.
         if self.point.leakage_held() {
             self.p.add_at(LEAKAGE, LEAKAGE, before - self.p.get(LEAKAGE, LEAKAGE));
