@@ -325,7 +325,11 @@ impl<R: Real> Control<R> {
         let omega = omega_turn - omega_r;
         let most = self.largest_torque_current(c, estimators, self.psi_ref);
         let i_q = self.speed.demand().limit(c.speed_control.torque_max) * c.flux_control.reciprocal(self.psi_ref);
-        self.psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), estimators.psi_s(), u_max, u_sq);
+        let psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), estimators.psi_s(), u_max, u_sq);
+        if psi_weak == c.flux_control.psi_rated && self.psi_weak != psi_weak {
+            self.flux.leave_weakening();
+        }
+        self.psi_weak = psi_weak;
     }
 
     /// Largest torque current by pull-out, current limit and heat at a flux.
