@@ -59,7 +59,7 @@ def test_an_image_fits_its_part_and_its_interrupt_cannot_fail(chain: Any, packag
     assert sections[".data"][0] + sections[".bss"][0] + listing.stack(ISR) < RAM
     # The first slot of the parameters, where the program looks for it.
     size, at = sections[".parameters"]
-    assert (size, at) == (1032, 0x0801F000)
+    assert (size, at) == (8 + 1536, 0x0801F000)
     page = subprocess.run(
         ["arm-none-eabi-objcopy", "-O", "binary", "-j", ".parameters", str(elf), "/dev/stdout"],
         capture_output=True,

@@ -16,7 +16,7 @@ from stillflux.replay import Replay, replay
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 from stillflux.simulation import DivergenceError, Interrupted, simulate
-from stillflux.status import StatusCode
+from stillflux.status import EncoderCode, StatusCode
 from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, normal, sweep, uniform
 
 __version__ = version("stillflux")
@@ -27,6 +27,7 @@ __all__ = [
     "CommissioningInterrupted",
     "DivergenceError",
     "Drive",
+    "EncoderCode",
     "Estimate",
     "FluxEstimator",
     "Interrupted",

@@ -231,6 +231,7 @@ class Drive:
         omega_ref: float | None = None,
         torque_ref: float | None = None,
         cycle: int | None = None,
+        encoder: int | None = None,
     ) -> NDArray[np.float64]:
         """One control period.
 
@@ -249,6 +250,9 @@ class Drive:
             0 again: missed
             and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the
             first.
+        encoder
+            Position of the encoder at the instant of the currents, in counts (four a line) from anywhere;
+            with the setting `encoder_lines`. None: it has not been read.
 
         Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
         Raises ValueError if both references are given or one is not finite. Implausible measurements do
@@ -266,6 +270,10 @@ class Drive:
     @property
     def estimate(self) -> Estimate:
         """Estimates of the latest period."""
+    @property
+    def encoder(self) -> tuple[float, float, str] | None:
+        """What the encoder says: measured speed and its filtered difference from the estimate in mechanical
+        rad/s, and "silent", "agrees", "apart" or "estimate apart". None without `encoder_lines`."""
     @property
     def status(self) -> Status:
         """State of the sequence, or the fault with its cause and time."""
@@ -495,6 +503,10 @@ class Plant:
     R_s: float
     u_dc: float
     speed: float | None
+    @property
+    def encoder(self) -> int | None:
+        """Position of the encoder (option `encoder_lines`) at the instant of the latest reading, counts, four
+        a line; None without one."""
     @property
     def current_offset(self) -> tuple[float, float, float]:
         """Offsets of the current channels as last set, A; takes a complex space vector or three values."""

@@ -105,6 +105,22 @@ class DriveSettings(TypedDict, total=False):
     """dc-link voltages from which on the brake chopper takes current and at which its duty is 1, V; None: no
     chopper."""
 
+    encoder_lines: int
+    """Lines of an incremental encoder on the shaft, a quarter of the steps a turn of a resolver: from 16 a
+    pole pair to 65,536; 0 (default): none. Its speed is compared with the estimate; the drive gets its
+    position by `Drive.step(encoder=…)`, in a scenario from the plant's option of the same name."""
+    encoder_states: int
+    """States of the counter of the encoder, 65,536 of one of 16 bits."""
+    encoder_mode: Literal["compare", "control"]
+    """"compare" (default): nothing depends on the encoder; "control": the speed control follows its speed as
+    long as it agrees with the estimate, and the estimate otherwise."""
+    encoder_deviation: float
+    """Difference from which on measured and estimated speed do not agree, mechanical rad/s, 0.005 to 10 pu:
+    three quarters of the rated slip and 0.01 pu."""
+    encoder_fault: bool
+    """Stop with a fault when the encoder does not agree, or is not read; otherwise the drive is sensorless
+    until it agrees again. Off by default."""
+
     # Of the scheme "paper" alone; an error in the other one.
     offset_estimator: bool
     """Offset voltage estimator of Fig. 4."""
@@ -207,6 +223,8 @@ class PlantOptions(TypedDict, total=False):
     """Gain of each current channel, ideally 1."""
     adc_skew: Sequence[float]
     """Time before the carrier peak at which each current channel is sampled, s, at most half a period."""
+    encoder_lines: int | None
+    """Lines of an incremental encoder on the shaft, None: there is none."""
     shunt: float | None
     """A single shunt in the dc link in place of the current channels, with the time constant of its amplifier
     in s; offset and gain are those of the first channel. None: three channels."""

@@ -1,10 +1,10 @@
-"""`StatusCode`: the states of a drive as the numbers of the signal "status"."""
+"""`StatusCode` and `EncoderCode`: the numbers of the signals "status" and "encoder.state"."""
 
 from __future__ import annotations
 
 from enum import IntEnum
 
-__all__ = ["StatusCode"]
+__all__ = ["EncoderCode", "StatusCode"]
 
 
 class StatusCode(IntEnum):
@@ -20,3 +20,16 @@ class StatusCode(IntEnum):
     """Under control."""
     FAULTED = 4
     """Gates off after a fault."""
+
+
+class EncoderCode(IntEnum):
+    """What encoder and estimate say of each other: `result["encoder.state"] == EncoderCode.AGREES`."""
+
+    SILENT = 0
+    """The encoder is not read: the drive is sensorless."""
+    AGREES = 1
+    """Measured and estimated speed agree, or nothing has contradicted that yet."""
+    APART = 2
+    """The encoder is wrong: the drive is sensorless."""
+    ESTIMATE_APART = 3
+    """The shaft turns faster than the estimate near zero stator frequency: the field is lost."""

@@ -11,7 +11,7 @@ use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::{ptr, slice};
 
-use drive::config::{DriveParams, EnhancedParams, LowConfidence, Scheme};
+use drive::config::{DriveParams, EncoderMode, EnhancedParams, LowConfidence, Scheme};
 use drive::counts::{Converters, Counts, Layout, Resolution};
 use drive::drive::{Fault, Status};
 use drive::interrupt::CountsDrive;
@@ -78,6 +78,20 @@ pub const STILLFLUX_LOW_CONFIDENCE_KEEP: u32 = 0;
 pub const STILLFLUX_LOW_CONFIDENCE_LIMIT_TORQUE: u32 = 1;
 /// Low confidence: a fault.
 pub const STILLFLUX_LOW_CONFIDENCE_FAULT: u32 = 2;
+
+/// The speed of the encoder is compared with the estimate, and nothing depends on it.
+pub const STILLFLUX_ENCODER_COMPARE: u32 = 0;
+/// The speed control follows the encoder as long as it is valid.
+pub const STILLFLUX_ENCODER_CONTROL: u32 = 1;
+
+/// The encoder is not read: the drive is sensorless.
+pub const STILLFLUX_ENCODER_SILENT: u32 = 0;
+/// Measured and estimated speed agree, or nothing has contradicted that yet.
+pub const STILLFLUX_ENCODER_AGREES: u32 = 1;
+/// The encoder is wrong: the drive is sensorless.
+pub const STILLFLUX_ENCODER_APART: u32 = 2;
+/// The shaft turns faster than the estimate near zero stator frequency: the field is lost, and the confidence zero.
+pub const STILLFLUX_ENCODER_ESTIMATE_APART: u32 = 3;
 
 /// A drive: state of known size, without pointers; it may be copied and moved. All zero is no drive, which blocks the
 /// bridge.
@@ -158,6 +172,17 @@ pub struct stillflux_pulses {
     /// Counts in the half period with the falling edges at which the two samples have to be complete, ascending. A third
     /// one is taken at the end of the period. They are `i_abc` of the counts of the next call but one, in this order.
     pub sample: [u32; 2],
+}
+
+/// What the encoder says, SI.
+#[repr(C)]
+pub struct stillflux_encoder {
+    /// Measured speed, mechanical rad/s.
+    pub omega_m: f32,
+    /// Measured less estimated speed, filtered, mechanical rad/s.
+    pub difference: f32,
+    /// STILLFLUX_ENCODER_SILENT to STILLFLUX_ENCODER_ESTIMATE_APART.
+    pub state: u32,
 }
 
 /// State and estimates, SI.
@@ -319,6 +344,16 @@ pub struct stillflux_settings {
     pub stall_time: f64,
     /// 1: no torque for a moment where the torque is at its limit and the field stands still (feature `supervision`).
     pub realignment: u32,
+    /// Lines of an encoder on the shaft, a quarter of the steps of a resolver; 0: none (feature `encoder`).
+    pub encoder_lines: u32,
+    /// States of its counter: 65536 of one of 16 bits.
+    pub encoder_states: u32,
+    /// STILLFLUX_ENCODER_COMPARE or STILLFLUX_ENCODER_CONTROL; any other number is the first.
+    pub encoder_mode: u32,
+    /// Difference from which on measured and estimated speed do not agree, mechanical rad/s.
+    pub encoder_deviation: f64,
+    /// 1: an encoder that does not agree, or is not read, stops the drive. 0: the drive is sensorless then.
+    pub encoder_fault: u32,
     /// 1: the rotor resistance follows the temperature of the winding (enhanced scheme). 0: it does not.
     pub temperature: u32,
     /// Temperature of the winding that R_s and R_R hold for, degrees Celsius.
@@ -502,6 +537,32 @@ pub extern "C" fn stillflux_pulses_read(drive: &stillflux_drive, pulses: &mut st
     0
 }
 
+/// Content of the encoder's counter at the instant of the readings of the next period, below `encoder_states`: once a
+/// period, before `stillflux_period`. Without effect in a library without the feature `encoder`.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_encoder_set(drive: &mut stillflux_drive, count: u32) {
+    #[cfg(feature = "encoder")]
+    if let Some(drive) = drive.get_mut() {
+        drive.set_encoder(count);
+    }
+    let _ = (drive, count);
+}
+
+/// What the encoder says.
+///
+/// Returns 1, or 0 without an encoder, without a drive, or in a library without the feature `encoder`: `encoder` is
+/// untouched then.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_encoder_read(drive: &stillflux_drive, encoder: &mut stillflux_encoder) -> u32 {
+    #[cfg(feature = "encoder")]
+    if let Some(e) = drive.get().and_then(CountsDrive::encoder) {
+        *encoder = stillflux_encoder { omega_m: e.omega_m, difference: e.difference, state: e.state };
+        return 1;
+    }
+    let _ = (drive, encoder);
+    0
+}
+
 /// State of the sequence: STILLFLUX_STOPPED to STILLFLUX_FAULTED.
 #[unsafe(no_mangle)]
 pub extern "C" fn stillflux_status(drive: &stillflux_drive) -> u32 {
@@ -663,6 +724,15 @@ pub extern "C" fn stillflux_defaults(
         supervision: u32::from(d.supervision),
         stall_time: d.stall_time,
         realignment: u32::from(d.realignment),
+        encoder_lines: d.encoder_lines,
+        encoder_states: d.encoder_states,
+        encoder_mode: if d.encoder_mode == EncoderMode::Control {
+            STILLFLUX_ENCODER_CONTROL
+        } else {
+            STILLFLUX_ENCODER_COMPARE
+        },
+        encoder_deviation: d.encoder_deviation,
+        encoder_fault: u32::from(d.encoder_fault),
         temperature: u32::from(d.enhanced.winding_temperature.is_some()),
         winding_temperature: d.enhanced.winding_temperature.unwrap_or(0.0),
         cage_constant: d.enhanced.cage_constant,
@@ -757,6 +827,15 @@ pub unsafe extern "C" fn stillflux_page(
         supervision: s.supervision != 0,
         stall_time: s.stall_time,
         realignment: s.realignment != 0,
+        encoder_lines: s.encoder_lines,
+        encoder_states: s.encoder_states,
+        encoder_mode: if s.encoder_mode == STILLFLUX_ENCODER_CONTROL {
+            EncoderMode::Control
+        } else {
+            EncoderMode::Compare
+        },
+        encoder_deviation: s.encoder_deviation,
+        encoder_fault: s.encoder_fault != 0,
         enhanced: EnhancedParams {
             winding_temperature: (s.temperature != 0).then_some(s.winding_temperature),
             cage_constant: s.cage_constant,

@@ -15,12 +15,13 @@ fn closed() -> Box<MaybeUninit<stillflux_drive>> {
     state
 }
 
-fn page() -> [u32; WORDS] {
+/// With so many lines of an encoder.
+fn page(encoder_lines: u32) -> [u32; WORDS] {
     let (m, i) = (Machine::preset_2k2(), Inverter::preset_2k2());
     let Saturation { L_u, a, S } = m.saturation.unwrap();
     let Machine { R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, .. } = m;
     let machine = stillflux_machine { R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, L_u, a, S };
-    let Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, .. } = i;
+    let Inverter { u_dc, f_s, u_th, r_d, dead_time, f_clk, c_out, half_periods, leg_delay } = i;
     let (current_sensors, i_full, u_full) = (3, 17.7, 810.0);
     let inverter = stillflux_inverter {
         u_dc,
@@ -31,6 +32,7 @@ fn page() -> [u32; WORDS] {
         f_clk,
         c_out,
         half_periods,
+        leg_delay,
         current_sensors,
         i_full,
         u_full,
@@ -42,7 +44,9 @@ fn page() -> [u32; WORDS] {
     unsafe {
         stillflux_defaults(&machine, &inverter, &mut *settings.as_mut_ptr());
         stillflux_memory_of(&machine, &inverter, &mut *memory.as_mut_ptr());
-        let (settings, memory) = (settings.assume_init(), memory.assume_init());
+        let (mut settings, memory): (stillflux_settings, stillflux_memory) =
+            (settings.assume_init(), memory.assume_init());
+        settings.encoder_lines = encoder_lines;
         let done = stillflux_page(&machine, &inverter, &settings, &memory, page.as_mut_ptr(), &mut error);
         assert_eq!(done, STILLFLUX_OK);
     }
@@ -51,7 +55,7 @@ fn page() -> [u32; WORDS] {
 
 #[test]
 fn a_drive_is_opened_run_stored_and_opened_again() {
-    let (mut page, mut state) = (page(), closed());
+    let (mut page, mut state) = (page(0), closed());
     let drive = state.as_mut_ptr();
     let bytes = size_of::<stillflux_drive>();
     // SAFETY: memory of a drive, pages of so many words.
@@ -82,6 +86,34 @@ fn a_drive_is_opened_run_stored_and_opened_again() {
         assert_eq!(stillflux_store(&*copy.as_ptr(), words, words), STILLFLUX_OK);
         assert_eq!(stillflux_open(drive, bytes, words), STILLFLUX_OK);
         assert_eq!(stillflux_status(&*drive), STILLFLUX_STOPPED);
+    }
+}
+
+#[test]
+fn an_encoder_is_read_where_the_library_and_the_page_have_one() {
+    for lines in if cfg!(feature = "encoder") { &[0, 1024][..] } else { &[0] } {
+        let mut state = closed();
+        let (drive, page) = (state.as_mut_ptr(), page(*lines));
+        let mut encoder = stillflux_encoder { omega_m: 1.0, difference: 1.0, state: 9 };
+        // SAFETY: memory of a drive, a page of so many words.
+        unsafe {
+            stillflux_encoder_set(&mut *drive, 7);
+            assert_eq!(stillflux_encoder_read(&*drive, &mut encoder), 0, "no drive");
+            assert_eq!(stillflux_open(drive, size_of::<stillflux_drive>(), page.as_ptr()), STILLFLUX_OK);
+            let mut command = ZERO;
+            for k in 0..400 {
+                stillflux_encoder_set(&mut *drive, 65_500 + k & 0xFFFF);
+                stillflux_period(&mut *drive, &COUNTS, &SPEED, &mut command);
+            }
+            assert_eq!(stillflux_encoder_read(&*drive, &mut encoder), u32::from(*lines > 0));
+        }
+        if *lines > 0 {
+            // One count a period.
+            let omega_m = 1e4 * core::f32::consts::TAU / 4096.0;
+            assert!((encoder.omega_m - omega_m).abs() < 0.02 * omega_m && encoder.state == STILLFLUX_ENCODER_AGREES);
+        } else {
+            assert_eq!((encoder.omega_m, encoder.state), (1.0, 9), "untouched");
+        }
     }
 }
 

@@ -288,11 +288,14 @@ impl Drive {
     /// cycle
     ///     Stamp of the PWM period, a number that the hardware counts up by one in each, 0 to 65535, then 0 again:
     ///     missed and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the first.
+    /// encoder
+    ///     Position of the encoder at the instant of the currents, in counts (four a line) from anywhere; with the setting
+    ///     `encoder_lines`. None: it has not been read.
     ///
     /// Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
     /// Raises ValueError if both references are given or one is not finite. Implausible measurements do not
     /// raise: they are faults, see `status`.
-    #[pyo3(signature = (i_abc, u_dc, omega_ref=None, torque_ref=None, cycle=None))]
+    #[pyo3(signature = (i_abc, u_dc, omega_ref=None, torque_ref=None, cycle=None, encoder=None))]
     fn step<'py>(
         &mut self,
         i_abc: &Bound<'py, PyAny>,
@@ -300,6 +303,7 @@ impl Drive {
         omega_ref: Option<f64>,
         torque_ref: Option<f64>,
         cycle: Option<u16>,
+        encoder: Option<i64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let command = match (omega_ref, torque_ref) {
             (None, None) => ReferenceSi::Stop,
@@ -312,6 +316,9 @@ impl Drive {
             }
         };
         let sample = MeasurementSi { i_abc: three("i_abc", i_abc)?, u_dc };
+        if let Some(position) = encoder {
+            self.drive.set_encoder(position);
+        }
         let out = match cycle {
             None => Some(self.drive.step(&sample, &command)),
             Some(stamp) => self.drive.step_at(stamp, &sample, &command),
@@ -340,6 +347,13 @@ impl Drive {
     #[getter]
     fn estimate(&self) -> Estimate {
         Estimate::of(&self.drive)
+    }
+
+    /// What the encoder says: measured speed and its filtered difference from the estimate in mechanical rad/s, and
+    /// "silent", "agrees", "apart" or "estimate apart". None without the setting `encoder_lines`.
+    #[getter]
+    fn encoder(&self) -> Option<(f64, f64, &'static str)> {
+        self.drive.encoder().map(|e| (e.omega_m, e.difference, e.state.text()))
     }
 
     /// State of the sequence, or the fault with its cause and time.

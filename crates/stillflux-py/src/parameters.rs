@@ -4,7 +4,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::base::Base;
-use stillflux::config::{DriveParams, EnhancedParams, LowConfidence, PaperParams, Scheme};
+use stillflux::config::{DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, Scheme};
 use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
 use stillflux::si::Arithmetic;
 
@@ -200,6 +200,8 @@ const SCHEMES: [(&str, Scheme); 2] = [("enhanced", Scheme::Enhanced), ("paper", 
 const LOW_CONFIDENCE: [(&str, LowConfidence); 3] =
     [("keep", LowConfidence::Keep), ("limit", LowConfidence::LimitTorque), ("fault", LowConfidence::Fault)];
 
+const ENCODER_MODE: [(&str, EncoderMode); 2] = [("compare", EncoderMode::Compare), ("control", EncoderMode::Control)];
+
 /// The choice of that name.
 fn one_of<T: Copy>(field: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
     choices.iter().find(|(n, _)| *n == name).map(|&(_, choice)| choice).ok_or_else(|| {
@@ -221,6 +223,7 @@ macro_rules! drive_settings {
                 "low_confidence" => {
                     p.low_confidence = one_of(name, &extract::<String>(name, value)?, &LOW_CONFIDENCE)?;
                 }
+                "encoder_mode" => p.encoder_mode = one_of(name, &extract::<String>(name, value)?, &ENCODER_MODE)?,
                 _ => return Ok(false),
             }
             Ok(true)
@@ -229,13 +232,15 @@ macro_rules! drive_settings {
         /// The settings of a drive as dict: those of its scheme.
         pub fn settings_dict<'py>(py: Python<'py>, p: &DriveParams) -> PyResult<Bound<'py, PyDict>> {
             // Without `..`: a setting added to the drive has to be added here.
-            let DriveParams { scheme, low_confidence, paper, enhanced, $($field),* } = *p;
+            let DriveParams { scheme, low_confidence, encoder_mode, paper, enhanced, $($field),* } = *p;
             let PaperParams { $($paper),* } = paper;
             let EnhancedParams { $($enhanced),* } = enhanced;
             let dict = PyDict::new(py);
             $(dict.set_item(stringify!($field), $field)?;)*
             let name = LOW_CONFIDENCE.iter().find(|(_, what)| *what == low_confidence).map(|(name, _)| *name);
             dict.set_item("low_confidence", name)?;
+            let name = ENCODER_MODE.iter().find(|(_, mode)| *mode == encoder_mode).map(|(name, _)| *name);
+            dict.set_item("encoder_mode", name)?;
             match scheme {
                 Scheme::Paper => { $(dict.set_item(stringify!($paper), $paper)?;)* }
                 Scheme::Enhanced => { $(dict.set_item(stringify!($enhanced), $enhanced)?;)* }
@@ -252,7 +257,7 @@ drive_settings! {
     inverter_model, calibrate_offset, offset_time, current_sensors, shunt_window, shunt_settling, magnetise_time, fresh_time, supervision, stall_time,
     realignment, discontinuous_above, field_weakening, overmodulation, acceleration, jerk, torque_limits,
     speed_limits, machine_overload, bridge_overload,
-    u_dc_brake, u_dc_buffer, u_dc_chopper;
+    u_dc_brake, u_dc_buffer, u_dc_chopper, encoder_lines, encoder_states, encoder_deviation, encoder_fault;
     paper:
     offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation,
     resistance_gain, resistance_at_rest, resistance_at_light_load, resistance_quotient, initial_flux, low_pass, limiter;

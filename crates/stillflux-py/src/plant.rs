@@ -8,7 +8,8 @@ use stillflux::control::shunt::Pulses;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
 use stillflux_sim::{
-    DcLink, DeepBar, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, Shunt, SlotRipple, Thermal, Truth,
+    DcLink, DeepBar, Encoder, EncoderFault, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, Shunt, SlotRipple,
+    Thermal, Truth,
 };
 
 use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
@@ -58,6 +59,7 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
                 .map(|(slots, permeance, leakage)| SlotRipple { slots, permeance, leakage });
         }
         "shunt" => p.shunt = extract::<Option<f64>>(name, value)?.map(|settling| Shunt { settling }),
+        "encoder_lines" => p.encoder = extract::<Option<u32>>(name, value)?.map(|lines| Encoder { lines }),
         "adc_skew" => p.adc.skew = three(name, value)?,
         "missed_calls" => p.calls.missed = extract(name, value)?,
         "doubled_calls" => p.calls.doubled = extract(name, value)?,
@@ -107,6 +109,22 @@ pub fn resistance(R_s: f64) -> PyResult<f64> {
 pub fn dc_link(u_dc: f64) -> PyResult<f64> {
     check("u_dc", u_dc, 0.0, 10e3, "V").map_err(value_error)?;
     Ok(u_dc)
+}
+
+/// How an encoder fails, by name; `None`: it is whole.
+pub fn encoder_fault(name: Option<&str>) -> PyResult<Option<EncoderFault>> {
+    Ok(match name {
+        None => None,
+        Some("broken") => Some(EncoderFault::Broken),
+        Some("channel") => Some(EncoderFault::Channel),
+        Some("swapped") => Some(EncoderFault::Swapped),
+        Some("silent") => Some(EncoderFault::Silent),
+        Some(other) => {
+            return Err(PyValueError::new_err(format!(
+                "encoder = {other:?} is not one of 'broken', 'channel', 'swapped', 'silent', None"
+            )));
+        }
+    })
 }
 
 /// Largest load, of rated torque.
@@ -275,6 +293,13 @@ impl Plant {
     fn set_R_s(&mut self, R_s: f64) -> PyResult<()> {
         self.plant.set_R_s(resistance(R_s)?);
         Ok(())
+    }
+
+    /// Position of the encoder (option `encoder_lines`) at the instant of the latest reading, counts, four a line; None
+    /// without one.
+    #[getter]
+    fn encoder(&self) -> Option<i64> {
+        self.plant.encoder()
     }
 
     /// Imposed shaft speed, mechanical rad/s; None: the shaft is free.

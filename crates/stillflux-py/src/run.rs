@@ -12,7 +12,7 @@ use stillflux_sim::simulate::{self as sim, Change, Profile, ReferenceProfile, SI
 use crate::convert::{each_keyword, extract, offsets, value_error};
 use crate::drive::{Status, memory_dict, memory_from};
 use crate::parameters::{Inverter, Motor, arithmetic, drive_params};
-use crate::plant::{dc_link, plant_params, resistance, shaft_speed};
+use crate::plant::{dc_link, encoder_fault, plant_params, resistance, shaft_speed};
 
 /// A constant, or points `(t, value)`.
 #[derive(FromPyObject)]
@@ -102,6 +102,7 @@ fn changes(list: &[(f64, Bound<'_, PyDict>)]) -> PyResult<Vec<(f64, Change)>> {
                 "speed" => Change::Speed(shaft_speed(extract(name, value)?)?),
                 "open_phase" => Change::OpenPhase(phase(name, extract(name, value)?)?),
                 "channel" => channel(value)?,
+                "encoder" => Change::Encoder(encoder_fault(extract::<Option<String>>(name, value)?.as_deref())?),
                 "stop" => Change::Stop(extract(name, value)?),
                 "reset" => {
                     if extract(name, value)? {

@@ -10,6 +10,7 @@ use crate::adc::{Adc, ChannelFault, Converter};
 use crate::branches::{DeepBar, IronLoss};
 use crate::bridge::{Bridge, Feed, GateDelays};
 use crate::dclink::{DcLink, Link, LinkEnergy};
+use crate::encoder::{Counter, Encoder, EncoderFault};
 use crate::machine::{BRANCHED, Circuit, Energy, Extras, FULL, Field, LINEAR, SATURATING, State, V2, dot, phases};
 use crate::mechanics::{Mechanics, Shaft};
 use crate::nodes::Nodes;
@@ -56,6 +57,8 @@ pub struct PlantParams {
     /// A single shunt in place of the current channels: the readings are then those of the instants that
     /// [`Plant::step_pulses`] is given, in their order, and at the end of the period. `None`: three phase currents.
     pub shunt: Option<Shunt>,
+    /// Encoder on the shaft.
+    pub encoder: Option<Encoder>,
     /// Eddy currents in the iron.
     pub iron_loss: Option<IronLoss>,
     /// Skin effect in the rotor's bars.
@@ -91,6 +94,7 @@ impl PlantParams {
             mechanics: Mechanics::default(),
             adc: Adc::new(&machine, &inverter),
             shunt: None,
+            encoder: None,
             iron_loss: None,
             deep_bar: None,
             leakage_saturation: None,
@@ -126,6 +130,7 @@ impl PlantParams {
             check("half_periods", f64::from(halves), 2.0, 16.0, "")
                 .map_err(|e| e.with_note("a shunt sees the edges of whole carrier periods, in the switching model"))?;
         }
+        self.encoder.map_or(Ok(()), |e| e.validate())?;
         self.iron_loss.map_or(Ok(()), |l| l.validate(&self.machine))?;
         self.deep_bar.map_or(Ok(()), |b| b.validate())?;
         self.leakage_saturation.map_or(Ok(()), |l| l.validate())?;
@@ -227,6 +232,7 @@ pub struct Plant {
     /// Pulses for the coming period.
     preload: Pulses<f64>,
     shunt: Option<Amplifier>,
+    counter: Option<Counter>,
     /// Instants within the period at which channels are sampled ahead of its end, else infinite, and what they saw.
     instants: [f64; 3],
     seen: [f64; 3],
@@ -313,6 +319,7 @@ impl Plant {
             },
             preload: centred([0.5; 3]),
             shunt: params.shunt.map(Amplifier::new),
+            counter: params.encoder.map(Counter::new),
             instants: adc.skew.map(|s| if s > 0.0 { period - s } else { f64::INFINITY }),
             seen: [0.0; 3],
             skewed: adc.skew.iter().any(|s| *s > 0.0),
@@ -488,6 +495,19 @@ impl Plant {
         self.adc.set_fault(channel, fault);
     }
 
+    /// Position of the encoder at the instant of the latest reading, counts; `None` without one, or if it is not read.
+    #[must_use]
+    pub fn encoder(&self) -> Option<i64> {
+        self.counter.and_then(|counter| counter.content())
+    }
+
+    /// Lets the encoder fail, or heals it.
+    pub fn set_encoder(&mut self, fault: Option<EncoderFault>) {
+        if let Some(counter) = &mut self.counter {
+            counter.fault = fault;
+        }
+    }
+
     /// Sets the dc-link voltage, V; of a link with a capacitor the no-load voltage of its supply.
     pub fn set_u_dc(&mut self, u_dc: f64) {
         if let Some(link) = &mut self.link {
@@ -578,6 +598,9 @@ impl Plant {
     fn finish(&mut self, psi: V2, dt: f64) {
         self.t += dt;
         self.adc.drift(dt);
+        if let Some(counter) = &mut self.counter {
+            counter.advance(self.x.theta);
+        }
         let (now, w) = (self.x.psi_s, 1.0 / dt);
         // psi_s' = u_s - R_s i_s, integrated.
         let mean_i = [w * self.int_i[0], w * self.int_i[1]];

@@ -11,6 +11,7 @@ use stillflux::control::shunt::Pulses;
 use stillflux::params::{Inverter, Machine, ParamError, check};
 
 use crate::adc::ChannelFault;
+use crate::encoder::EncoderFault;
 use crate::plant::{Calls, Plant, PlantParams};
 use crate::rng::Rng;
 use stillflux::si::{Arithmetic, EstimateSi, MeasurementSi, MemorySi, ReferenceSi, SiDrive, Vector};
@@ -84,6 +85,8 @@ pub enum Change {
     OpenPhase(usize),
     /// A current channel (0 to 2) that fails, or a single sample that is wrong.
     Channel(usize, ChannelFault),
+    /// An encoder that fails, or is healed.
+    Encoder(Option<EncoderFault>),
     /// The drive is told to stop, or to follow its reference again.
     Stop(bool),
     /// The drive is told to leave a fault.
@@ -210,6 +213,9 @@ signals! {
     "estimate.nis", "", Real, |m| m.estimate.nis;
     "estimate.angle_deviation", "rad", Real, |m| m.estimate.angle_deviation;
     "estimate.confidence", "", Real, |m| m.estimate.confidence;
+    "encoder.omega_m", "rad/s", Real, |m| m.drive.encoder().unwrap_or_default().omega_m;
+    "encoder.difference", "rad/s", Real, |m| m.drive.encoder().unwrap_or_default().difference;
+    "encoder.state", "", Real, |m| f64::from(m.drive.encoder().unwrap_or_default().state.code());
     "chopper", "", Real, |m| m.drive.chopper(m.u_dc);
     "status", "", Real, |m| f64::from(m.drive.status().code());
 }
@@ -426,6 +432,7 @@ impl<'s> Run<'s> {
                 Change::Speed(w) => self.plant.set_speed(w),
                 Change::OpenPhase(k) => self.plant.set_open_phase(k, true),
                 Change::Channel(k, fault) => self.plant.set_channel(k, Some(fault)),
+                Change::Encoder(fault) => self.plant.set_encoder(fault),
                 Change::Stop(stopped) => self.stopped = stopped,
                 Change::Reset => self.drive.reset(),
             }
@@ -442,6 +449,9 @@ impl<'s> Run<'s> {
         };
         if self.stopped {
             command = ReferenceSi::Stop;
+        }
+        if let Some(position) = self.plant.encoder() {
+            self.drive.set_encoder(position);
         }
         for _ in 0..self.calls() {
             let out = if self.scenario.cycle_stamps {

@@ -17,7 +17,8 @@ mod settings;
 pub(crate) use settings::BOOST;
 
 pub use settings::{
-    BALANCE_PERIODS, DriveParams, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS, Scheme,
+    BALANCE_PERIODS, DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS,
+    Scheme,
 };
 
 use crate::base::{PerUnit, rounded};
@@ -25,6 +26,8 @@ use crate::control::current::CurrentConfig;
 #[cfg(feature = "dclink")]
 use crate::control::dclink::{self, DcLinkConfig};
 use crate::control::flux::FluxControlConfig;
+#[cfg(feature = "encoder")]
+use crate::control::handover::{self, HandOverConfig};
 use crate::control::overload::{self, OverloadConfig};
 use crate::control::ramp::{self, RampConfig};
 #[cfg(feature = "enhanced")]
@@ -37,6 +40,8 @@ use crate::control::weakening::{self, WeakeningConfig};
 use crate::estimate::balance::BalanceConfig;
 #[cfg(feature = "paper")]
 use crate::estimate::confidence::ConfidenceConfig;
+#[cfg(feature = "encoder")]
+use crate::estimate::encoder::{EncoderConfig, count_angle};
 #[cfg(feature = "paper")]
 use crate::estimate::flux::FluxConfig;
 #[cfg(feature = "enhanced")]
@@ -145,6 +150,11 @@ pub struct DriveConfig<R: Real> {
     pub(crate) realign_calls: u32,
     #[cfg(feature = "dclink")]
     pub(crate) dclink: DcLinkConfig<R>,
+    /// Counter of an encoder, `None` without one, and what its speed is used for.
+    #[cfg(feature = "encoder")]
+    pub(crate) encoder: Option<EncoderConfig<R>>,
+    #[cfg(feature = "encoder")]
+    pub(crate) hand_over: HandOverConfig<R>,
     /// Periods after a stop for which offsets and identified parameters are fresh, and the current that builds up the
     /// flux then.
     pub(crate) fresh_periods: u32,
@@ -175,6 +185,8 @@ words! {
     i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "supervision")] realign_calls,
     #[cfg(feature = "dclink")] dclink,
+    #[cfg(feature = "encoder")] encoder,
+    #[cfg(feature = "encoder")] hand_over,
     fresh_periods, i_quick,
     bridged_periods, calibrate_offset,
     #[cfg(feature = "modes")] two_sensors,
@@ -340,7 +352,7 @@ impl<R: Real> DriveConfig<R> {
         let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
         let omega_n = pu.hz(p.pll_bandwidth);
-        let magnetise_periods = periods(p.magnetise_time);
+        let magnetise_periods = periods(p.build_up_time(machine));
         // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
         let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
 
@@ -509,6 +521,22 @@ impl<R: Real> DriveConfig<R> {
                     inv_span: r((1.0 / (full - on)).min(100.0)),
                 }
             },
+            #[cfg(feature = "encoder")]
+            encoder: (p.encoder_lines > 0).then(|| EncoderConfig::new(p.encoder_lines, machine.n_p, p.encoder_states)),
+            #[cfg(feature = "encoder")]
+            hand_over: {
+                // The ripple of one count ([`crate::estimate::encoder`]).
+                let ripple = count_angle(p.encoder_lines.max(1), machine.n_p) * omega_n / core::f64::consts::E;
+                let calls = |t: f64| periods(t / f64::from(SPEED_PERIODS));
+                HandOverConfig {
+                    band: r((p.encoder_deviation / b.omega_m + ripple).min(100.0)),
+                    gain: r(f64::from(SPEED_PERIODS) / inverter.f_c() / handover::FILTER),
+                    calls_apart: calls(handover::APART),
+                    calls_return: calls(handover::RETURN),
+                    control: p.encoder_mode == EncoderMode::Control,
+                    fault: p.encoder_fault,
+                }
+            },
             fresh_periods: if p.fresh_time > 0.0 { periods(p.fresh_time) } else { 0 },
             i_quick: r(0.9 * i_max),
             bridged_periods: periods(0.01),
@@ -641,6 +669,36 @@ mod tests {
         });
         everywhere("L_M", |m, _, _| (m.L_M, m.L_sigma) = (5.0, 0.1));
         everywhere("f_clk", |_, i, _| i.f_clk = 1e5);
+    }
+
+    #[test]
+    fn an_encoder_that_does_not_fit_is_refused_by_name() {
+        let with = |change: fn(&mut DriveParams)| {
+            refused::<Q>(move |_, _, p| {
+                p.encoder_lines = 1024;
+                change(p);
+            })
+        };
+        if !cfg!(feature = "encoder") {
+            for e in [with(|_| {}), refused::<Q>(|_, _, p| p.encoder_fault = true)] {
+                assert!(e.is_some_and(|e| e.field == "encoder_lines" && e.note.contains("feature")), "{e:?}");
+            }
+            return;
+        }
+        assert_eq!(with(|_| {}), None);
+        assert_eq!(with(|p| (p.encoder_lines, p.encoder_states) = (65_536, 1 << 18)), None, "reset at each turn");
+        for (field, e) in [
+            ("encoder_lines", with(|p| p.encoder_lines = 31)),
+            ("encoder_lines", with(|p| p.encoder_lines = 65_537)),
+            ("encoder_states", with(|p| p.encoder_states = 500)),
+            ("encoder_states", with(|p| p.encoder_states = u32::MAX)),
+            ("encoder_deviation", with(|p| p.encoder_deviation = 0.0)),
+            ("encoder_deviation", with(|p| p.encoder_deviation = f64::NAN)),
+            ("encoder_lines", refused::<Q>(|_, _, p| p.encoder_mode = EncoderMode::Control)),
+            ("encoder_lines", refused::<Q>(|_, _, p| p.encoder_fault = true)),
+        ] {
+            assert!(e.as_ref().is_some_and(|e| e.field == field), "{field}: {e:?}");
+        }
     }
 
     #[test]

@@ -30,7 +30,11 @@ mod scheme;
 mod sequence;
 mod voltage;
 
+#[cfg(feature = "encoder")]
+pub use crate::control::handover::EncoderState;
 pub use crate::supervision::{Fault, FaultReport, Quantity, Trip};
+#[cfg(feature = "encoder")]
+pub use interface::EncoderReading;
 pub use interface::{Estimate, Measurement, Memory, Output, Reference, Status};
 
 use crate::config::DriveConfig;
@@ -113,6 +117,7 @@ impl<R: Real> Drive<R> {
         let Estimated { flux, speed, psi_1, u_off, i_s, r_s, epsilon, innovation, nis, angle_deviation, confidence } =
             with_estimators!(&self.estimators, e => e.estimated());
         let running = self.status() == Status::Running;
+        let confidence = self.common.control.confidence(|| confidence);
         Estimate {
             flux,
             speed,
@@ -142,6 +147,35 @@ impl<R: Real> Drive<R> {
         let half = [R::HALF; 3];
         let blocked = Pulses { rising: half, falling: half, sample: [R::HALF; 2] };
         self.config.single_shunt().then(|| self.common.control.voltage.pulses().unwrap_or(blocked))
+    }
+
+    /// Content of the encoder's counter at the instant of the currents of the next step, below
+    /// [`DriveParams::encoder_states`]; once a period, in every state of the drive. Without effect if the drive has no
+    /// encoder.
+    ///
+    /// [`DriveParams::encoder_states`]: crate::config::DriveParams::encoder_states
+    #[cfg(feature = "encoder")]
+    #[inline]
+    pub fn set_encoder(&mut self, count: u32) {
+        self.common.control.encoder.set(count);
+    }
+
+    /// What the encoder says; `None` without one ([`DriveParams::encoder_lines`]).
+    ///
+    /// [`DriveParams::encoder_lines`]: crate::config::DriveParams::encoder_lines
+    #[cfg(feature = "encoder")]
+    pub fn encoder(&self) -> Option<EncoderReading<R>> {
+        let (c, control) = (&self.config, &self.common.control);
+        let (encoder, hand_over) = (&control.encoder, &control.hand_over);
+        let running = self.status() == Status::Running;
+        let state = match hand_over.state() {
+            _ if control.is_silent(c) => EncoderState::Silent,
+            // There is nothing yet that could contradict it.
+            EncoderState::Silent if !running => EncoderState::Agrees,
+            state => state,
+        };
+        let difference = if running { hand_over.difference() } else { R::ZERO };
+        c.encoder.as_ref().map(|_| EncoderReading { omega_m: encoder.omega(), difference, state })
     }
 
     /// Data worth keeping over a stop or a loss of supply.
@@ -198,6 +232,8 @@ impl<R: Real> Common<R> {
         reference: &Reference<R>,
     ) -> Output<R> {
         self.sequence.count();
+        #[cfg(feature = "encoder")]
+        self.control.track(c, self.sequence.period());
         #[cfg(feature = "shunt")]
         let seen;
         #[cfg(feature = "shunt")]
@@ -358,7 +394,11 @@ impl<R: Real> Common<R> {
         match self.sequence.period() & 3 {
             0 => self.control.set_references(c, estimators, reference, u_dc),
             2 => self.adapt(c, estimators, u_dc),
-            _ => estimators.update_speed(c),
+            _ => {
+                estimators.update_speed(c);
+                #[cfg(feature = "encoder")]
+                self.control.compare(c, estimators.speed());
+            }
         }
     }
 
@@ -384,7 +424,8 @@ impl<R: Real> Common<R> {
         let currents = Currents { i_abc, i_dq: &x.i_dq, i_dq_ref: &control.i_dq_ref, field: &x.field, omega_s };
         let mut trip = self.supervision.currents(&c.supervision, &currents);
         if likely(running) {
-            let (omega_m, omega_s) = (estimators.speed().omega_m, estimators.speed().omega_s);
+            let (omega_m, omega_s) =
+                (control.controlled_speed(c, estimators.speed().omega_m), estimators.speed().omega_s);
             let speed_deviation = match *reference {
                 Reference::Speed(omega) => omega.clamp(c.omega_least, c.omega_most) - omega_m,
                 _ => R::ZERO,
@@ -398,8 +439,12 @@ impl<R: Real> Common<R> {
                 speed_deviation,
                 torque_limited: (!realigning).then_some(control.limited != R::ZERO),
             };
-            let confidence = || estimators.confidence();
+            let confidence = || control.confidence(|| estimators.confidence());
             trip = trip.or_else(|| self.supervision.course(&c.supervision, &course, confidence));
+            #[cfg(feature = "encoder")]
+            {
+                trip = trip.or_else(|| control.hand_over.trip(&c.hand_over));
+            }
         }
         match trip {
             None => true,

@@ -17,6 +17,8 @@ use crate::page::Ready;
 #[cfg(feature = "commission")]
 use crate::params::{Inverter, ParamError};
 use crate::scalar::{Real, Timer};
+#[cfg(feature = "encoder")]
+use crate::telemetry::EncoderTelemetry;
 use crate::telemetry::{SetPoint, Telemetry, Units};
 
 /// What the timer's preload registers take.
@@ -85,6 +87,21 @@ impl<R: Real> CountsDrive<R> {
         };
         let output = drive.step_at(stamp, &scale.measurement(counts), &units.reference(set_point))?;
         Some(Command { compare: compare(&output.duty, timer), gates_on: output.gates_on })
+    }
+
+    /// Content of the encoder's counter at the instant of the counts of the next period ([`Drive::set_encoder`]).
+    #[cfg(feature = "encoder")]
+    #[inline]
+    pub fn set_encoder(&mut self, count: u32) {
+        if let Some(Parts { drive, .. }) = &mut self.0 {
+            drive.set_encoder(count);
+        }
+    }
+
+    /// What the encoder says, SI; `None` without one, or without a drive.
+    #[cfg(feature = "encoder")]
+    pub fn encoder(&self) -> Option<EncoderTelemetry> {
+        self.0.as_ref().and_then(|p| p.units.encoder(&p.drive))
     }
 
     /// Compare values and instants of the next period with a single shunt, after [`CountsDrive::period`]; `None` with more

@@ -13,6 +13,8 @@ use crate::base::Base;
 use crate::config::{DriveConfig, DriveParams};
 #[cfg(feature = "shunt")]
 use crate::control::shunt::Pulses;
+#[cfg(feature = "encoder")]
+use crate::drive::EncoderState;
 use crate::drive::{Drive, Estimate, Fault, FaultReport, Measurement, Memory, Quantity, Reference, Status};
 #[cfg(feature = "legs")]
 use crate::inverter::Legs;
@@ -106,6 +108,19 @@ pub struct EstimateSi {
     pub angle_deviation: f64,
     /// Confidence, 0 to 1.
     pub confidence: f64,
+}
+
+/// What the encoder of a drive says, SI ([`crate::drive::EncoderReading`]).
+#[cfg(feature = "encoder")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct EncoderSi {
+    /// Measured speed, mechanical rad/s.
+    pub omega_m: f64,
+    /// Measured less estimated speed, filtered, mechanical rad/s.
+    pub difference: f64,
+    /// Whether the two agree, and which of them is wrong otherwise.
+    pub state: EncoderState,
 }
 
 /// What a drive stores at a stop, SI.
@@ -309,6 +324,9 @@ macro_rules! with {
 #[derive(Clone, Debug)]
 pub struct SiDrive {
     units: SiUnits,
+    /// States of the encoder's counter.
+    #[cfg(feature = "encoder")]
+    states: u32,
     inner: Inner,
 }
 
@@ -328,7 +346,12 @@ impl SiDrive {
             Arithmetic::F64 => Inner::F64(Drive::new(DriveConfig::new(machine, inverter, params)?)),
             Arithmetic::Q => Inner::Q(Drive::new(DriveConfig::new(machine, inverter, params)?)),
         };
-        Ok(Self { units: SiUnits::new(machine, inverter), inner })
+        Ok(Self {
+            units: SiUnits::new(machine, inverter),
+            #[cfg(feature = "encoder")]
+            states: params.encoder_states,
+            inner,
+        })
     }
 
     /// Base quantities.
@@ -360,6 +383,27 @@ impl SiDrive {
             let out = d.step_at(stamp, &units.measurement(measured), &units.reference(reference))?;
             Some((out.duty.map(Real::to_f64), out.gates_on))
         })
+    }
+
+    /// Position of the encoder at the instant of the next measurement, in counts from anywhere: a counter of the drive's
+    /// number of states would hold its remainder ([`Drive::set_encoder`]).
+    #[cfg(feature = "encoder")]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn set_encoder(&mut self, position: i64) {
+        let count = position.rem_euclid(i64::from(self.states.max(1))) as u32;
+        with!(&mut self.inner, d => d.set_encoder(count));
+    }
+
+    /// What the encoder says; `None` without one.
+    #[cfg(feature = "encoder")]
+    #[must_use]
+    pub fn encoder(&self) -> Option<EncoderSi> {
+        let omega_m = self.units.base.omega_m;
+        with!(&self.inner, d => d.encoder().map(|e| EncoderSi {
+            omega_m: e.omega_m.to_f64() * omega_m,
+            difference: e.difference.to_f64() * omega_m,
+            state: e.state,
+        }))
     }
 
     /// Pulses of the next period and instants of its samples with a single shunt ([`Drive::pulses`]).

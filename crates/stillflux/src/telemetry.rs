@@ -82,6 +82,20 @@ impl Default for Telemetry {
     }
 }
 
+/// What the encoder of a drive says, SI ([`crate::drive::EncoderReading`]).
+#[cfg(feature = "encoder")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(C)]
+pub struct EncoderTelemetry {
+    /// Measured speed, mechanical rad/s.
+    pub omega_m: f32,
+    /// Measured less estimated speed, filtered, mechanical rad/s.
+    pub difference: f32,
+    /// [`crate::drive::EncoderState::code`].
+    pub state: u32,
+}
+
 /// Base quantities in single precision, and the reciprocals that replace divisions by them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -130,6 +144,16 @@ impl Units {
             return Reference::Stop;
         }
         if matches!(set_point, SetPoint::Speed(_)) { Reference::Speed(y) } else { Reference::Torque(y) }
+    }
+
+    /// What the encoder of a drive says; `None` without one.
+    #[cfg(feature = "encoder")]
+    pub fn encoder<R: Real>(&self, drive: &Drive<R>) -> Option<EncoderTelemetry> {
+        drive.encoder().map(|e| EncoderTelemetry {
+            omega_m: e.omega_m.to_f32() * self.omega_m,
+            difference: e.difference.to_f32() * self.omega_m,
+            state: e.state.code(),
+        })
     }
 
     /// State and estimates of a drive.

@@ -6,7 +6,7 @@
 //! at random instants anything may come: any bit pattern, a saturated channel, a reset, a restore, another reference.
 
 use stillflux::base::PerUnit;
-use stillflux::config::{DriveConfig, DriveParams, EnhancedParams, LowConfidence, PaperParams, Scheme};
+use stillflux::config::{DriveConfig, DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, Scheme};
 #[cfg(feature = "shunt")]
 use stillflux::control::shunt::Pulses;
 use stillflux::drive::{Drive, Measurement, Memory, Output, Reference, Status};
@@ -161,6 +161,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         let current = rng.ratio(1.1 * i_0, i_max.max(1.1 * i_0)) / 2f64.sqrt();
         rng.chance(3).then(|| (current, rng.ratio(1e4 / inverter.f_s, 3600.0)))
     };
+    let encoder = cfg!(feature = "encoder") && !rng.chance(3);
     DriveParams {
         scheme,
         psi_ref,
@@ -212,6 +213,11 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
             let on = 1.02 * inverter.u_dc;
             (on, on + rng.within(0.005 * inverter.u_dc, (u_dc_max - on).max(0.005 * inverter.u_dc)))
         }),
+        encoder_lines: if encoder { rng.ratio(16.0 * f64::from(machine.n_p), 65_536.0) as u32 } else { 0 },
+        encoder_states: rng.ratio(65_536.0, f64::from(1_u32 << 31)) as u32,
+        encoder_mode: if encoder && rng.chance(2) { EncoderMode::Control } else { EncoderMode::Compare },
+        encoder_deviation: rng.ratio(0.005, 10.0) * omega_n,
+        encoder_fault: encoder && rng.chance(3),
         stall_time: if rng.chance(4) { 0.0 } else { rng.ratio(0.1, 60.0) },
         paper: if scheme == Scheme::Paper { paper } else { d.paper },
         enhanced: if scheme == Scheme::Enhanced { enhanced } else { d.enhanced },
@@ -256,6 +262,8 @@ fn fuzz<R: Bits>(rng: &mut Rng, periods: u32, seed: u64, refused: &mut impl FnMu
     let mut ran = false;
     #[cfg(feature = "shunt")]
     let mut pulses = [drive.pulses(); 2];
+    #[cfg(feature = "encoder")]
+    let mut shaft = rng.bits() as u32;
     for k in 0..periods {
         let e = drive.estimate();
         let status = drive.status();
@@ -304,6 +312,21 @@ fn fuzz<R: Bits>(rng: &mut Rng, periods: u32, seed: u64, refused: &mut impl FnMu
             reference =
                 if rng.chance(5) { Reference::Torque(r(rng.within(-1.5, 1.5))) } else { Reference::Speed(r(omega)) };
         }
+        #[cfg(feature = "encoder")]
+        {
+            // Counts of any speed, and now and then of none: a silent counter, one that stands, one that jumps.
+            shaft = if rng.chance(wild * 11) {
+                rng.bits() as u32
+            } else {
+                shaft.wrapping_add((omega * 40.0) as i32 as u32)
+            };
+            if !rng.chance(wild) {
+                drive.set_encoder(shaft % params.encoder_states);
+            }
+            if rng.chance(wild * 37) {
+                drive.set_encoder(rng.bits() as u32);
+            }
+        }
         let out = drive.step(&measured, &reference);
         check(&drive, &out, seed, k);
         if matches!(drive.status(), Status::Faulted { .. }) && rng.chance(20) {
@@ -324,6 +347,14 @@ fn check<R: Real>(drive: &Drive<R>, out: &Output<R>, seed: u64, k: u32) {
         for x in p.rising.into_iter().chain(p.falling).chain(p.sample) {
             assert!(x >= R::ZERO && x <= R::ONE, "{} seed {seed} period {k}: {p:?}", R::NAME);
         }
+    }
+    #[cfg(feature = "encoder")]
+    if let Some(e) = drive.encoder() {
+        assert!(
+            e.omega_m.abs() <= R::from_f64(3.0) && e.difference.is_finite(),
+            "{} seed {seed} period {k}: {e:?}",
+            R::NAME
+        );
     }
     let (e, m) = (drive.estimate(), drive.memory());
     let numbers = [

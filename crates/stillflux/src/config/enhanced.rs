@@ -7,7 +7,7 @@ use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
 #[cfg(feature = "legs")]
-use crate::estimate::legs::LegsConfig;
+use crate::estimate::legs::{LegsConfig, PLATEAUS};
 use crate::estimate::priors::Priors;
 use crate::estimate::search::SearchConfig;
 use crate::params::{Inverter, Machine};
@@ -33,6 +33,18 @@ const BALANCE_OFFSET_RATE: f64 = 0.34;
 const PULL_OUT_USE: f64 = 0.6;
 /// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
 const SHIFT_RATE: f64 = 0.5;
+
+/// Half of a plateau in the comparison of the legs at a bandwidth of current control, s.
+#[cfg(feature = "legs")]
+fn legs_half(current_bandwidth: f64) -> f64 {
+    LEGS_TIME.max(LEGS_SETTLE / (core::f64::consts::TAU * current_bandwidth))
+}
+
+/// Duration of the comparison of the legs at a bandwidth of current control, s.
+#[cfg(feature = "legs")]
+pub(super) fn legs_time(current_bandwidth: f64) -> f64 {
+    f64::from(PLATEAUS) * legs_half(current_bandwidth)
+}
 
 /// Settings of the estimators.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,6 +75,7 @@ impl<R: Real> EnhancedConfig<R> {
     /// Settings for validated parameters; `i_q_max`: the largest torque current.
     #[allow(non_snake_case)]
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
+        let build_up_time = p.build_up_time(machine);
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
         // At rest the rotor flux rises as r_R i τ, up to l_M i.
@@ -109,23 +122,21 @@ impl<R: Real> EnhancedConfig<R> {
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
             recovery_periods: {
                 // As the rotor time constant of the parameters has it, in units of which x is a sixteenth of the time.
-                let x = p.magnetise_time * pu.base.omega / pu.tau_r / 16.0;
+                let x = build_up_time * pu.base.omega / pu.tau_r / 16.0;
                 let psi = REDUCED + (1.0 - REDUCED) * libm::exp(-x);
                 let psi = SMALL + (psi - SMALL) * libm::exp(-3.0 * x);
                 let seconds = libm::log((BOOST - psi) / (BOOST - 1.0)) * pu.tau_r / pu.base.omega;
-                inverter.periods(seconds.min(p.magnetise_time * 3.0 / 16.0))
+                inverter.periods(seconds.min(build_up_time * 3.0 / 16.0))
             },
             search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
             #[cfg(feature = "legs")]
             legs: {
-                let half = LEGS_TIME.max(LEGS_SETTLE / (core::f64::consts::TAU * p.current_bandwidth));
-                // Offsets of the sensors that were not read would be taken for a voltage of the legs.
-                let on = p.enhanced.identify_legs && p.inverter_model && p.calibrate_offset;
-                LegsConfig::new(pu, if on { inverter.periods(half) } else { 0 }, p.current_sensors == 3)
+                let half = if p.compares_legs() { inverter.periods(legs_half(p.current_bandwidth)) } else { 0 };
+                LegsConfig::new(pu, half, p.current_sensors == 3)
             },
             #[cfg(feature = "modes")]
             pair_weight: if p.current_sensors == 2 {
-                rounded(2.0 / f64::from(inverter.periods(p.magnetise_time)))
+                rounded(2.0 / f64::from(inverter.periods(build_up_time)))
             } else {
                 R::ZERO
             },

@@ -1,6 +1,8 @@
 //! Settings of a drive, SI unless marked per unit, with defaults derived from machine and inverter (docs/gains.md) and
 //! the admissible range of each. A value outside it is an error that names field, value and range.
 
+#[cfg(all(feature = "enhanced", feature = "legs"))]
+use super::enhanced::legs_time;
 use crate::base::Base;
 use crate::estimate::priors::Priors;
 use crate::estimate::temperature::{ALUMINIUM, Temperature};
@@ -9,6 +11,9 @@ use crate::words::Words;
 
 /// Magnetising current during the build-up of the flux, as multiple of its final value.
 pub(crate) const BOOST: f64 = 1.5;
+
+/// Least duration of the magnetisation, in rotor time constants.
+const LEAST_BUILD_UP: f64 = 3.0;
 
 /// Control periods from one run of the speed estimator to the next, and of each slower block.
 pub const SPEED_PERIODS: u32 = 2;
@@ -26,9 +31,27 @@ const PERIODS_A_TURN: f64 = 30.0;
 /// rate, which is 36 periods a turn; 45 keep the ripple a fifth below. Current control oscillates with 40, not with 50.
 const PERIODS_OVERMODULATED: f64 = 45.0;
 
+/// Duration of the comparison of the legs, s: without the enhanced scheme there is none.
+#[cfg(not(all(feature = "enhanced", feature = "legs")))]
+fn legs_time(_: f64) -> f64 {
+    0.0
+}
+
 /// Largest stator frequency that the loops carry, rad/s.
 fn fastest_field(inverter: &Inverter) -> f64 {
     core::f64::consts::TAU * inverter.f_c() / PERIODS_A_TURN
+}
+
+/// Least number of an encoder's lines for each pole pair: one count is 0.1 rad of the field, and its ripple some hundredths
+/// of rated speed.
+const LINES_A_POLE_PAIR: f64 = 16.0;
+
+/// Difference of measured and estimated speed that an estimate may have: three quarters of the rated slip, for a rotor
+/// resistance that is wrong by half at one and a half times rated torque, and 0.01 pu for the rest.
+fn encoder_deviation(machine: &Machine) -> f64 {
+    let b = Base::new(machine);
+    let slip = machine.R_R * machine.T_N / (1.5 * f64::from(machine.n_p) * b.psi * b.psi);
+    (0.75 * slip + 0.01 * b.omega) / f64::from(machine.n_p)
 }
 
 /// What an error says of a setting that is left out of the build.
@@ -118,6 +141,18 @@ impl Words for LowConfidence {
             _ => Self::Fault,
         }
     }
+}
+
+/// What a drive does with the speed of its encoder.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum EncoderMode {
+    /// It is compared with the estimated speed, and nothing depends on it.
+    #[default]
+    Compare,
+    /// It is what the speed control follows, as long as the encoder is valid.
+    Control,
 }
 
 /// Settings of the published scheme.
@@ -236,8 +271,8 @@ pub struct EnhancedParams {
     pub identify_offset: bool,
     /// Estimate stator resistance, inverter error and knee.
     pub identify_resistance: bool,
-    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), which then takes
-    /// 0.2 s longer; off by default, and without `calibrate_offset`.
+    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), in the first
+    /// 0.2 s of its magnetisation; not without `inverter_model` and `calibrate_offset`.
     pub identify_legs: bool,
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
@@ -275,7 +310,7 @@ impl EnhancedParams {
         Self {
             identify_offset: true,
             identify_resistance: true,
-            identify_legs: false,
+            identify_legs: cfg!(feature = "legs"),
             apply_innovation: true,
             omega_s_min: 0.006 * machine.omega_sR(),
             prior_R_s: r_s,
@@ -354,6 +389,7 @@ impl EnhancedParams {
         let switch = |field, value, default| same(field, f64::from(u8::from(value)), f64::from(u8::from(default)));
         switch("identify_offset", self.identify_offset, d.identify_offset)?;
         switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;
+        switch("identify_legs", self.identify_legs, d.identify_legs)?;
         switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
         same("omega_s_min", self.omega_s_min, d.omega_s_min)?;
         let mut priors = self.priors().into_iter().zip(d.priors());
@@ -414,7 +450,8 @@ pub struct DriveParams {
     /// Time constant of the amplifier of a single shunt, s, at most a quarter of the longest window: the current rises while it is
     /// sampled, and the reading is behind it. 0: none. Without effect with more sensors.
     pub shunt_settling: f64,
-    /// Duration of the magnetisation, s.
+    /// Duration of the magnetisation, s, at least three rotor time constants: also with the comparison of the legs before it
+    /// ([`EnhancedParams::identify_legs`]), whose time what is left for the flux is three rotor time constants at least.
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
     pub low_confidence: LowConfidence,
@@ -459,6 +496,21 @@ pub struct DriveParams {
     pub u_dc_buffer: Option<f64>,
     /// dc-link voltages from which on the brake chopper takes current and at which it takes all, V; `None`: no chopper.
     pub u_dc_chopper: Option<(f64, f64)>,
+    /// Lines of an incremental encoder on the shaft, a quarter of the steps a turn of a resolver; from 16 a pole pair to
+    /// 65,536; 0: none. This and the next four are the feature `encoder` ([`crate::control::handover`]); the content of its
+    /// counter is given by [`crate::drive::Drive::set_encoder`].
+    pub encoder_lines: u32,
+    /// States of the encoder's counter, 65,536 of one of 16 bits; of one that is reset at each turn four times the lines. At
+    /// least 16 times the counts of two control periods at `omega_max`, at most 2^31.
+    pub encoder_states: u32,
+    /// What the measured speed is used for.
+    pub encoder_mode: EncoderMode,
+    /// Difference from which on measured and estimated speed do not agree, mechanical rad/s, 0.005 to 10 pu, beside the
+    /// ripple of one count.
+    pub encoder_deviation: f64,
+    /// Whether an encoder that does not agree, or is silent, stops the drive
+    /// ([`crate::drive::Fault::EncoderApart`]). Otherwise the drive is sensorless until it agrees again.
+    pub encoder_fault: bool,
     /// Settings of the published scheme: the defaults, unless the drive runs it.
     pub paper: PaperParams,
     /// Settings of the enhanced scheme: the defaults, unless the drive runs it.
@@ -470,7 +522,7 @@ impl DriveParams {
     #[must_use]
     pub fn new(machine: &Machine, inverter: &Inverter) -> Self {
         let i_n = machine.I_N * core::f64::consts::SQRT_2;
-        let tau_r = machine.L_M / machine.R_R;
+        let (tau_r, current_bandwidth) = (machine.L_M / machine.R_R, 0.03 * inverter.f_c());
         Self {
             scheme: Scheme::default(),
             psi_ref: 1.0,
@@ -481,7 +533,7 @@ impl DriveParams {
             i_range: 2.5 * i_n,
             u_dc_min: 0.6 * inverter.u_dc,
             u_dc_max: 1.45 * inverter.u_dc,
-            current_bandwidth: 0.03 * inverter.f_c(),
+            current_bandwidth,
             flux_bandwidth: 5.0,
             speed_bandwidth: 9.0,
             pll_bandwidth: 25.0,
@@ -491,7 +543,7 @@ impl DriveParams {
             current_sensors: 3,
             shunt_settling: 0.0,
             shunt_window: (inverter.dead_time + 2.5e-6).min(WINDOW_MAX / inverter.f_s),
-            magnetise_time: (4.0 * tau_r).max(1.4),
+            magnetise_time: (4.0 * tau_r + legs_time(current_bandwidth)).max(1.4),
             low_confidence: LowConfidence::Keep,
             fresh_time: 10.0,
             supervision: true,
@@ -509,6 +561,11 @@ impl DriveParams {
             u_dc_brake: None,
             u_dc_buffer: None,
             u_dc_chopper: None,
+            encoder_lines: 0,
+            encoder_states: 1 << 16,
+            encoder_mode: EncoderMode::Compare,
+            encoder_deviation: encoder_deviation(machine),
+            encoder_fault: false,
             paper: PaperParams::default(),
             enhanced: EnhancedParams::new(machine),
         }
@@ -548,7 +605,7 @@ impl DriveParams {
         self.validate_sensors(inverter)?;
         check("half_periods", f64::from(inverter.half_periods), if modes { 1.0 } else { 2.0 }, 16.0, "")
             .map_err(needs_modes)?;
-        check("magnetise_time", self.magnetise_time, 3.0 * tau_r, 60.0, "s")?;
+        check("magnetise_time", self.magnetise_time, LEAST_BUILD_UP * tau_r, 60.0, "s")?;
         check("fresh_time", self.fresh_time, 0.0, 3600.0, "s")?;
         if self.stall_time != 0.0 {
             check("stall_time", self.stall_time, 0.1, 60.0, "s")?;
@@ -559,12 +616,28 @@ impl DriveParams {
         }
         self.validate_limits(machine, inverter)?;
         self.validate_link(inverter)?;
+        self.validate_encoder(machine, inverter)?;
         self.paper.validate()?;
         self.enhanced.validate(machine)?;
         match self.scheme {
             Scheme::Paper => self.enhanced.refuse_changes(machine),
             Scheme::Enhanced => self.paper.refuse_changes(),
         }
+    }
+
+    /// Whether a start compares the legs of the bridge. Offsets of the sensors that were not read would be taken for a
+    /// voltage of the legs.
+    pub(super) fn compares_legs(&self) -> bool {
+        self.scheme == Scheme::Enhanced && self.enhanced.identify_legs && self.inverter_model && self.calibrate_offset
+    }
+
+    /// Part of the magnetisation in which the flux builds up and settles and the resistance is identified, s.
+    pub(super) fn build_up_time(&self, machine: &Machine) -> f64 {
+        if !self.compares_legs() {
+            return self.magnetise_time;
+        }
+        let left = self.magnetise_time - legs_time(self.current_bandwidth);
+        left.max(LEAST_BUILD_UP * machine.L_M / machine.R_R)
     }
 
     /// Number of current sensors, and what a single shunt asks of the pulses.
@@ -644,6 +717,32 @@ impl DriveParams {
             }
         }
         Ok(())
+    }
+
+    /// Encoder and its counter.
+    fn validate_encoder(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
+        const BUILT: bool = cfg!(feature = "encoder");
+        const NOTE: &str =
+            if BUILT { "encoder_mode and encoder_fault need an encoder" } else { "needs the feature `encoder`" };
+        let (lines, omega_n) = (f64::from(self.encoder_lines), machine.omega_sR() / f64::from(machine.n_p));
+        let used = self.encoder_lines > 0 || self.encoder_fault || self.encoder_mode != EncoderMode::Compare;
+        let (least, most) = match (used, BUILT) {
+            (false, _) => (0.0, 65_536.0),
+            (true, true) => (LINES_A_POLE_PAIR * f64::from(machine.n_p), 65_536.0),
+            (true, false) => (0.0, 0.0),
+        };
+        check("encoder_lines", if used && !BUILT { lines.max(1.0) } else { lines }, least, most, "")
+            .map_err(|e| e.with_note(NOTE))?;
+        let turns = f64::from(SPEED_PERIODS) / inverter.f_c() * self.omega_max / core::f64::consts::TAU;
+        check(
+            "encoder_states",
+            f64::from(self.encoder_states),
+            16.0 * (4.0 * lines * turns),
+            f64::from(1_u32 << 31),
+            "",
+        )
+        .map_err(|e| e.with_note("at least 16 times the counts of two control periods at omega_max"))?;
+        check("encoder_deviation", self.encoder_deviation, 0.005 * omega_n, 10.0 * omega_n, "rad/s")
     }
 
     /// Voltages of the link's control.

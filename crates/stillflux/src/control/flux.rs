@@ -135,6 +135,13 @@ impl<R: Real> FluxController<R> {
         *self = Self::default();
     }
 
+    /// Field weakening has ended. What the integrator holds there is the current with which the flux follows the speed;
+    /// with the gains of rated flux it would go on for some rotor time constants.
+    #[cold]
+    pub fn leave_weakening(&mut self) {
+        self.x = Integrator::default();
+    }
+
     /// One period; returns `i_d*`: that of (12) for a flux `psi`, and the PI part of an `error` of the flux with a
     /// `weight` from 0 to 1.
     #[inline(always)]

@@ -1,10 +1,12 @@
 //! Stator-flux-oriented control: current, flux and speed controllers, flux shift, field weakening, ramp, derating,
-//! way out of a false equilibrium, control of the dc link, modulator, pulses for a single shunt.
+//! way out of a false equilibrium, hand-over between measured and estimated speed, control of the dc link, modulator, pulses for a single shunt.
 
 pub mod current;
 #[cfg(feature = "dclink")]
 pub mod dclink;
 pub mod flux;
+#[cfg(feature = "encoder")]
+pub mod handover;
 pub mod modulator;
 pub mod overload;
 pub mod ramp;

@@ -18,6 +18,8 @@ use super::voltage::Voltage;
 use crate::config::{DriveConfig, LowConfidence};
 use crate::control::current::CurrentController;
 use crate::control::flux::{FREQUENCY_HIGH, FluxController, Range};
+#[cfg(feature = "encoder")]
+use crate::control::handover::{EncoderState, HandOver};
 use crate::control::modulator::Duty;
 use crate::control::overload::Overload;
 use crate::control::ramp::Ramp;
@@ -25,6 +27,8 @@ use crate::control::ramp::Ramp;
 use crate::control::realign::Realign;
 use crate::control::speed::SpeedController;
 use crate::control::weakening::Weakening;
+#[cfg(feature = "encoder")]
+use crate::estimate::encoder::Encoder;
 use crate::estimate::speed::SpeedEstimate;
 use crate::inverter::Knee;
 use crate::scalar::{Real, likely};
@@ -63,6 +67,10 @@ pub(super) struct Control<R: Real> {
     #[cfg(feature = "supervision")]
     realign: Realign<R>,
     pub voltage: Voltage<R>,
+    #[cfg(feature = "encoder")]
+    pub encoder: Encoder<R>,
+    #[cfg(feature = "encoder")]
+    pub hand_over: HandOver<R>,
 }
 
 impl<R: Real> Control<R> {
@@ -85,6 +93,10 @@ impl<R: Real> Control<R> {
             #[cfg(feature = "supervision")]
             realign: Realign::default(),
             voltage: Voltage::new(),
+            #[cfg(feature = "encoder")]
+            encoder: Encoder::default(),
+            #[cfg(feature = "encoder")]
+            hand_over: HandOver::default(),
         }
     }
 
@@ -109,8 +121,60 @@ impl<R: Real> Control<R> {
         {
             self.realign = Realign::default();
         }
+        #[cfg(feature = "encoder")]
+        self.hand_over.start();
         self.speed.start(R::ZERO);
         self.ramp.start(omega_m);
+    }
+
+    /// The encoder's counter, every second period and in every state of the drive.
+    #[cfg(feature = "encoder")]
+    #[inline(always)]
+    pub fn track(&mut self, c: &DriveConfig<R>, period: u32) {
+        if period & 1 == 1
+            && let Some(config) = &c.encoder
+        {
+            self.encoder.step(config, &c.speed);
+        }
+    }
+
+    /// Comparison of the measured with the estimated speed, after the speed estimator.
+    #[cfg(feature = "encoder")]
+    #[inline(always)]
+    pub fn compare(&mut self, c: &DriveConfig<R>, speed: &SpeedEstimate<R>) {
+        if c.encoder.is_some() {
+            let measured = (!self.is_silent(c)).then(|| self.encoder.omega());
+            self.hand_over.step(&c.hand_over, measured, speed.omega_m, speed.omega_s);
+        }
+    }
+
+    /// Whether nothing has been read of the encoder for some time.
+    #[cfg(feature = "encoder")]
+    #[inline(always)]
+    pub fn is_silent(&self, c: &DriveConfig<R>) -> bool {
+        self.encoder.silent() >= c.hand_over.calls_apart
+    }
+
+    /// Speed that is controlled, given the estimated one.
+    #[inline(always)]
+    #[cfg_attr(not(feature = "encoder"), allow(unused_variables, clippy::unused_self))]
+    pub fn controlled_speed(&self, c: &DriveConfig<R>, omega_m: R) -> R {
+        #[cfg(feature = "encoder")]
+        if c.hand_over.control {
+            return omega_m + self.hand_over.correction();
+        }
+        omega_m
+    }
+
+    /// Confidence in the field angle: none against an encoder that turns faster than the estimate.
+    #[inline(always)]
+    #[cfg_attr(not(feature = "encoder"), allow(clippy::unused_self))]
+    pub fn confidence(&self, confidence: impl FnOnce() -> R) -> R {
+        #[cfg(feature = "encoder")]
+        if self.hand_over.state() == EncoderState::EstimateApart {
+            return R::ZERO;
+        }
+        confidence()
     }
 
     /// Whether the field is being realigned.
@@ -158,6 +222,7 @@ impl<R: Real> Control<R> {
         u_dc: R,
     ) {
         let speed = *estimators.speed();
+        let omega_m = self.controlled_speed(c, speed.omega_m);
         // Of a torque that is limited more is wanted: a flux for the limited torque alone would keep it limited.
         let torque = if likely(self.limited == R::ZERO) {
             self.i_dq_ref.im() * self.psi_ref
@@ -187,17 +252,17 @@ impl<R: Real> Control<R> {
         }
         let mut torque_max = i_q_max * psi;
         if c.low_confidence == LowConfidence::LimitTorque {
-            let part = (estimators.confidence() * R::TWO).min(R::ONE);
+            let part = (self.confidence(|| estimators.confidence()) * R::TWO).min(R::ONE);
             torque_max = torque_max.min(c.speed_control.torque_max) * part;
         }
         let (lo, hi) = c.speed_control.limits(torque_max);
         #[cfg(feature = "dclink")]
-        let (lo, hi) = c.dclink.limit(u_dc, speed.omega_m, (lo, hi));
+        let (lo, hi) = c.dclink.limit(u_dc, omega_m, (lo, hi));
         let limited;
         let torque_ref = match *reference {
             Reference::Speed(omega) => {
                 let omega = omega.clamp(c.omega_least, c.omega_most);
-                let omega = self.ramp.step(&c.ramp, omega, speed.omega_m, self.limited);
+                let omega = self.ramp.step(&c.ramp, omega, omega_m, self.limited);
                 #[cfg(feature = "supervision")]
                 let (lo, hi) = match self.realign.step(c.realign_calls, self.limited, speed.omega_s, speed.omega_r) {
                     true => (R::ZERO, R::ZERO),
@@ -207,7 +272,7 @@ impl<R: Real> Control<R> {
                 // too near to the bandwidth of current control, the deviation counts less, by as much as the flux at most.
                 let part = self.psi_weak * c.flux_control.inv_psi_rated;
                 let weakened = (part * c.speed_control.inv_gain).max(part).min(R::ONE);
-                let torque = self.speed.step(&c.speed_control, (omega - speed.omega_m) * weakened, (lo, hi));
+                let torque = self.speed.step(&c.speed_control, (omega - omega_m) * weakened, (lo, hi));
                 let at_limit = (hi - lo) * R::from_f64(AT_LIMIT);
                 limited = if torque >= hi - at_limit {
                     R::ONE
@@ -221,7 +286,7 @@ impl<R: Real> Control<R> {
             Reference::Torque(torque) => {
                 let torque_ref = torque.clamp(lo, hi);
                 self.speed.follow(torque_ref, torque);
-                self.ramp.start(speed.omega_m);
+                self.ramp.start(omega_m);
                 limited = R::ZERO;
                 torque_ref
             }
@@ -260,7 +325,11 @@ impl<R: Real> Control<R> {
         let omega = omega_turn - omega_r;
         let most = self.largest_torque_current(c, estimators, self.psi_ref);
         let i_q = self.speed.demand().limit(c.speed_control.torque_max) * c.flux_control.reciprocal(self.psi_ref);
-        self.psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), estimators.psi_s(), u_max, u_sq);
+        let psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), estimators.psi_s(), u_max, u_sq);
+        if psi_weak == c.flux_control.psi_rated && self.psi_weak != psi_weak {
+            self.flux.leave_weakening();
+        }
+        self.psi_weak = psi_weak;
     }
 
     /// Largest torque current by pull-out, current limit and heat at a flux.

@@ -4,18 +4,20 @@
 //! **Start-up**, at standstill or in a rotating machine (flying start). It begins with 8 ms without current, in which a
 //! flux that turns is found by the voltage that it induces ([`super::catch`]). With one, and after a stop of less than
 //! `fresh_time` also without, the filter follows the flux from then on, the largest current builds it up to rated, and
-//! control begins: what was identified is fresh. A flux of the stop that induces nothing is assumed to have turned at
-//! the speed of the stop. Otherwise:
+//! control begins: what was identified is fresh. A flux of the stop that induces nothing has the direction of the stop,
+//! turned by the speed then, after a pause within which a slow shaft cannot have turned it elsewhere, or where the shaft
+//! stood. Else its direction is not known: the current stays at zero until it has decayed, or induces a voltage.
+//! Otherwise:
 //!
-//! 1. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
+//! 1. The current alternates along the three axes, 0.2 s at 10 kHz, which shows how the legs of the bridge differ
+//!    ([`crate::estimate::legs`]), and whether the machine is at rest; a machine that certainly rotates is found after a
+//!    third of it. Without `identify_legs` this is left out.
+//! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections.
-//!    With `identify_legs`, and at standstill or nearly so, the current then alternates along the three axes for 0.2 s,
-//!    which shows how the legs of the bridge differ ([`crate::estimate::legs`]), and whether the machine is at rest; the
-//!    search is then repeated.
-//! 2. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
+//! 3. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
-//! 3. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
+//! 4. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
 //!    makes torque on a free shaft. After 9/16 of the magnetisation time the filter is initialised at the settled flux.
 //!    From then on it identifies resistance, `v` and knee, which two reduced currents separate: 0.7 of the magnetising
 //!    current for 1/16 and 0.4 for 3/16 of the time. The boosted current then brings the flux back, and at the end the
@@ -33,7 +35,7 @@ use crate::config::{BALANCE_PERIODS, BOOST, DriveConfig, REDUCED, SMALL, SPEED_P
 use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
-use crate::estimate::catch::{BLOCKS, Catch};
+use crate::estimate::catch::{BLOCKS, Catch, Found, LEAST};
 use crate::estimate::kalman::{Filter, Input, Learned};
 #[cfg(feature = "legs")]
 use crate::estimate::legs::{Alternation, LegsProbe};
@@ -49,12 +51,17 @@ use crate::inverter::Legs;
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Speed found by the search above which the legs are not compared: below it what looks like a rotation may be unequal
-/// legs.
+/// Speed found in the first direction above which the legs are not compared any further: below it what looks like a
+/// rotation may be unequal legs.
 #[cfg(feature = "legs")]
 const CERTAINLY_ROTATING: f64 = 0.3;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
+/// Largest uncertainty of its direction, rad, and speed of the stop of a shaft that is taken as one that is held.
+const DIRECTION: f64 = 0.5;
+const STANDING: f64 = 0.035;
+/// Rotor flux, relative to rated stator flux, with which control begins.
+const BUILT_UP: f64 = 0.85;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
 /// Stator frequency against the torque up to which the flux shift must be able to lower the flux: it leads over zero.
@@ -70,8 +77,9 @@ const KNOWN_DIFFERENCE: f64 = 1e-3;
 enum Start<R: Real> {
     /// Nothing.
     Unknown,
-    /// Its parameters are fresh; the rotor flux that it has if its speed is that of the stop.
-    Fresh(AlphaBeta<R>),
+    /// Its parameters are fresh; the rotor flux that it has if its speed is that of the stop, and whether that tells its
+    /// direction.
+    Fresh(AlphaBeta<R>, bool),
     /// Its parameters are fresh, and it has no flux.
     Empty,
     /// It has a flux, and the filter follows it.
@@ -98,6 +106,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     speed: SpeedEstimate<R>,
     search: SpeedSearch<R>,
     catch: Catch<R>,
+    /// Periods that it takes.
+    catch_periods: u32,
     start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
@@ -138,6 +148,7 @@ impl<R: Real> EnhancedEstimators<R> {
             speed: SpeedEstimate::default(),
             search: SpeedSearch::new(),
             catch: Catch::new(AlphaBeta::default()),
+            catch_periods: 0,
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
             #[cfg(feature = "legs")]
@@ -159,15 +170,15 @@ impl<R: Real> EnhancedEstimators<R> {
     #[cold]
     #[inline(never)]
     fn prepare(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, stage: u32) -> Dq<R> {
-        let catch_periods = c.enhanced.catch.block * BLOCKS;
         if stage <= 1 {
             self.filter.start(&c.enhanced.filter, i_s);
             self.catch = Catch::new(self.filter.i_s());
+            self.catch_periods = c.enhanced.catch.block * BLOCKS;
         }
-        if stage <= catch_periods {
+        if stage <= self.catch_periods {
             return Dq::default();
         }
-        let stage = stage - catch_periods;
+        let stage = stage - self.catch_periods;
         if matches!(self.start, Start::Caught | Start::Empty) {
             if self.start == Start::Empty && stage <= 1 {
                 self.filter.start(&c.enhanced.filter, i_s);
@@ -210,24 +221,41 @@ impl<R: Real> EnhancedEstimators<R> {
         let (filter, config) = (&mut self.filter, &c.enhanced.filter);
         let (i_s, psi_r) = (filter.i_s(), filter.rotor_flux(config));
         let (field, psi_s) = self.catch.step(&c.enhanced.catch, stage, (u_s, i_s, psi_r));
-        if stage == c.enhanced.catch.block * BLOCKS {
+        if stage == self.catch_periods {
+            let block = c.enhanced.catch.block;
             let least = R::from_f64(RESIDUAL * RESIDUAL);
             let kept = match self.start {
-                Start::Fresh(psi_r) if psi_r.norm_sq() > least => Some(psi_r),
+                Start::Fresh(psi_r, directed) if psi_r.norm_sq() > least => Some((psi_r, directed)),
                 _ => None,
             };
-            let known = kept.map(|psi_r| psi_r.norm_sq().sqrt());
-            let caught = self.catch.found(&c.enhanced.catch, known);
-            let kept = kept.map(|psi_r| (psi_r, R::ZERO));
-            self.start = match (caught.or(kept), self.start) {
+            let flux = match (self.catch.found(&c.enhanced.catch, kept), kept) {
+                (Found::Flux(psi_r, omega), _) => Some((psi_r, omega)),
+                (Found::Nothing, Some((psi_r, true))) => Some((psi_r, R::ZERO)),
+                (Found::Nothing, None) => None,
+                (Found::Uncertain, _) | (Found::Nothing, Some(_)) => {
+                    self.catch_periods += block;
+                    if let Some((psi_r, directed)) = kept {
+                        let decay = (c.enhanced.decay.periods(block)).min(R::HALF);
+                        self.start = Start::Fresh(psi_r * (R::ONE - decay), directed);
+                    }
+                    return FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) };
+                }
+            };
+            self.start = match (flux, self.start) {
                 (Some((psi_r, omega)), _) => {
                     filter.catch(config, psi_r, &i_s);
                     self.speed_estimator.start(&psi_r, omega);
                     (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
                     Start::Caught
                 }
-                (None, Start::Fresh(_)) => Start::Empty,
-                _ => Start::Unknown,
+                (None, Start::Fresh(..)) => Start::Empty,
+                _ => {
+                    #[cfg(feature = "legs")]
+                    {
+                        self.alternation = c.enhanced.legs.is_on().then_some(0);
+                    }
+                    Start::Unknown
+                }
             };
         }
         FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) }
@@ -248,12 +276,8 @@ impl<R: Real> EnhancedEstimators<R> {
         if searching {
             let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
             self.speed.psi_r = psi_r;
-            #[cfg(feature = "legs")]
-            self.legs_probe.build_up(&c.enhanced.legs, &i_s);
             #[cfg_attr(not(feature = "legs"), allow(unused_mut))]
             if let Some(mut omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
-                #[cfg(feature = "legs")]
-                self.decide_on_legs(c, omega, at.stage);
                 #[cfg(feature = "legs")]
                 if self.at_rest {
                     // The comparison of the legs has seen it for far longer.
@@ -267,7 +291,9 @@ impl<R: Real> EnhancedEstimators<R> {
             if self.start == Start::Caught || self.search.found_rotation() {
                 field = Rotator::of(&psi_r).0;
             }
-            let built_up = self.filter.magnitude() >= c.flux_control.psi_rated * R::from_f64(0.95);
+            // That of the rotor: the leakage flux of the largest current, up to a quarter of rated, goes with it.
+            let enough = c.flux_control.psi_rated * R::from_f64(BUILT_UP);
+            let built_up = psi_r.norm_sq() >= enough * enough;
             if at.stage >= c.boost_periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
                 // No flux after the time that it takes: nothing that was assumed holds.
                 self.search.reject();
@@ -313,17 +339,7 @@ impl<R: Real> EnhancedEstimators<R> {
         true
     }
 
-    /// At the end of the first speed search, after `searched` periods: whether the legs are compared.
-    #[cfg(feature = "legs")]
-    fn decide_on_legs(&mut self, c: &DriveConfig<R>, omega: R, searched: u32) {
-        let near_rest = omega.within(R::from_f64(CERTAINLY_ROTATING));
-        if self.put_off == 0 && self.start == Start::Unknown && near_rest && c.enhanced.legs.is_on() {
-            self.legs_probe.begin(searched);
-            self.alternation = Some(0);
-        }
-    }
-
-    /// One period of the comparison of the legs; after the last one the start-up goes on with a second speed search.
+    /// One period of the comparison of the legs; after the last one the start-up goes on with the speed search.
     #[cfg(feature = "legs")]
     #[cold]
     #[inline(never)]
@@ -343,15 +359,16 @@ impl<R: Real> EnhancedEstimators<R> {
         *i_dq_ref = Dq::new(i * part, R::ZERO);
         self.alternation = Some(period + 1);
         self.put_off += 1;
-        if period + 1 == self.legs_probe.periods(config) {
+        let [all, first] = config.periods();
+        if period + 1 == first && !self.legs_probe.is_at_rest(R::from_f64(CERTAINLY_ROTATING)) {
+            self.alternation = None;
+        } else if period + 1 == all {
             self.at_rest = self.legs_probe.is_at_rest(R::from_f64(ROTATING));
             if self.at_rest {
                 self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
                 self.knee.set_legs(&self.legs, x.u_dc);
             }
             self.alternation = None;
-            self.put_off += self.legs_probe.before();
-            (self.search, self.speed) = (SpeedSearch::new(), SpeedEstimate::default());
         }
         let field = FieldQuantities {
             field: axis,
@@ -366,19 +383,25 @@ impl<R: Real> EnhancedEstimators<R> {
 
 impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>) {
-        // A free rotor flux decays.
+        let r = R::from_f64;
         self.start = pause.map_or(Start::Unknown, |pause| {
-            let x = c.enhanced.decay.periods(pause).min(R::from_f64(10.0));
-            let decayed = (R::ONE + x * (R::ONE + x.half())).recip();
+            // A free rotor flux decays, by e⁻ˣ.
+            let x = c.enhanced.decay.periods(pause).min(r(10.0));
+            let root = (R::ONE + x.quarter() * (R::ONE + x.quarter().half())).recip();
+            let mut psi_r = self.filter.rotor_flux(&c.enhanced.filter) * (root * root * root * root);
             // It turns with the rotor, whose speed of the stop is the best guess where nothing is induced.
-            let mut psi_r = self.filter.rotor_flux(&c.enhanced.filter) * decayed;
-            let mut angle = (c.t_s * self.speed.omega_m * R::from_f64(64.0)).periods(pause).limit(R::from_f64(6.0));
+            let turned = |omega: R| (c.t_s * omega * r(64.0)).periods(pause);
+            let omega = self.speed.omega_m;
+            let within = turned(r(LEAST)) <= psi_r.norm_sq().sqrt() * r(DIRECTION);
+            let mut angle = turned(omega);
+            let directed = angle.within(r(6.0)) && (within || omega.within(r(STANDING)));
+            angle = angle.limit(r(6.0));
             while !angle.within(R::ZERO) {
                 let part = angle.limit(R::HALF);
                 angle -= part;
                 psi_r = Rotator::default().turned(part).to_stator(&Dq::new(psi_r.re(), psi_r.im()));
             }
-            Start::Fresh(psi_r)
+            Start::Fresh(psi_r, directed)
         });
         self.search = SpeedSearch::new();
         #[cfg(feature = "modes")]
@@ -446,7 +469,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         }
         let (mut field, mut complete) = (self.filter.field(), false);
         if let Some(at) = start_up {
-            let catch_periods = c.enhanced.catch.block * BLOCKS;
+            let catch_periods = self.catch_periods;
             if at.stage <= catch_periods {
                 let u_s = x.u_s;
                 return PeriodOutput { field: self.catch_flux(c, &u_s, at.stage), complete: false };

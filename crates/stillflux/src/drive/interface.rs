@@ -1,5 +1,7 @@
 //! Inputs and outputs of a drive, per unit ([`crate::base`]); angles in rad.
 
+#[cfg(feature = "encoder")]
+use crate::control::handover::EncoderState;
 use crate::control::modulator::Duty;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::SpeedEstimate;
@@ -20,6 +22,20 @@ pub struct Measurement<R: Real> {
     pub i_abc: [R; 3],
     /// dc-link voltage.
     pub u_dc: R,
+}
+
+/// What the encoder of a drive says, per unit.
+#[cfg(feature = "encoder")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct EncoderReading<R: Real> {
+    /// Measured speed, in every state of the drive.
+    pub omega_m: R,
+    /// Measured less estimated speed while the drive runs, with a time constant of 50 ms.
+    pub difference: R,
+    /// Whether the two agree, and which of them is wrong otherwise.
+    pub state: EncoderState,
 }
 
 /// What the drive is to do.

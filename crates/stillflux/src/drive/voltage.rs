@@ -129,8 +129,8 @@ impl<R: Real> Voltage<R> {
         u_dc: R,
         (gain, knee): (R, &Knee<R>),
     ) -> Duty<R> {
-        self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
         let (u, mut clamped) = (u_ref.to_phases(), None);
+        self.loss = c.inverter.distortion_of(knee, (i_ref, &u), u_dc, gain);
         if !likely(c.discontinuous_sq().is_none()) {
             clamped = self.clamp(c, u_ref, &u);
         }

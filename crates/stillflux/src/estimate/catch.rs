@@ -4,13 +4,17 @@
 //! i* = 0:   e = dψ_R/dτ = (jω - 1/τ_r) ψ_R,      ψ_R = -j e/ω
 //! ω = Σ e_k-1 × e_k/(T Σ |e_k-1|²)          |ω| > 0.7
 //! |ω| = |e|/|ψ_R|                           else, with the flux of the stop, less its decay, if it is known
-//! ω = arcsin(e_4 × e_8/|e_4||e_8|)/4T       else
+//! ω = arcsin(e_4 × e_n/|e_4||e_n|)/(n - 4)T  else
 //! ```
 //!
 //! Without current the voltage of the machine is the one that its rotor flux induces. Current control at zero finds it:
 //! the latest voltage less that of the leakage, `ê = u - σl_s Δi/t_s`, is fed forward, which ends the surge of the first
 //! periods after two delays. Eight blocks of `T` = 1 ms; the first three pass with the surge, the others give `e` as the
 //! difference of the integrated flux.
+//!
+//! The sign of `ω` taken wrong would be a flux of the opposite direction. The error of the inverter model turns `e` by up
+//! to some tenths of a radian, which is more than a slow flux turns within four blocks: `n` = 8 is raised until `e` has
+//! turned by 0.4. A flux of the stop whose direction is known decides at once, where it lies across `e`.
 //!
 //! **Validity.** `|e|` above the error of the inverter model, 0.06: a rated flux that turns faster than 0.06 pu. The decay of the flux within
 //! the blocks is neglected.
@@ -23,13 +27,29 @@ use crate::words::words;
 pub(crate) const BLOCKS: u32 = 8;
 const SURGE: u32 = 3;
 /// Least induced voltage.
-const LEAST: f64 = 0.06;
+pub(crate) const LEAST: f64 = 0.06;
 /// Speed up to which the angle over four blocks is below a quarter turn.
 const SLOW: f64 = 0.7;
+/// Angle by which `e` has certainly turned, and the blocks after which it is taken for certain.
+const SURE: f64 = 0.4;
+const LONGEST: u32 = 40;
+/// Factor on the older blocks, beyond the first eight, in the speed's sums.
+const FORGET: f64 = 0.75;
 /// Least speed.
 const TURNING: f64 = 0.03;
 /// Largest flux that is taken for one.
 const LARGEST: f64 = 1.5;
+
+/// What the induced voltage shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Found<R: Real> {
+    /// No flux that turns.
+    Nothing,
+    /// A flux that turns, but not yet in which direction.
+    Uncertain,
+    /// Rotor flux and speed.
+    Flux(AlphaBeta<R>, R),
+}
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,8 +73,9 @@ pub(crate) struct Catch<R: Real> {
     /// Integrated rotor flux at the beginning of the block, and the voltage induced in the last one.
     psi_r: AlphaBeta<R>,
     e: AlphaBeta<R>,
-    /// That in the first block after the surge.
+    /// That in the first block after the surge, or in the latest without one to speak of; and the blocks since then.
     first: AlphaBeta<R>,
+    blocks: u32,
     numerator: R,
     denominator: R,
     i_s: AlphaBeta<R>,
@@ -64,7 +85,7 @@ impl<R: Real> Catch<R> {
     /// Begins at a current.
     pub fn new(i_s: AlphaBeta<R>) -> Self {
         let zero = AlphaBeta::default();
-        Self { psi_r: zero, e: zero, first: zero, numerator: R::ZERO, denominator: R::ZERO, i_s }
+        Self { psi_r: zero, e: zero, first: zero, blocks: 0, numerator: R::ZERO, denominator: R::ZERO, i_s }
     }
 
     /// One period, counted from one, with the voltage applied before the sample, the current, and the integrated rotor
@@ -75,14 +96,23 @@ impl<R: Real> Catch<R> {
         period: u32,
         (u_s, i_s, psi_r): (&AlphaBeta<R>, AlphaBeta<R>, AlphaBeta<R>),
     ) -> (Rotator<R>, R) {
+        let r = R::from_f64;
         let e = if period > 2 { *u_s - (i_s - self.i_s) * c.leakage } else { AlphaBeta::default() };
         self.i_s = i_s;
         if period.is_multiple_of(c.block) {
             let block = period / c.block.max(1);
             let mean = (psi_r - self.psi_r) * c.inv_t_block;
-            if block == SURGE + 1 {
-                self.first = mean;
+            if block == SURGE + 1 || (block > BLOCKS && mean.norm_sq() < r(LEAST * LEAST)) {
+                (self.first, self.blocks) = (mean, 0);
             } else if block > SURGE {
+                self.blocks += 1;
+            }
+            if block > SURGE + 1 {
+                if block > BLOCKS {
+                    // The speed may have changed since.
+                    self.numerator = self.numerator * r(FORGET);
+                    self.denominator = self.denominator * r(FORGET);
+                }
                 self.numerator += self.e.cross(&mean);
                 self.denominator += self.e.norm_sq();
             }
@@ -98,34 +128,45 @@ impl<R: Real> Catch<R> {
         }
     }
 
-    /// Rotor flux and speed at the end, if there was an induced voltage; `known`: magnitude of the flux.
-    pub fn found(&self, c: &CatchConfig<R>, known: Option<R>) -> Option<(AlphaBeta<R>, R)> {
+    /// What there is by now; `known`: flux of the stop, and whether its direction is known.
+    pub fn found(&self, c: &CatchConfig<R>, known: Option<(AlphaBeta<R>, bool)>) -> Found<R> {
         let r = R::from_f64;
         let least = r(LEAST);
         let square = self.e.norm_sq();
         if square < least * least || self.denominator < least * least {
-            return None;
+            return Found::Nothing;
         }
         let over_one = (self.numerator * self.denominator.recip() * c.inv_t_block).limit(r(2.5));
         let sine = (self.first.cross(&self.e) * square.recip()).limit(R::ONE);
-        let over_four = sine * (R::ONE + sine * sine * r(1.0 / 6.0)) * c.inv_t_block.quarter();
         let slow = over_one.within(r(SLOW));
-        let omega = match known {
-            Some(psi_r) if slow => {
-                let omega = (square.sqrt() * psi_r.recip()).min(R::ONE);
-                if sine < R::ZERO { -omega } else { omega }
+        let mut sign = sine;
+        if slow && sine.within(r(SURE)) && self.blocks < LONGEST {
+            match known {
+                Some((psi_r, true)) if psi_r.dot(&self.e).abs() < psi_r.cross(&self.e).abs() => {
+                    sign = psi_r.cross(&self.e);
+                }
+                _ => return Found::Uncertain,
             }
-            None if slow => over_four,
+        }
+        let omega = match known {
+            Some((psi_r, _)) if slow => {
+                let omega = (square.sqrt() * psi_r.norm_sq().sqrt().recip()).min(R::ONE);
+                if sign < R::ZERO { -omega } else { omega }
+            }
+            None if slow => {
+                let turned = sine * (R::ONE + sine * sine * r(1.0 / 6.0));
+                turned * c.inv_t_block * R::ONE.periods(self.blocks).recip() * r(1.0 / 64.0)
+            }
             _ => over_one,
         };
         if omega.within(r(TURNING)) {
-            return None;
+            return Found::Nothing;
         }
         // Half a block has passed since the mean.
         let turn = (omega * c.t_block).half();
         let e = Rotator::default().turned(turn.limit(R::HALF)).to_stator(&Dq::new(self.e.re(), self.e.im()));
         let inverse = omega.recip();
         let psi_r = AlphaBeta::new(e.im() * inverse, -e.re() * inverse);
-        (psi_r.norm_sq() < r(LARGEST * LARGEST)).then_some((psi_r, omega))
+        if psi_r.norm_sq() < r(LARGEST * LARGEST) { Found::Flux(psi_r, omega) } else { Found::Nothing }
     }
 }

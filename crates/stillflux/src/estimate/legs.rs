@@ -26,7 +26,21 @@
 //! |---|---|---|---|---|
 //! | current | `+I` | `-I` | `+I` | `-I` |
 //!
-//! The flux of the current before is taken off first, and the current goes back to zero at the end.
+//! **Saliency.** Leakage that differs along and across the rotor's slots, by `λ`, leaves a flux across the current, which
+//! decays as the rotor flux does. Where the current reverses it jumps by `Λ`, so that
+//!
+//! ```text
+//! <±ε·t_k> = -u_dc d·t_k - Λ_k/τ_r,      Λ_k = ∫ε·t_k dτ over the reversal,     |Λ_k| ≤ 2λ σl_s I
+//! ```
+//!
+//! `Λ_k` is the integral with the weight `v` over `x`, the time from the reversal in half plateaus. As `∫v dx` is zero and
+//! `v` is even, neither constant voltages nor those with the sign of the current are in it:
+//!
+//! ```text
+//! v = max(1 - 3/2 x, 8/3 x - 4)     x < 3/2
+//! ```
+//!
+//! The machine has no flux before, and the current goes back to zero at the end.
 //!
 //! Only the middle of the two long plateaus is read, with a triangular weight: the noise of the current at the ends of
 //! the window, times `σl_s`, would otherwise be most of the error. The rotor flux passes zero there, so that a slow
@@ -51,7 +65,9 @@ use crate::words::words;
 /// Half plateaus of a direction, and directions.
 const HALVES: u32 = 6;
 const DIRECTIONS: u32 = 3;
-/// Current that alternates, relative to the one before: the shaft of a salient machine, which is free, turns by its square.
+/// Half plateaus of the whole: the last one is without current.
+pub(crate) const PLATEAUS: u32 = DIRECTIONS * HALVES + 1;
+/// Current that alternates, relative to that of the build-up: the shaft of a salient machine, which is free, turns by its square.
 const CURRENT: f64 = 0.5;
 /// Half width of the window, in parts of a half plateau.
 const WINDOW: (u32, u32) = (3, 5);
@@ -76,10 +92,12 @@ pub struct LegsConfig<R: Real> {
     build_up: R,
     inv_tau_r: R,
     decay: R,
+    /// 64 times the weight of the reversal, of which a period is `1/half`.
+    reversal: R,
     /// Whether the odd part is measured.
     odd: bool,
 }
-words!(LegsConfig: half, weight, r, l, build_up, inv_tau_r, decay, odd);
+words!(LegsConfig: half, weight, r, l, build_up, inv_tau_r, decay, reversal, odd);
 
 impl<R: Real> LegsConfig<R> {
     /// For half plateaus of `half` periods; `odd`: all three currents are measured.
@@ -96,8 +114,14 @@ impl<R: Real> LegsConfig<R> {
             build_up: r(pu.r_r * pu.t_s),
             inv_tau_r: r(1.0 / pu.tau_r),
             decay: r(pu.t_s / pu.tau_r),
+            reversal: r(64.0 / 3.0 * pu.t_s / pu.tau_r / f64::from(half.max(1))),
             odd,
         }
+    }
+
+    /// Periods of the whole measurement, and of its first direction.
+    pub fn periods(&self) -> [u32; 2] {
+        [PLATEAUS, HALVES].map(|halves| halves * self.half)
     }
 
     /// Whether it is measured at all.
@@ -110,13 +134,9 @@ impl<R: Real> LegsConfig<R> {
         self.r
     }
 
-    /// Direction of the current in a period, and its part of the current before.
-    fn direction(&self, period: Option<u32>) -> (Rotator<R>, R) {
+    /// Direction of the current in a period, and its part of the current of the build-up.
+    fn direction(&self, period: u32) -> (Rotator<R>, R) {
         let r = R::from_f64;
-        let Some(period) = period else {
-            // Takes off the flux of the current before.
-            return (Rotator::default(), -R::ONE);
-        };
         let halves = period / self.half.max(1);
         let (of, half) = (halves / HALVES, halves % HALVES);
         let axis = match of {
@@ -132,17 +152,24 @@ impl<R: Real> LegsConfig<R> {
         (axis, part)
     }
 
-    /// Weight of a period.
-    fn weight(&self, period: Option<u32>) -> R {
-        let Some(period) = period.filter(|x| *x < DIRECTIONS * HALVES * self.half) else {
-            return R::ZERO;
-        };
+    /// Weight of a period, and that of the reversal.
+    fn weight(&self, period: u32) -> [R; 2] {
+        if period >= DIRECTIONS * HALVES * self.half {
+            return [R::ZERO; 2];
+        }
         // Not the remainder of a product, which might wrap to zero.
         let half = self.half.max(1);
         let within = period - period / half / HALVES * HALVES * half;
         // The centres of the long plateaus are 2 and 4 half plateaus from the beginning.
         let from_centre = [2, 4].map(|k| within.abs_diff(k * self.half));
-        self.weight.periods(window(self.half).saturating_sub(from_centre[0].min(from_centre[1])))
+        let from_reversal = within.abs_diff(3 * self.half);
+        let reversal = if from_reversal < self.half * 3 / 2 {
+            let [one, x] = [self.half, from_reversal].map(|periods| self.reversal.periods(periods));
+            (one - x * R::from_f64(1.5)).max(x * R::from_f64(8.0 / 3.0) - one * R::from_f64(4.0))
+        } else {
+            R::ZERO
+        };
+        [self.weight.periods(window(self.half).saturating_sub(from_centre[0].min(from_centre[1]))), reversal]
     }
 }
 
@@ -167,7 +194,7 @@ fn vector<R: Real>(x: &[Integrator<R>; 2]) -> AlphaBeta<R> {
 pub struct Alternation<R: Real> {
     /// Direction of the current.
     pub axis: Rotator<R>,
-    /// Its amount with its sign, relative to the current before.
+    /// Its amount with its sign, relative to that of the build-up.
     pub part: R,
 }
 
@@ -176,8 +203,6 @@ pub struct Alternation<R: Real> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct LegsProbe<R: Real> {
-    /// Periods for which the current has flowed in the first direction before.
-    before: u32,
     /// Rotor flux, and the current of the latest period.
     psi_r: [Integrator<R>; 2],
     i_s: AlphaBeta<R>,
@@ -192,23 +217,8 @@ pub struct LegsProbe<R: Real> {
 }
 
 impl<R: Real> LegsProbe<R> {
-    /// Begins, after a current in the first direction for `before` periods.
-    pub fn begin(&mut self, before: u32) {
-        self.before = before;
-    }
-
-    /// Periods for which the current has flowed in the first direction before.
-    pub fn before(&self) -> u32 {
-        self.before
-    }
-
-    /// Periods of the whole measurement.
-    pub fn periods(&self, c: &LegsConfig<R>) -> u32 {
-        self.before + (DIRECTIONS * HALVES + 1) * c.half
-    }
-
-    /// The rotor flux one period later, at a current; returns the one before. Also for the current before the measurement.
-    pub fn build_up(&mut self, c: &LegsConfig<R>, i_s: &AlphaBeta<R>) -> AlphaBeta<R> {
+    /// The rotor flux one period later, at a current; returns the one before.
+    fn build_up(&mut self, c: &LegsConfig<R>, i_s: &AlphaBeta<R>) -> AlphaBeta<R> {
         let psi_r = vector(&self.psi_r);
         add(&mut self.psi_r, c.build_up, i_s);
         add(&mut self.psi_r, -c.decay, &psi_r);
@@ -226,9 +236,8 @@ impl<R: Real> LegsProbe<R> {
         i_s: &AlphaBeta<R>,
         sum: R,
     ) -> Alternation<R> {
-        let period = period.checked_sub(self.before);
         let (axis, part) = c.direction(period);
-        let w = c.weight(period);
+        let [w, reversal] = c.weight(period);
         let i_last = self.i_s;
         let psi_r = self.build_up(c, i_s);
         let u = *u_s - (*i_s - i_last) * c.l - *i_s * c.r + psi_r * c.inv_tau_r;
@@ -237,7 +246,7 @@ impl<R: Real> LegsProbe<R> {
         let signed = w * part * R::from_f64(1.0 / CURRENT);
         let across = axis.axis().cross(&u);
         add(&mut self.even, w, &u);
-        add(&mut self.odd, signed, &AlphaBeta::new(-axis.sin * across, axis.cos * across));
+        add(&mut self.odd, signed + reversal, &AlphaBeta::new(-axis.sin * across, axis.cos * across));
         add(&mut self.sum, signed, &(axis.axis() * sum));
         Alternation { axis, part }
     }
@@ -247,7 +256,7 @@ impl<R: Real> LegsProbe<R> {
         self.turning.value().abs() < omega * self.square.value()
     }
 
-    /// The differences, where `legs` are those that the inverter model has, at a dc link, and `i` was the current before.
+    /// The differences, where `legs` are those that the inverter model has, at a dc link, and `i` is the current of the build-up.
     #[must_use]
     pub fn result(&self, c: &LegsConfig<R>, legs: &Legs<R>, balance: &Balance<R>, i: R, u_dc: R) -> Legs<R> {
         let i = i * R::from_f64(CURRENT);
@@ -278,11 +287,10 @@ mod tests {
         let config = LegsConfig::<R>::new(&pu, 100, true);
         let (r, i_0, u_dc) = (R::from_f64, 0.6, pu.u_dc);
         let mut probe = LegsProbe::<R>::default();
-        probe.begin(100);
         let mut psi_r = AlphaBeta::<f64>::default();
-        let (mut axis, mut target, mut i) = (AlphaBeta::<f64>::new(1.0, 0.0), i_0, 0.0);
+        let (mut axis, mut target, mut i) = (AlphaBeta::<f64>::new(1.0, 0.0), 0.0, 0.0);
         let image = AlphaBeta::<f64>::from_phases(gains.map(|g| 0.5 * (g - 1.0)));
-        for period in 0..100 + probe.periods(&config) {
+        for period in 0..config.periods()[0] {
             i += 0.2 * (target - i);
             // The measured current is on the axis, the real one turned out of it by the gains.
             let on_axis = axis * i;
@@ -304,14 +312,10 @@ mod tests {
             let measured = [0, 1, 2].map(|k| phases[k] * gains[k]);
             let sum = r(measured.iter().sum());
             let [u_s, i_s] = [u_s, AlphaBeta::from_phases(measured)].map(|x| AlphaBeta::new(r(x.re()), r(x.im())));
-            if period < 100 {
-                probe.build_up(&config, &i_s);
-            } else {
-                let next = probe.step(&config, period - 100, &u_s, &i_s, sum);
-                let of = next.axis.axis();
-                axis = AlphaBeta::new(of.re().to_f64(), of.im().to_f64());
-                target = i_0 * next.part.to_f64();
-            }
+            let next = probe.step(&config, period, &u_s, &i_s, sum);
+            let of = next.axis.axis();
+            axis = AlphaBeta::new(of.re().to_f64(), of.im().to_f64());
+            target = i_0 * next.part.to_f64();
         }
         let legs = probe.result(&config, &Legs::default(), &Balance::default(), r(i_0), r(u_dc));
         (legs, probe.is_at_rest(r(0.03)))

@@ -3,12 +3,14 @@
 //! argues against. The enhanced scheme: one filter for all of it, the balance of the current sensors, the flux and the
 //! speed of a machine that turns at the start, the differences of the bridge's legs, and the rotor resistance by the
 //! temperature. Speed is
-//! common to both.
+//! common to both, and so is the speed of an encoder that they are compared with.
 
 pub mod balance;
 #[cfg(feature = "enhanced")]
 pub(crate) mod catch;
 pub mod confidence;
+#[cfg(feature = "encoder")]
+pub mod encoder;
 pub mod flux;
 pub mod integral;
 pub mod kalman;

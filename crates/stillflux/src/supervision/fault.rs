@@ -112,6 +112,9 @@ faults! {
     FieldLost = 14, "field lost", Number;
     /// Calls of the control were missed or came twice, by the cycle stamp of the measurement; reports how many.
     Timing = 15, "timing", Number;
+    /// The encoder does not agree with the estimate, or is silent, and the drive is set to stop then
+    /// ([`crate::config::DriveParams::encoder_fault`]); reports the measured less the estimated speed.
+    EncoderApart = 16, "encoder apart", Speed;
 }
 
 impl Fault {

@@ -31,6 +31,13 @@ impl LeakyCounter {
         self.0 > n.saturating_mul(RISE)
     }
 
+    /// A violated call that counts as `times` of them.
+    #[cold]
+    pub fn step_by(&mut self, times: u32, n: u32) -> bool {
+        self.0 = self.0.saturating_add(RISE.saturating_mul(times));
+        self.0 > n.saturating_mul(RISE)
+    }
+
     /// Nothing has been violated lately.
     #[inline(always)]
     pub fn is_empty(self) -> bool {

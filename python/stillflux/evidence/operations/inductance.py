@@ -1,4 +1,14 @@
-"""A machine whose inductance is not that of its data, through zero stator frequency under load."""
+"""A machine whose inductance is not that of its data, through zero stator frequency under load.
+
+The start takes the flux of the magnetising current from the data. The real one differs by `Δψ`, which an
+integrator of the induced voltage keeps as a constant vector: in the first turn of the field the angle is off
+by up to
+
+    arcsin(Δψ/ψ)
+
+with or without load. This is what the negative control has to show. That it is lost later is none: without
+the corrections a machine with the very data is lost as well, in 6 of 20 runs (ten drives, two realisations).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from stillflux.evidence.claims import Claim, at_most, holds
+from stillflux.evidence.claims import Claim, at_least, at_most, holds, reported
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.operation import Control, Operation, asked, magnetised
 from stillflux.metrics import faulted
@@ -21,8 +31,6 @@ SEEDS = (1, 2, 3)
 """Realisations of the noise."""
 _LESS = 0.9
 """Real magnetising inductance over that of the data."""
-_LOST = 30.0
-"""Field angle error at which the field counts as lost, °."""
 
 
 def _real(motor: Motor) -> Motor:
@@ -55,6 +63,19 @@ def _angle(result: Result) -> float:
     return float(np.degrees(np.abs(result["angle_error"][result["status"] == StatusCode.RUNNING]).max()))
 
 
+_QUANTITY = "field angle error before the load, of that of the flux in the start"
+
+
+def _of_start(result: Result) -> float:
+    """Largest field angle error before the load, of the angle by which the flux of the start is wrong."""
+    load = result.scenario.load_torque
+    assert isinstance(load, Sequence)
+    running = result["status"] == StatusCode.RUNNING
+    flux = float(np.abs(result["psi_s"][np.flatnonzero(running)[0]])) / result.scenario.motor.base["psi"]
+    before = running & (result.t < load[1][0])
+    return float(np.abs(result["angle_error"][before]).max()) / math.asin(min(abs(1.0 - flux), 1.0))
+
+
 def _check(result: Result) -> list[Claim]:
     error = (
         abs(float(result["omega_m"][-1] - result["reference"][-1])) / result.scenario.motor.base["omega_m"]
@@ -62,20 +83,16 @@ def _check(result: Result) -> list[Claim]:
     return [
         holds("no fault", not faulted(result).any()),
         at_most("field angle error", _angle(result), 5.0, "°"),
+        at_most(_QUANTITY, _of_start(result), 0.6),
         at_most("speed error at the end, pu", error, 0.005),
     ]
 
 
-def _lost(result: Result) -> list[Claim]:
-    load = result.scenario.load_torque
-    assert isinstance(load, Sequence)
-    wide = np.flatnonzero(
-        (np.abs(np.degrees(result["angle_error"])) > _LOST) & (result["status"] == StatusCode.RUNNING)
-    )
-    when = float(result.t[wide[0]]) if len(wide) else math.inf
+def _kept(result: Result) -> list[Claim]:
+    """The error of the flux stays."""
     return [
-        holds("field lost while running", bool(len(wide)) or bool(faulted(result).any())),
-        holds("not before the load", when > load[1][0]),
+        at_least(_QUANTITY, _of_start(result), 0.8),
+        reported("field angle error", _angle(result), "°"),
     ]
 
 
@@ -90,7 +107,7 @@ OPERATIONS = tuple(
         Control(
             "the corrections by the filter's innovation",
             lambda s: s.with_settings(apply_innovation=False),
-            _lost,
+            _kept,
         ),
         shown=("omega_m", "torque", "psi_s", "angle_error"),
     )
