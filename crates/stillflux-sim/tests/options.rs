@@ -321,7 +321,7 @@ fn delays_of_the_parameters_are_compensated_in_both_schemes() {
             let mut s = Scenario::new(machine, if told { real } else { Inverter::preset_2k2() }, 4.0);
             s.plant.inverter = real;
             s.drive.scheme = scheme;
-            // Of the settings of the other scheme none is changed.
+            // A start would find the rest. The published scheme has its defaults, and no comparison of the legs.
             s.drive.enhanced.identify_legs = scheme == Scheme::Paper;
             let omega = 0.3 * Base::new(&machine).omega_m;
             s.reference = ReferenceProfile::Speed(Profile::new(vec![(0.0, 0.0), (1.8, 0.0), (2.2, omega)]).unwrap());

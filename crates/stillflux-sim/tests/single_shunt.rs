@@ -65,7 +65,7 @@ fn it_is_held_at_rated_speed_and_with_control_in_every_second_period() {
 #[test]
 fn without_a_window_the_states_are_too_short_and_the_start_fails() {
     let (status, _) = held(SMALL(), (0.05, 0.4), |s| s.drive.shunt_window = 0.0);
-    assert!(matches!(status, Status::Faulted { cause: Fault::FieldLost, .. }), "{status:?}");
+    assert!(matches!(status, Status::Faulted { cause: Fault::FieldLost | Fault::CurrentControl, .. }), "{status:?}");
 }
 
 /// Its offset is followed in the zero vector; the negative control is a third reading that does not show it.

@@ -225,13 +225,14 @@ fn a_switching_frequency_too_low_for_the_speed_is_refused_by_name_and_what_is_ad
     for (machine, inverter) in machines() {
         let inverter = Inverter { f_s: 2e3, ..inverter };
         let base = Base::new(&machine);
-        let mut s = Scenario::new(machine, inverter, 5.0);
+        // With slow current control the start takes its time.
+        let mut s = Scenario::new(machine, inverter, 6.0);
         let (rated, top) = (base.omega_m, s.drive.omega_max);
         assert!(top < 1.5 * rated, "{}", top / rated);
         let too_fast = DriveParams { omega_max: 2.2 * rated, ..s.drive };
         let refused = too_fast.validate(&machine, &inverter).unwrap_err();
         assert!(refused.field == "omega_max" && (refused.max - top).abs() < 1e-9 * top, "{refused}");
-        s.reference = ReferenceProfile::Speed(Profile::new(vec![(0.0, 0.0), (1.7, 0.0), (3.0, top)]).unwrap());
+        s.reference = ReferenceProfile::Speed(Profile::new(vec![(0.0, 0.0), (2.7, 0.0), (4.0, top)]).unwrap());
         s.signals = Some(vec!["omega_m".into()]);
         let mut run = Run::new(Cow::Owned(s)).unwrap();
         while run.advance(u64::MAX) {}
@@ -292,6 +293,8 @@ fn time_lost((factors, c_out, offset, gain, friction): Draw, seed: u64, realignm
     (s.plant.adc.offset, s.plant.adc.gain) = (offset, gain);
     s.plant.mechanics.coulomb = friction;
     (s.drive.supervision, s.drive.stall_time, s.drive.realignment) = (false, 0.0, realignment);
+    // The draws were found with this start.
+    s.drive.enhanced.identify_legs = false;
     s.signals = Some(["status", "angle_error"].map(String::from).to_vec());
     s.record_every = 10;
     let mut run = Run::new(Cow::Owned(s)).unwrap();

@@ -485,7 +485,8 @@ impl<R: Real> InverterModel<R> {
         // A branch for each sign costs less than magnitude and sign apart.
         let (negative_near, negative_full) = (-knee.near, -full);
         let mut near = false;
-        let mut leg = |i: R, k: usize| {
+        let mut leg = |k: usize| {
+            let i = i[k];
             if likely(i > knee.near) {
                 let own = knee.delay(k, 0);
                 (full - tail.over_64(i) + own, own)
@@ -499,7 +500,7 @@ impl<R: Real> InverterModel<R> {
                 (self.threshold_near_zero(i, least) + dead * knee.near_zero(i) + own, own)
             }
         };
-        let [a, b, c] = [leg(i[0], 0), leg(i[1], 1), leg(i[2], 2)];
+        let [a, b, c] = [leg(0), leg(1), leg(2)];
         let loss = Distortion {
             phases: [a.0, b.0, c.0],
             #[cfg(feature = "legs")]
@@ -548,11 +549,10 @@ impl<R: Real> InverterModel<R> {
                 edge = knee.near_zero(falling + earlier * edge).max(R::ZERO);
             }
             let both = edge + knee.near_zero(rising).min(R::ZERO);
-            loss.phases[k] = self.threshold_near_zero(first, loss.least) + dead * both;
+            let e = self.threshold_near_zero(first, loss.least) + dead * both;
             #[cfg(feature = "legs")]
-            {
-                loss.phases[k] += loss.legs[k];
-            }
+            let e = e + loss.legs[k];
+            loss.phases[k] = e;
         }
     }
 }

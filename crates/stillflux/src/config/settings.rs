@@ -628,7 +628,11 @@ impl DriveParams {
     /// Whether a start compares the legs of the bridge. Offsets of the sensors that were not read would be taken for a
     /// voltage of the legs.
     pub(super) fn compares_legs(&self) -> bool {
-        self.scheme == Scheme::Enhanced && self.enhanced.identify_legs && self.inverter_model && self.calibrate_offset
+        cfg!(feature = "legs")
+            && self.scheme == Scheme::Enhanced
+            && self.enhanced.identify_legs
+            && self.inverter_model
+            && self.calibrate_offset
     }
 
     /// Part of the magnetisation in which the flux builds up and settles and the resistance is identified, s.
