@@ -311,7 +311,7 @@ impl EnhancedParams {
         Self {
             identify_offset: true,
             identify_resistance: true,
-            identify_legs: true,
+            identify_legs: cfg!(feature = "legs"),
             apply_innovation: true,
             omega_s_min: 0.006 * machine.omega_sR(),
             prior_R_s: r_s,
