@@ -6,6 +6,7 @@ use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
+#[cfg(feature = "legs")]
 use crate::estimate::legs::{LegsConfig, PLATEAUS};
 use crate::estimate::priors::Priors;
 use crate::estimate::search::SearchConfig;
@@ -20,9 +21,12 @@ const CATCH_BLOCK: f64 = 1e-3;
 pub(crate) const REDUCED: f64 = 0.7;
 pub(crate) const SMALL: f64 = 0.4;
 /// Half plateaus of the current in which the legs are compared, s; and the least, in time constants of current control.
+#[cfg(feature = "legs")]
 const LEGS_TIME: f64 = 0.01;
+#[cfg(feature = "legs")]
 const LEGS_SETTLE: f64 = 20.0;
 /// The longest, in rotor time constants: with slower alternations a free shaft begins to turn, as a machine on one phase does.
+#[cfg(feature = "legs")]
 const LEGS_SLOWEST: f64 = 0.25;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
 /// with temperature; a faster fit follows the noise of its samples.
@@ -34,11 +38,13 @@ const PULL_OUT_USE: f64 = 0.6;
 const SHIFT_RATE: f64 = 0.5;
 
 /// Half of a plateau in the comparison of the legs at a bandwidth of current control, s.
+#[cfg(feature = "legs")]
 fn legs_half(current_bandwidth: f64) -> f64 {
     LEGS_TIME.max(LEGS_SETTLE / (core::f64::consts::TAU * current_bandwidth))
 }
 
 /// Duration of the comparison of the legs at a bandwidth of current control, s; 0: current control is too slow for it.
+#[cfg(feature = "legs")]
 #[allow(non_snake_case)]
 pub(super) fn legs_time(machine: &Machine, current_bandwidth: f64) -> f64 {
     let half = legs_half(current_bandwidth);
@@ -59,13 +65,15 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub search: SearchConfig<R>,
     /// Periods in which the boosted current brings the flux back after the reduced ones.
     pub recovery_periods: u32,
+    #[cfg(feature = "legs")]
     pub legs: LegsConfig<R>,
     /// The gains of two current sensors are compared in the second half of the magnetisation: reciprocal of its periods;
     /// 0 with three sensors.
     #[cfg(feature = "modes")]
     pub pair_weight: R,
 }
-words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods, legs,
+words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods,
+    #[cfg(feature = "legs")] legs,
     #[cfg(feature = "modes")] pair_weight);
 
 impl<R: Real> EnhancedConfig<R> {
@@ -126,6 +134,7 @@ impl<R: Real> EnhancedConfig<R> {
                 inverter.periods(seconds.min(build_up_time * 3.0 / 16.0))
             },
             search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
+            #[cfg(feature = "legs")]
             legs: {
                 let half = if p.compares_legs(machine) { inverter.periods(legs_half(p.current_bandwidth)) } else { 0 };
                 // One shunt has one gain. With two sensors a difference of their gains looks like the odd part.

@@ -25,7 +25,8 @@
 //! away from it: the verdict is renewed every 20 ms of disagreement.
 //!
 //! Back to agreement: 0.2 s without disagreement, for a distrusted encoder of those only in which it turns by more than
-//! `b`. A standstill agrees with a broken wire.
+//! `b`. A standstill agrees with a broken wire. For 0.2 s after a start there is no verdict: an estimate that begins in a
+//! machine that turns has to settle.
 //!
 //! **Limits.** A counter that stands because it is broken is not told from a shaft that stands as long as `|ω̂| ≤ b`: until
 //! the estimate leaves that band, speed control by the encoder lets the shaft creep with up to `b`. While the estimate is
@@ -109,16 +110,18 @@ pub struct HandOver<R: Real> {
     apart: LeakyCounter,
     /// Calls of agreement since the latest disagreement.
     agreeing: u32,
+    /// Calls until the estimate has settled.
+    settling: u32,
     difference: Integrator<R>,
     correction: Integrator<R>,
 }
 
 impl<R: Real> HandOver<R> {
     /// Speed control begins: the encoder is what it was found to be.
-    pub fn start(&mut self) {
+    pub fn start(&mut self, c: &HandOverConfig<R>) {
         // Whether the counter is silent is seen at the first call.
         let state = if self.state == EncoderState::Silent { EncoderState::Agrees } else { self.state };
-        *self = Self { state, ..Self::default() };
+        *self = Self { state, settling: c.calls_return, ..Self::default() };
     }
 
     /// One call: measured speed, `None` while the counter is silent; estimated speed and stator frequency.
@@ -129,7 +132,9 @@ impl<R: Real> HandOver<R> {
         if let Some(measured) = measured {
             difference = measured - omega;
             let within = difference.within(c.band);
-            self.judge(c, measured, omega, omega_s, within);
+            if self.settling == 0 {
+                self.judge(c, measured, omega, omega_s, within);
+            }
             target = match self.state {
                 EncoderState::Agrees if !within => held,
                 EncoderState::Agrees | EncoderState::EstimateApart => difference,
@@ -138,6 +143,7 @@ impl<R: Real> HandOver<R> {
         } else {
             (self.state, self.apart, self.agreeing) = (EncoderState::Silent, LeakyCounter::default(), 0);
         }
+        self.settling = self.settling.saturating_sub(1);
         self.difference.add(c.gain, difference - self.difference.value());
         self.correction.add(c.gain, target - held);
     }
@@ -197,11 +203,12 @@ mod tests {
     const C: HandOverConfig<f64> =
         HandOverConfig { band: 0.03, gain: 0.004, calls_apart: 100, calls_return: 1000, control: true, fault: true };
 
-    /// At the start of a drive.
+    /// A drive that has settled.
     fn started() -> HandOver<f64> {
         let mut h = HandOver::default();
         assert_eq!(h.state(), EncoderState::Silent);
-        h.start();
+        h.start(&C);
+        calls(&mut h, 1000, 0.0, 0.0, 0.0);
         h
     }
 
@@ -297,7 +304,13 @@ mod tests {
         let mut h = started();
         calls(&mut h, 5000, 0.31, 0.3, 0.3);
         calls(&mut h, 105, 0.0, 0.3, 0.3);
-        h.start();
+        h.start(&C);
         assert_eq!((h.state(), h.correction(), h.difference()), (EncoderState::Apart, 0.0, 0.0));
+        // An estimate that settles is none that is wrong, nor is the encoder.
+        let mut h = started();
+        h.start(&C);
+        assert_eq!(calls(&mut h, 1000, 0.3, 0.2, 0.25), EncoderState::Agrees);
+        assert_eq!(h.correction(), 0.0);
+        assert_eq!(calls(&mut h, 101, 0.3, 0.2, 0.25), EncoderState::Apart);
     }
 }

@@ -122,7 +122,7 @@ impl<R: Real> Control<R> {
             self.realign = Realign::default();
         }
         #[cfg(feature = "encoder")]
-        self.hand_over.start();
+        self.hand_over.start(&c.hand_over);
         self.speed.start(R::ZERO);
         self.ramp.start(omega_m);
     }

@@ -110,8 +110,8 @@ impl<R: Real> Catch<R> {
             if block > SURGE + 1 {
                 if block > BLOCKS {
                     // The speed may have changed since.
-                    self.numerator = self.numerator * r(FORGET);
-                    self.denominator = self.denominator * r(FORGET);
+                    self.numerator *= r(FORGET);
+                    self.denominator *= r(FORGET);
                 }
                 self.numerator += self.e.cross(&mean);
                 self.denominator += self.e.norm_sq();

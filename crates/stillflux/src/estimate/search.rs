@@ -77,7 +77,8 @@ impl<R: Real> SearchConfig<R> {
             least: least as u32,
             most: most as u32,
             inv_most: rounded(1.0 / most),
-            turn: rounded(ROTATING * most * pu.t_s),
+            // Fits fixed point in a machine of the least rotor resistance and magnetising current, too.
+            turn: rounded((ROTATING * most * pu.t_s).min(100.0)),
             across: rounded(HIDDEN * pu.sigma_l_s * i + pu.dead_time * pu.u_dc * pu.t_s / libm::sqrt(3.0)),
             floor: rounded(FLOOR * built_up * built_up * tau / 3.0),
         }
