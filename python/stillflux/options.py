@@ -58,8 +58,8 @@ class DriveSettings(TypedDict, total=False):
     shunt_settling: float
     """Time constant of the amplifier of a single shunt, s: the reading is behind by it. 0: none."""
     magnetise_time: float
-    """Duration of the magnetisation with the comparison of the legs before it, s; what is left for the flux is
-    at least three rotor time constants."""
+    """Duration of the magnetisation with the comparison of the legs before it, s; for the flux at least three
+    rotor time constants are left."""
     low_confidence: Literal["keep", "limit", "fault"]
     """What to do while the confidence in the field angle is below 0.5: nothing, limit the torque in
     proportion, or stop with a fault."""
