@@ -15,7 +15,7 @@ from stillflux.cli import main
 from stillflux.evidence import consistency, tolerance
 from stillflux.evidence.consistency import REGIONS, Consistency, Sample, rank_correlation
 from stillflux.evidence.courses import COURSES
-from stillflux.evidence.draws import CUT, RIPPLE, capacitance_range, drawn, ripple
+from stillflux.evidence.draws import CUT, DELAY, RIPPLE, capacitance_range, drawn, ripple
 from stillflux.evidence.drives import DRIVES, pull_out
 from stillflux.evidence.table import Table, of_consistency, of_rate, order
 
@@ -68,6 +68,9 @@ def test_draws_have_the_tolerances_they_are_said_to_have() -> None:
     low, high = np.log([0.005, 0.2])
     assert low - 1e-9 <= knee.min() < knee.max() <= high + 1e-9
     assert knee.mean() == pytest.approx(0.5 * (low + high), abs=0.1)
+    delays = np.array([[f.plant["turn_on_delay"], f.plant["turn_off_delay"]] for f in found])
+    assert delays.min() >= 0.0
+    assert delays.std(axis=0) == pytest.approx(DELAY, rel=0.08)
     # The saturation curve is that of the real stator inductance.
     assert drive.motor.saturation is not None
     for f in found[:10]:

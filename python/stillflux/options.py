@@ -58,7 +58,8 @@ class DriveSettings(TypedDict, total=False):
     shunt_settling: float
     """Time constant of the amplifier of a single shunt, s: the reading is behind by it. 0: none."""
     magnetise_time: float
-    """Duration of the magnetisation, s."""
+    """Duration of the magnetisation with the comparison of the legs before it, s; for the flux at least three
+    rotor time constants are left."""
     low_confidence: Literal["keep", "limit", "fault"]
     """What to do while the confidence in the field angle is below 0.5: nothing, limit the torque in
     proportion, or stop with a fault."""
@@ -154,8 +155,10 @@ class DriveSettings(TypedDict, total=False):
     identify_offset: bool
     """Estimate the offset of the current sensors."""
     identify_resistance: bool
-    identify_legs: bool
     """Estimate stator resistance and inverter error."""
+    identify_legs: bool
+    """Measure at each start at standstill how the legs of the bridge differ, in the first 0.2 s of its
+    magnetisation."""
     apply_innovation: bool
     """Correct the states by the filter's innovation; without it the flux is a pure integral."""
     omega_s_min: float

@@ -16,8 +16,8 @@ Independent draws; `g` is normal, cut at ±2.5 of its standard deviations:
 | delay of each switch, on and off | 1σ 25 ns about a delay common to all |
 | noise of the current channels | 0.4 % of rated rms current, its own seed |
 
-Delays of gate drivers: data sheets of drivers with digital isolators allow 5 to 30 ns between two of them, those with
-optocouplers ten times as much, and switches add some tens. The drive is told nothing of the delays.
+Delays of the switches: gate drivers with digital isolators are within some tens of nanoseconds of each other,
+those with optocouplers within some hundreds, and switches add their own. The drive is told nothing of them.
 
 The ripple is a staircase with ten steps a period: the link is a source whose voltage changes at given times.
 """

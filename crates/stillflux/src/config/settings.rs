@@ -451,8 +451,8 @@ pub struct DriveParams {
     /// Time constant of the amplifier of a single shunt, s, at most a quarter of the longest window: the current rises while it is
     /// sampled, and the reading is behind it. 0: none. Without effect with more sensors.
     pub shunt_settling: f64,
-    /// Duration of the magnetisation, s, at least three rotor time constants: also with the comparison of the legs before it
-    /// ([`EnhancedParams::identify_legs`]), whose time what is left for the flux is three rotor time constants at least.
+    /// Duration of the magnetisation, s, at least three rotor time constants. The comparison of the legs
+    /// ([`EnhancedParams::identify_legs`]) is its first part; three rotor time constants are left for the flux in any case.
     pub magnetise_time: f64,
     /// What to do while the confidence is low.
     pub low_confidence: LowConfidence,
