@@ -32,8 +32,11 @@ WARNINGS = [
     *("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wstrict-prototypes"),
     *("-Wmissing-prototypes", "-Werror"),
 ]
-#: Features of the library by arithmetic.
-FEATURES: dict[str, list[str]] = {"f32": [], "q": ["--features", "q"]}
+#: Features of the library by arithmetic, as the images in Rust have them.
+FEATURES: dict[str, list[str]] = {
+    "f32": ["--no-default-features", "--features", "enhanced"],
+    "q": ["--no-default-features", "--features", "enhanced,q"],
+}
 #: The functions of the header.
 FUNCTIONS = {
     *(

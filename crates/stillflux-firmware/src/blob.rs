@@ -62,7 +62,11 @@ impl Parameters {
     /// The first parameter outside its admissible range.
     pub fn ready<R: Real>(&self) -> Result<Ready<R>, ParamError> {
         let Self { ref machine, ref inverter, i_full, u_full, u_off, r_s: R_s, i_off, scheme } = *self;
-        let params = DriveParams { scheme, ..DriveParams::new(machine, inverter) };
+        let mut params = DriveParams { scheme, ..DriveParams::new(machine, inverter) };
+        if scheme == Scheme::Enhanced {
+            // So that a host with the feature `legs` computes what an image without it does.
+            params.enhanced.identify_legs = false;
+        }
         let memory = MemorySi { u_off, R_s, i_off, ..MemorySi::of(machine, inverter) };
         Ready::new(machine, inverter, &params, (i_full, u_full), &memory)
     }

@@ -136,6 +136,7 @@ impl<R: Real> Legs<R> {
     }
 
     /// Loss of each leg for a positive and for a negative current, at a dc link.
+    #[cfg(feature = "legs")]
     #[inline(never)]
     fn loss(&self, u_dc: R) -> [[R; 2]; 3] {
         let (even, odd) = ((self.even * u_dc).to_phases(), (self.odd * u_dc).to_phases());
@@ -161,7 +162,9 @@ pub struct InverterModel<R: Real> {
     shift: R,
     ripple: R,
     /// Differences of the legs of the parameters, and the rated dc link.
+    #[cfg(feature = "legs")]
     legs: Legs<R>,
+    #[cfg(feature = "legs")]
     u_dc: R,
     /// The curve for this knee and these legs.
     nominal: Knee<R>,
@@ -191,21 +194,39 @@ struct Stored<R: Real> {
     knee: R,
     shift: R,
     ripple: R,
+    #[cfg(feature = "legs")]
     legs: Legs<R>,
+    #[cfg(feature = "legs")]
     u_dc: R,
 }
-words!(Stored: u_th, dead_time, band, inv_band, knee, shift, ripple, legs, u_dc);
+words!(Stored: u_th, dead_time, band, inv_band, knee, shift, ripple, #[cfg(feature = "legs")] legs, #[cfg(feature = "legs")] u_dc);
 
 impl<R: Real> Stored<R> {
     fn model(self) -> InverterModel<R> {
-        let Self { u_th, dead_time, band, inv_band, knee, shift, ripple, legs, u_dc } = self;
-        let nominal = Knee::new(knee, band, legs.loss(u_dc));
-        InverterModel { u_th, dead_time, band, inv_band, knee, shift, ripple, legs, u_dc, nominal }
+        let Self { u_th, dead_time, band, inv_band, knee, shift, ripple, .. } = self;
+        let mut nominal = Knee::default();
+        nominal.set(knee, band);
+        #[cfg(feature = "legs")]
+        nominal.set_legs(&self.legs, self.u_dc);
+        InverterModel {
+            u_th,
+            dead_time,
+            band,
+            inv_band,
+            knee,
+            shift,
+            ripple,
+            #[cfg(feature = "legs")]
+            legs: self.legs,
+            #[cfg(feature = "legs")]
+            u_dc: self.u_dc,
+            nominal,
+        }
     }
 }
 
 /// Curve of a leg's loss over its current, for one knee. Constant between two updates of the estimated knee.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Knee<R: Real> {
@@ -219,18 +240,12 @@ pub struct Knee<R: Real> {
     /// `1/(SCALE width)`.
     inv_width: R,
     /// Loss of each leg by its delays, for a positive and for a negative current.
+    #[cfg(feature = "legs")]
     legs: [[R; 2]; 3],
 }
 
 impl<R: Real> Knee<R> {
-    /// For a knee and a least half width of the linear part.
-    fn new(knee: R, band: R, legs: [[R; 2]; 3]) -> Self {
-        let mut of = Self { width: R::ZERO, near: R::ZERO, slope: R::ZERO, tail: R::ZERO, inv_width: R::ZERO, legs };
-        of.set(knee, band);
-        of
-    }
-
-    /// The curve for another knee; the legs stay.
+    /// The curve for another knee and a least half width of the linear part; the legs stay.
     #[inline(always)]
     fn set(&mut self, knee: R, band: R) {
         let scale = R::from_f64(SCALE);
@@ -243,10 +258,25 @@ impl<R: Real> Knee<R> {
         self.slope = inv_width * (R::ONE - self.tail * inv_width);
     }
 
+    /// Loss of a leg by its delays, for a positive (0) and for a negative current (1). What nothing is to be added to is a
+    /// negative zero.
+    #[inline(always)]
+    #[cfg_attr(not(feature = "legs"), allow(clippy::unused_self))]
+    fn delay(&self, leg: usize, sign: usize) -> R {
+        #[cfg(feature = "legs")]
+        return self.legs[leg][sign];
+        #[cfg(not(feature = "legs"))]
+        {
+            let _ = (leg, sign);
+            -R::ZERO
+        }
+    }
+
     /// Loss of a leg by its delays near current zero.
     #[inline(never)]
-    fn delays_near_zero(&self, i: R, delays: &[R; 2]) -> R {
-        let (even, odd) = ((delays[0] + delays[1]).half(), (delays[0] - delays[1]).half());
+    fn delays_near_zero(&self, i: R, leg: usize) -> R {
+        let (plus, minus) = (self.delay(leg, 0), self.delay(leg, 1));
+        let (even, odd) = ((plus + minus).half(), (plus - minus).half());
         even + odd * (i * self.inv_width * R::from_f64(SCALE)).limit(R::ONE)
     }
 
@@ -263,6 +293,7 @@ impl<R: Real> Knee<R> {
     }
 
     /// Other differences of the legs, at a dc link.
+    #[cfg(feature = "legs")]
     #[inline(always)]
     pub fn set_legs(&mut self, legs: &Legs<R>, u_dc: R) {
         self.legs = legs.loss(u_dc);
@@ -277,6 +308,7 @@ pub struct Distortion<R: Real> {
     /// Loss of each phase: add it to the reference to compensate.
     pub phases: [R; 3],
     /// Its part by the delays of the leg.
+    #[cfg(feature = "legs")]
     pub legs: [R; 3],
     /// Its part without the dead time, `u_th`.
     pub least: R,
@@ -324,7 +356,12 @@ impl<R: Real> Distortion<R> {
     /// `-∂e/∂ln I_k = min(e, U - e)` for a positive current.
     #[inline(always)]
     pub fn by_knee(&self) -> [R; 3] {
-        [0, 1, 2].map(|k| self.leg_by_knee(self.phases[k] - self.legs[k]))
+        [0, 1, 2].map(|k| {
+            let e = self.phases[k];
+            #[cfg(feature = "legs")]
+            let e = e - self.legs[k];
+            self.leg_by_knee(e)
+        })
     }
 }
 
@@ -335,17 +372,18 @@ impl<R: Real> InverterModel<R> {
         let width = (BAND * pu.dead_time_swing).clamp(2e-4, 0.05);
         let r = R::from_f64;
         let (band, knee) = (r(width), r(pu.knee.min(KNEE_MAX)));
-        let legs = Legs::new(&pu.legs);
         let edges = pu.knee > 0.0 && !pu.double_update;
         Stored {
             u_th: r(pu.u_th),
             dead_time: r(pu.dead_time),
             band,
             inv_band: r(1.0 / (SCALE * width)),
-            legs,
             knee,
             shift: r(if edges { 0.25 * pu.dead_time_swing } else { 0.0 }),
             ripple: r(if edges { 0.25 * pu.dead_time_swing / (pu.dead_time * pu.u_dc) } else { 0.0 }),
+            #[cfg(feature = "legs")]
+            legs: Legs::new(&pu.legs),
+            #[cfg(feature = "legs")]
             u_dc: r(pu.u_dc),
         }
         .model()
@@ -355,14 +393,37 @@ impl<R: Real> InverterModel<R> {
     #[must_use]
     pub fn ideal() -> Self {
         let (knee, band, inv_band) = (R::ZERO, R::ONE, R::from_f64(1.0 / SCALE));
-        let (zero, legs) = (R::ZERO, Legs::default());
-        Stored { u_th: zero, dead_time: zero, band, inv_band, knee, shift: zero, ripple: zero, legs, u_dc: zero }
-            .model()
+        Stored {
+            u_th: R::ZERO,
+            dead_time: R::ZERO,
+            band,
+            inv_band,
+            knee,
+            shift: R::ZERO,
+            ripple: R::ZERO,
+            #[cfg(feature = "legs")]
+            legs: Legs::default(),
+            #[cfg(feature = "legs")]
+            u_dc: R::ZERO,
+        }
+        .model()
     }
 
     fn stored(&self) -> Stored<R> {
-        let Self { u_th, dead_time, band, inv_band, knee, shift, ripple, legs, u_dc, .. } = *self;
-        Stored { u_th, dead_time, band, inv_band, knee, shift, ripple, legs, u_dc }
+        let Self { u_th, dead_time, band, inv_band, knee, shift, ripple, .. } = *self;
+        Stored {
+            u_th,
+            dead_time,
+            band,
+            inv_band,
+            knee,
+            shift,
+            ripple,
+            #[cfg(feature = "legs")]
+            legs: self.legs,
+            #[cfg(feature = "legs")]
+            u_dc: self.u_dc,
+        }
     }
 
     /// The curve for a knee `relative` times that of the parameters.
@@ -379,6 +440,7 @@ impl<R: Real> InverterModel<R> {
     }
 
     /// Differences of the legs of the parameters.
+    #[cfg(feature = "legs")]
     #[inline(always)]
     pub fn legs(&self) -> &Legs<R> {
         &self.legs
@@ -423,20 +485,30 @@ impl<R: Real> InverterModel<R> {
         // A branch for each sign costs less than magnitude and sign apart.
         let (negative_near, negative_full) = (-knee.near, -full);
         let mut near = false;
-        let mut leg = |i: R, delays: &[R; 2]| {
+        let mut leg = |k: usize| {
+            let i = i[k];
             if likely(i > knee.near) {
-                (full - tail.over_64(i) + delays[0], delays[0])
+                let own = knee.delay(k, 0);
+                (full - tail.over_64(i) + own, own)
             } else if likely(i < negative_near) {
-                (negative_full - tail.over_64_of_negative(i) + delays[1], delays[1])
+                let own = knee.delay(k, 1);
+                (negative_full - tail.over_64_of_negative(i) + own, own)
             } else {
                 near = true;
                 let i = i - self.shift;
-                let own = knee.delays_near_zero(i, delays);
+                let own = if cfg!(feature = "legs") { knee.delays_near_zero(i, k) } else { -R::ZERO };
                 (self.threshold_near_zero(i, least) + dead * knee.near_zero(i) + own, own)
             }
         };
-        let [a, b, c] = [leg(i[0], &knee.legs[0]), leg(i[1], &knee.legs[1]), leg(i[2], &knee.legs[2])];
-        (Distortion { phases: [a.0, b.0, c.0], legs: [a.1, b.1, c.1], least, full }, near)
+        let [a, b, c] = [leg(0), leg(1), leg(2)];
+        let loss = Distortion {
+            phases: [a.0, b.0, c.0],
+            #[cfg(feature = "legs")]
+            legs: [a.1, b.1, c.1],
+            least,
+            full,
+        };
+        (loss, near)
     }
 
     /// Loss of a leg by the threshold near current zero.
@@ -477,7 +549,10 @@ impl<R: Real> InverterModel<R> {
                 edge = knee.near_zero(falling + earlier * edge).max(R::ZERO);
             }
             let both = edge + knee.near_zero(rising).min(R::ZERO);
-            loss.phases[k] = self.threshold_near_zero(first, loss.least) + dead * both + loss.legs[k];
+            let e = self.threshold_near_zero(first, loss.least) + dead * both;
+            #[cfg(feature = "legs")]
+            let e = e + loss.legs[k];
+            loss.phases[k] = e;
         }
     }
 }
@@ -575,6 +650,7 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "legs")]
     #[test]
     fn unequal_legs_add_their_delays_by_the_sign_of_the_current() {
         let (m, f_s) = (Machine::preset_2k2(), 10e3);

@@ -16,6 +16,7 @@ use crate::control::shunt::Pulses;
 #[cfg(feature = "encoder")]
 use crate::drive::EncoderState;
 use crate::drive::{Drive, Estimate, Fault, FaultReport, Measurement, Memory, Quantity, Reference, Status};
+#[cfg(feature = "legs")]
 use crate::inverter::Legs;
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Q, Real};
@@ -271,7 +272,10 @@ impl SiUnits {
             knee: m.knee.to_f64(),
             L_sigma: self.l_sigma * m.leakage.to_f64(),
             L_M: self.l_m / m.inv_l_m.to_f64(),
+            #[cfg(feature = "legs")]
             leg_delay: m.legs.of_period().map(|x| x.map(|x| x / self.f_s)),
+            #[cfg(not(feature = "legs"))]
+            leg_delay: [[0.0; 2]; 3],
         }
     }
 
@@ -287,6 +291,7 @@ impl SiUnits {
             knee: R::from_f64(m.knee),
             leakage: R::from_f64(m.L_sigma / self.l_sigma),
             inv_l_m: R::from_f64(self.l_m / m.L_M),
+            #[cfg(feature = "legs")]
             legs: Legs::new(&m.leg_delay.map(|x| x.map(|x| x * self.f_s))),
         }
     }

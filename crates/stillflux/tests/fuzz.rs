@@ -10,6 +10,7 @@ use stillflux::config::{DriveConfig, DriveParams, EncoderMode, EnhancedParams, L
 #[cfg(feature = "shunt")]
 use stillflux::control::shunt::Pulses;
 use stillflux::drive::{Drive, Measurement, Memory, Output, Reference, Status};
+#[cfg(feature = "legs")]
 use stillflux::inverter::Legs;
 use stillflux::params::{Inverter, Machine, ParamError, Saturation};
 use stillflux::scalar::{Q, Real};
@@ -140,7 +141,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
     let enhanced = EnhancedParams {
         identify_offset: !rng.chance(4),
         identify_resistance: !rng.chance(4),
-        identify_legs: !rng.chance(4),
+        identify_legs: !rng.chance(4) && cfg!(feature = "legs"),
         apply_innovation: !rng.chance(6),
         omega_s_min: rng.within(0.0, 0.05) * machine.omega_sR(),
         prior_R_s: rng.ratio(0.002, 0.5),
@@ -299,6 +300,7 @@ fn fuzz<R: Bits>(rng: &mut Rng, periods: u32, seed: u64, refused: &mut impl FnMu
                         knee: any(),
                         leakage: any(),
                         inv_l_m: any(),
+                        #[cfg(feature = "legs")]
                         legs: Legs { even: AlphaBeta::new(any(), any()), odd: AlphaBeta::new(any(), any()) },
                     };
                     drive.restore(&memory);
@@ -390,7 +392,9 @@ fn check<R: Real>(drive: &Drive<R>, out: &Output<R>, seed: u64, k: u32) {
         m.knee,
         m.leakage,
         m.inv_l_m,
+        #[cfg(feature = "legs")]
         m.legs.even.re(),
+        #[cfg(feature = "legs")]
         m.legs.odd.im(),
     ];
     for (n, x) in numbers.iter().enumerate() {

@@ -6,6 +6,7 @@ use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
+#[cfg(feature = "legs")]
 use crate::estimate::legs::{LegsConfig, PLATEAUS};
 use crate::estimate::priors::Priors;
 use crate::estimate::search::SearchConfig;
@@ -20,7 +21,9 @@ const CATCH_BLOCK: f64 = 1e-3;
 pub(crate) const REDUCED: f64 = 0.7;
 pub(crate) const SMALL: f64 = 0.4;
 /// Half plateaus of the current in which the legs are compared, s; and the least, in time constants of current control.
+#[cfg(feature = "legs")]
 const LEGS_TIME: f64 = 0.01;
+#[cfg(feature = "legs")]
 const LEGS_SETTLE: f64 = 20.0;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
 /// with temperature; a faster fit follows the noise of its samples.
@@ -32,11 +35,13 @@ const PULL_OUT_USE: f64 = 0.6;
 const SHIFT_RATE: f64 = 0.5;
 
 /// Half of a plateau in the comparison of the legs at a bandwidth of current control, s.
+#[cfg(feature = "legs")]
 fn legs_half(current_bandwidth: f64) -> f64 {
     LEGS_TIME.max(LEGS_SETTLE / (core::f64::consts::TAU * current_bandwidth))
 }
 
 /// Duration of the comparison of the legs at a bandwidth of current control, s.
+#[cfg(feature = "legs")]
 pub(super) fn legs_time(current_bandwidth: f64) -> f64 {
     f64::from(PLATEAUS) * legs_half(current_bandwidth)
 }
@@ -55,13 +60,15 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub search: SearchConfig<R>,
     /// Periods in which the boosted current brings the flux back after the reduced ones.
     pub recovery_periods: u32,
+    #[cfg(feature = "legs")]
     pub legs: LegsConfig<R>,
     /// The gains of two current sensors are compared in the second half of the magnetisation: reciprocal of its periods;
     /// 0 with three sensors.
     #[cfg(feature = "modes")]
     pub pair_weight: R,
 }
-words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods, legs,
+words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods,
+    #[cfg(feature = "legs")] legs,
     #[cfg(feature = "modes")] pair_weight);
 
 impl<R: Real> EnhancedConfig<R> {
@@ -122,6 +129,7 @@ impl<R: Real> EnhancedConfig<R> {
                 inverter.periods(seconds.min(build_up_time * 3.0 / 16.0))
             },
             search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
+            #[cfg(feature = "legs")]
             legs: {
                 let half = if p.compares_legs() { inverter.periods(legs_half(p.current_bandwidth)) } else { 0 };
                 LegsConfig::new(pu, half, p.current_sensors == 3)

@@ -1,7 +1,7 @@
 //! Settings of a drive, SI unless marked per unit, with defaults derived from machine and inverter (docs/gains.md) and
 //! the admissible range of each. A value outside it is an error that names field, value and range.
 
-#[cfg(feature = "enhanced")]
+#[cfg(all(feature = "enhanced", feature = "legs"))]
 use super::enhanced::legs_time;
 use crate::base::Base;
 use crate::estimate::priors::Priors;
@@ -32,7 +32,7 @@ const PERIODS_A_TURN: f64 = 30.0;
 const PERIODS_OVERMODULATED: f64 = 45.0;
 
 /// Duration of the comparison of the legs, s: without the enhanced scheme there is none.
-#[cfg(not(feature = "enhanced"))]
+#[cfg(not(all(feature = "enhanced", feature = "legs")))]
 fn legs_time(_: f64) -> f64 {
     0.0
 }
@@ -88,7 +88,8 @@ impl Scheme {
     pub const BUILT: u32 = cfg!(feature = "paper") as u32
         | (cfg!(feature = "enhanced") as u32) << 1
         | (cfg!(feature = "supervision") as u32) << 2
-        | (cfg!(feature = "variants") as u32) << 3;
+        | (cfg!(feature = "variants") as u32) << 3
+        | (cfg!(feature = "legs") as u32) << 4;
 
     /// An error if the scheme is left out of this build.
     pub(super) fn check(self) -> Result<(), ParamError> {
@@ -327,6 +328,9 @@ impl EnhancedParams {
     fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
         check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")?;
         self.priors().into_iter().try_for_each(|(name, value, most)| check(name, value, 0.002, most, ""))?;
+        let built = cfg!(feature = "legs");
+        check("identify_legs", f64::from(u8::from(self.identify_legs)), 0.0, f64::from(u8::from(built)), "")
+            .map_err(|e| e.with_note("needs the feature `legs`"))?;
         self.validate_temperature()
     }
 
@@ -624,7 +628,11 @@ impl DriveParams {
     /// Whether a start compares the legs of the bridge. Offsets of the sensors that were not read would be taken for a
     /// voltage of the legs.
     pub(super) fn compares_legs(&self) -> bool {
-        self.scheme == Scheme::Enhanced && self.enhanced.identify_legs && self.inverter_model && self.calibrate_offset
+        cfg!(feature = "legs")
+            && self.scheme == Scheme::Enhanced
+            && self.enhanced.identify_legs
+            && self.inverter_model
+            && self.calibrate_offset
     }
 
     /// Part of the magnetisation in which the flux builds up and settles and the resistance is identified, s.

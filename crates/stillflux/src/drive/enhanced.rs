@@ -37,17 +37,23 @@ use crate::control::shift::FluxShift;
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{BLOCKS, Catch, Found, LEAST};
 use crate::estimate::kalman::{Filter, Input, Learned};
+#[cfg(feature = "legs")]
 use crate::estimate::legs::{Alternation, LegsProbe};
 #[cfg(feature = "modes")]
 use crate::estimate::pair::{HALF_MAX, Pair};
-use crate::estimate::search::{ROTATING, SpeedSearch};
+#[cfg(feature = "legs")]
+use crate::estimate::search::ROTATING;
+use crate::estimate::search::SpeedSearch;
 use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
-use crate::inverter::{Knee, Legs};
+use crate::inverter::Knee;
+#[cfg(feature = "legs")]
+use crate::inverter::Legs;
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Speed found in the first direction above which the legs are not compared any further: below it what looks like a
 /// rotation may be unequal legs.
+#[cfg(feature = "legs")]
 const CERTAINLY_ROTATING: f64 = 0.3;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
@@ -106,13 +112,18 @@ pub(super) struct EnhancedEstimators<R: Real> {
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
     /// Differences of the legs, and their measurement in a start-up.
+    #[cfg(feature = "legs")]
     legs: Legs<R>,
+    #[cfg(feature = "legs")]
     legs_probe: LegsProbe<R>,
     /// That measurement has found the machine at rest.
+    #[cfg(feature = "legs")]
     at_rest: bool,
     /// Its present period, while it is under way.
+    #[cfg(feature = "legs")]
     alternation: Option<u32>,
     /// Periods by which it has delayed the start-up.
+    #[cfg(feature = "legs")]
     put_off: u32,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
@@ -140,10 +151,15 @@ impl<R: Real> EnhancedEstimators<R> {
             catch_periods: 0,
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
+            #[cfg(feature = "legs")]
             legs: *c.inverter.legs(),
+            #[cfg(feature = "legs")]
             legs_probe: LegsProbe::default(),
+            #[cfg(feature = "legs")]
             at_rest: false,
+            #[cfg(feature = "legs")]
             alternation: None,
+            #[cfg(feature = "legs")]
             put_off: 0,
             torque_ref: R::ZERO,
             rotor: R::ONE,
@@ -234,7 +250,10 @@ impl<R: Real> EnhancedEstimators<R> {
                 }
                 (None, Start::Fresh(..)) => Start::Empty,
                 _ => {
-                    self.alternation = c.enhanced.legs.is_on().then_some(0);
+                    #[cfg(feature = "legs")]
+                    {
+                        self.alternation = c.enhanced.legs.is_on().then_some(0);
+                    }
                     Start::Unknown
                 }
             };
@@ -257,7 +276,9 @@ impl<R: Real> EnhancedEstimators<R> {
         if searching {
             let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
             self.speed.psi_r = psi_r;
+            #[cfg_attr(not(feature = "legs"), allow(unused_mut))]
             if let Some(mut omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
+                #[cfg(feature = "legs")]
                 if self.at_rest {
                     // The comparison of the legs has seen it for far longer.
                     self.search.reject();
@@ -319,6 +340,7 @@ impl<R: Real> EnhancedEstimators<R> {
     }
 
     /// One period of the comparison of the legs; after the last one the start-up goes on with the speed search.
+    #[cfg(feature = "legs")]
     #[cold]
     #[inline(never)]
     fn compare_legs(
@@ -386,8 +408,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         {
             self.gone_back = 0;
         }
-        (self.alternation, self.put_off, self.at_rest) = (None, 0, false);
-        self.legs_probe = LegsProbe::default();
+        #[cfg(feature = "legs")]
+        {
+            (self.alternation, self.put_off, self.at_rest) = (None, 0, false);
+            self.legs_probe = LegsProbe::default();
+        }
         self.shift = FluxShift::default();
         self.torque_ref = R::ZERO;
         self.speed = SpeedEstimate::default();
@@ -403,11 +428,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut blind = false;
+        #[cfg(feature = "legs")]
         if let (Some(_), Some(period)) = (start_up, self.alternation) {
             // A copy: the input itself then stays in registers.
             let x = *x;
             return self.compare_legs(c, &x, i_dq_ref, period);
         }
+        #[cfg(feature = "legs")]
         let start_up = start_up.map(|at| StartUp { stage: at.stage - self.put_off });
         #[cfg(feature = "modes")]
         let start_up = start_up.map(|at| StartUp { stage: at.stage - self.gone_back });
@@ -430,6 +457,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             }
+            #[cfg(feature = "legs")]
             4 => self.knee.set_legs(&self.legs, x.u_dc),
             6 => {
                 c.inverter.follow(&mut self.knee, self.filter.knee());
@@ -558,7 +586,17 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
 
     fn memory(&self, i_off: [R; 3]) -> Memory<R> {
         let Learned { b, r_s, v: loss_error, knee, leakage, gamma: inv_l_m } = self.filter.learned();
-        Memory { u_off: b * -r_s, r_s, i_off, loss_error, knee, leakage, inv_l_m, legs: self.legs }
+        Memory {
+            u_off: b * -r_s,
+            r_s,
+            i_off,
+            loss_error,
+            knee,
+            leakage,
+            inv_l_m,
+            #[cfg(feature = "legs")]
+            legs: self.legs,
+        }
     }
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
@@ -566,7 +604,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -memory.r_s.recip() };
         let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
-        self.legs = memory.legs.limited();
+        #[cfg(feature = "legs")]
+        {
+            self.legs = memory.legs.limited();
+        }
         c.inverter.follow(&mut self.knee, self.filter.knee());
     }
 }

@@ -12,7 +12,7 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 /// Inputs of the estimators in one period.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(
-    not(all(feature = "paper", feature = "enhanced")),
+    not(all(feature = "paper", feature = "enhanced", feature = "legs")),
     allow(dead_code, reason = "not every scheme needs all of it")
 )]
 pub(super) struct PeriodInput<'a, R: Real> {

@@ -5,6 +5,7 @@ use crate::control::handover::EncoderState;
 use crate::control::modulator::Duty;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::SpeedEstimate;
+#[cfg(feature = "legs")]
 use crate::inverter::Legs;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq};
@@ -130,9 +131,10 @@ pub struct Memory<R: Real> {
     /// Magnetising inductance, reciprocal and relative to the parameter; 1 in the published scheme.
     pub inv_l_m: R,
     /// Differences of the bridge's legs; none in the published scheme, which takes those of the parameters.
+    #[cfg(feature = "legs")]
     pub legs: Legs<R>,
 }
-words!(Memory: u_off, r_s, i_off, loss_error, knee, leakage, inv_l_m, legs);
+words!(Memory: u_off, r_s, i_off, loss_error, knee, leakage, inv_l_m, #[cfg(feature = "legs")] legs);
 
 /// Everything the drive estimates, per unit, of the latest period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -16,7 +16,9 @@ use crate::estimate::regeneration::Regeneration;
 use crate::estimate::resistance::ResistanceConfig;
 use crate::estimate::resistance::{self, ResistanceEstimator};
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
-use crate::inverter::{Knee, Legs};
+use crate::inverter::Knee;
+#[cfg(feature = "legs")]
+use crate::inverter::Legs;
 use crate::scalar::{Integrator, Real};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -266,8 +268,18 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     /// Inverter and inductance are not estimated.
     fn memory(&self, i_off: [R; 3]) -> Memory<R> {
         let (u_off, r_s) = (self.flux.offset.u_off(), self.resistance.r_s());
-        let (one, legs) = (R::ONE, Legs::default());
-        Memory { u_off, r_s, i_off, loss_error: R::ZERO, knee: one, leakage: one, inv_l_m: one, legs }
+        let one = R::ONE;
+        Memory {
+            u_off,
+            r_s,
+            i_off,
+            loss_error: R::ZERO,
+            knee: one,
+            leakage: one,
+            inv_l_m: one,
+            #[cfg(feature = "legs")]
+            legs: Legs::default(),
+        }
     }
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {

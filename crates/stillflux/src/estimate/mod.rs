@@ -14,7 +14,7 @@ pub mod encoder;
 pub mod flux;
 pub mod integral;
 pub mod kalman;
-#[cfg(feature = "enhanced")]
+#[cfg(all(feature = "enhanced", feature = "legs"))]
 pub(crate) mod legs;
 #[cfg(feature = "variants")]
 pub mod light_load;

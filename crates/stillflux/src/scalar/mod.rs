@@ -81,7 +81,7 @@ pub trait Real:
     /// Smallest gain of a configuration: smaller ones are resolved to less than 3 %.
     const LEAST_GAIN: f64;
     /// Loads of this arithmetic reach 1 KiB only beyond an address, as those of the FPU of a Cortex-M4 do.
-    const SHORT_REACH: bool;
+    const SHORT_REACH: bool = false;
 
     /// Nearest representable value; saturates. NaN stays what it is where there is one, and is zero
     /// in fixed point. Folds to a constant for literals.

@@ -199,7 +199,6 @@ impl Real for Q {
     const NAME: &'static str = "q";
     const LARGEST: f64 = 127.9;
     const LEAST_GAIN: f64 = 16.0 / 16_777_216.0;
-    const SHORT_REACH: bool = false;
 
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation)]

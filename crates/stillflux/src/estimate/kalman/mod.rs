@@ -443,14 +443,13 @@ impl<R: Real> Filter<R> {
         self.r_s.value()
     }
 
-    /// Prediction of the stator resistance by the current's heat, if that is known.
-    #[inline(always)]
+    /// Prediction of the stator resistance by the current's heat.
+    #[cold]
+    #[inline(never)]
     fn warm(&mut self, c: &FilterConfig<R>) {
-        if !likely(!c.temperature.predicts()) {
-            let (gain, x) = c.temperature.increment(self.r_s(), self.point.i_s.norm_sq());
-            let r_s = c.model.r_s;
-            self.r_s.add_clamped(gain, x, r_s * R::from_f64(R_S_RANGE.0), r_s * R::from_f64(R_S_RANGE.1));
-        }
+        let (gain, x) = c.temperature.increment(self.r_s(), self.point.i_s.norm_sq());
+        let r_s = c.model.r_s;
+        self.r_s.add_clamped(gain, x, r_s * R::from_f64(R_S_RANGE.0), r_s * R::from_f64(R_S_RANGE.1));
     }
 
     /// Rotor resistance relative to the parameter, by the temperature that the stator resistance shows

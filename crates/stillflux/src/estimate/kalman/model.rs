@@ -264,7 +264,7 @@ impl<R: Real> Model<R> {
     }
 
     /// The same with `γ`, as the derivatives need it.
-    #[inline(never)]
+    #[inline(always)]
     pub fn magnetisation(&self, m: R, gamma: R, c: R) -> Magnetisation<R> {
         let curve = self.curve(m, c);
         Magnetisation { m_g: curve.m_g, slope: gamma * curve.slope, bend: m * curve.bend }

@@ -178,6 +178,7 @@ fn transition_and_measurement_rows_are_the_derivatives_of_the_model() {
                 u_s: Vector2::new(r(), r()) * 0.1,
                 loss: Distortion {
                     phases: [r() * 0.03, r() * 0.03, r() * 0.03],
+                    #[cfg(feature = "legs")]
                     legs: [0.0; 3],
                     least: 0.003,
                     full: 0.033,
@@ -493,6 +494,7 @@ impl ClosedLoop {
         let phases = AlphaBeta::new(mean.x, mean.y).to_phases();
         let loss = Distortion {
             phases: phases.map(|i| LOSS * (i * 20.0).clamp(-1.0, 1.0)),
+            #[cfg(feature = "legs")]
             legs: [0.0; 3],
             least: 0.0,
             full: LOSS,

@@ -158,18 +158,19 @@ impl<R: Real> Filter<R> {
         self.period = (period & 1) as u8;
     }
 
-    /// Executes the slot of this period.
-    #[inline(never)]
+    /// Executes the slot of this period: a branch to the code of each, which has its own frame on the stack.
+    #[inline(always)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
         match Slot::of(self.period) {
             Slot::Parameters => {
                 self.correct_parameters(c);
-                self.warm(c);
+                // Where it is known how the current heats the winding.
+                if !likely(!c.temperature.predicts()) {
+                    self.warm(c);
+                }
             }
             Slot::Rotor => self.rotor(c),
-            Slot::Magnetisation => {
-                self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
-            }
+            Slot::Magnetisation => self.magnetise(c),
             Slot::Flux(second) => self.flux_advance(c, second),
             Slot::Noise => self.add_noise(c),
             Slot::Gain => {
@@ -179,6 +180,12 @@ impl<R: Real> Filter<R> {
             Slot::Update => self.update_last(),
             Slot::Idle => {}
         }
+    }
+
+    /// Magnetising curve at the present estimates.
+    #[inline(never)]
+    fn magnetise(&mut self, c: &FilterConfig<R>) {
+        self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
     }
 
     /// Row and column of `m`.
