@@ -537,7 +537,9 @@ impl<R: Real> InverterModel<R> {
             let after = swing - before;
             let own = g * u[k] * r(1.5);
             let (mut rising, mut falling) = (i[k] - own, i[k] + own - after - after);
-            for x in [(k + 1) % 3, (k + 2) % 3] {
+            for turn in 1..3 {
+                // A remainder here: the compiler sees that it is an index of three.
+                let x = (k + turn) % 3;
                 let lead = g * (v[x] - v[k]);
                 let (r, f) = if i[x] > R::ZERO { (lead - after, lead - before) } else { (lead + before, lead + after) };
                 rising -= r.max(R::ZERO);

@@ -13,7 +13,11 @@ Independent draws; `g` is normal, cut at ±2.5 of its standard deviations:
 | offset of each current channel | 0.7 % g of rated peak current |
 | gain of each current channel | 1 + 0.5 % g |
 | dc link | 2 % of ripple at 100 Hz, its phase uniform |
+| delay of each switch, on and off | 1σ 25 ns about a delay common to all |
 | noise of the current channels | 0.4 % of rated rms current, its own seed |
+
+Delays of gate drivers: data sheets of drivers with digital isolators allow 5 to 30 ns between two of them, those with
+optocouplers ten times as much, and switches add some tens. The drive is told nothing of the delays.
 
 The ripple is a staircase with ten steps a period: the link is a source whose voltage changes at given times.
 """
@@ -42,6 +46,8 @@ TOLD_SIGMA, TOLD_RANGE = 0.4, (1.0 / 3.0, 3.0)
 """Standard deviation of the logarithm, and range, of the capacitance told over the real one."""
 RIPPLE, RIPPLE_FREQUENCY, RIPPLE_STEP = 0.02, 100.0, 1e-3
 """Amplitude over the mean, Hz, and s between two steps."""
+DELAY = 25e-9
+"""Standard deviation of the delay of a switch, s."""
 CUT = 2.5
 LEAST_FACTOR = 0.3
 
@@ -106,6 +112,13 @@ def drawn(drive: TypicalDrive, seed: int, scale: float = 1.0) -> Installation:
         "current_gain": [1.0 + scale * 0.005 * g() for _ in range(3)],
         "coulomb": friction * motor.T_N,
     }
+    phase = 2.0 * math.pi * uniform()
+
+    def delays() -> list[tuple[float, float]]:
+        # What is common to the switches is no voltage; none is negative.
+        return [(scale * DELAY * (CUT + g()), scale * DELAY * (CUT + g())) for _ in range(3)]
+
+    plant["turn_on_delay"], plant["turn_off_delay"] = delays(), delays()
     return Installation(
         motor=real,
         inverter=inverter.replace(
@@ -113,7 +126,7 @@ def drawn(drive: TypicalDrive, seed: int, scale: float = 1.0) -> Installation:
         ),
         told=inverter.replace(c_out=min(told * c_out, C_RANGE[1])),
         plant=plant,
-        phase=2.0 * math.pi * uniform(),
+        phase=phase,
         numbers={
             **factors,
             "knee": c_out * inverter.u_dc / inverter.dead_time / peak,

@@ -10,6 +10,7 @@ from typing import Any
 from stillflux.evidence.claims import Claim
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import ADC_NOISE
+from stillflux.evidence.tolerance import start_up
 from stillflux.options import PlantOptions
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -49,8 +50,9 @@ class Operation:
 
 
 def magnetised(machine: str) -> float:
-    """When a drive of `drives.DRIVES` runs: offset reading and magnetisation are over, s."""
-    return 0.3 + max(1.4, 4.0 * DRIVES[machine].motor.tau_r)
+    """When a drive of `drives.DRIVES` runs: offset reading and magnetisation are over for 0.2 s, s."""
+    drive = DRIVES[machine]
+    return start_up(drive.motor, drive.inverter) + 0.2
 
 
 def asked(

@@ -25,6 +25,9 @@ pub(crate) const SMALL: f64 = 0.4;
 const LEGS_TIME: f64 = 0.01;
 #[cfg(feature = "legs")]
 const LEGS_SETTLE: f64 = 20.0;
+/// The longest, in rotor time constants: with slower alternations a free shaft begins to turn, as a machine on one phase does.
+#[cfg(feature = "legs")]
+const LEGS_SLOWEST: f64 = 0.25;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
 /// with temperature; a faster fit follows the noise of its samples.
 const BALANCE_RATE: f64 = 2.1;
@@ -40,10 +43,12 @@ fn legs_half(current_bandwidth: f64) -> f64 {
     LEGS_TIME.max(LEGS_SETTLE / (core::f64::consts::TAU * current_bandwidth))
 }
 
-/// Duration of the comparison of the legs at a bandwidth of current control, s.
+/// Duration of the comparison of the legs at a bandwidth of current control, s; 0: current control is too slow for it.
 #[cfg(feature = "legs")]
-pub(super) fn legs_time(current_bandwidth: f64) -> f64 {
-    f64::from(PLATEAUS) * legs_half(current_bandwidth)
+#[allow(non_snake_case)]
+pub(super) fn legs_time(machine: &Machine, current_bandwidth: f64) -> f64 {
+    let half = legs_half(current_bandwidth);
+    if half > LEGS_SLOWEST * machine.L_M / machine.R_R { 0.0 } else { f64::from(PLATEAUS) * half }
 }
 
 /// Settings of the estimators.
@@ -131,8 +136,9 @@ impl<R: Real> EnhancedConfig<R> {
             search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
             #[cfg(feature = "legs")]
             legs: {
-                let half = if p.compares_legs() { inverter.periods(legs_half(p.current_bandwidth)) } else { 0 };
-                LegsConfig::new(pu, half, p.current_sensors == 3)
+                let half = if p.compares_legs(machine) { inverter.periods(legs_half(p.current_bandwidth)) } else { 0 };
+                // One shunt has one gain. With two sensors a difference of their gains looks like the odd part.
+                LegsConfig::new(pu, half, p.current_sensors != 2)
             },
             #[cfg(feature = "modes")]
             pair_weight: if p.current_sensors == 2 {

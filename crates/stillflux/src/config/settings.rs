@@ -33,7 +33,7 @@ const PERIODS_OVERMODULATED: f64 = 45.0;
 
 /// Duration of the comparison of the legs, s: without the enhanced scheme there is none.
 #[cfg(not(all(feature = "enhanced", feature = "legs")))]
-fn legs_time(_: f64) -> f64 {
+fn legs_time(_: &Machine, _: f64) -> f64 {
     0.0
 }
 
@@ -272,7 +272,8 @@ pub struct EnhancedParams {
     /// Estimate stator resistance, inverter error and knee.
     pub identify_resistance: bool,
     /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), in the first
-    /// 0.2 s of its magnetisation; not without `inverter_model` and `calibrate_offset`.
+    /// 0.2 s of its magnetisation; not without `inverter_model` and `calibrate_offset`, nor with a `current_bandwidth`
+    /// below `12.7 R_R/L_M`, in Hz.
     pub identify_legs: bool,
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
@@ -310,7 +311,7 @@ impl EnhancedParams {
         Self {
             identify_offset: true,
             identify_resistance: true,
-            identify_legs: true,
+            identify_legs: cfg!(feature = "legs"),
             apply_innovation: true,
             omega_s_min: 0.006 * machine.omega_sR(),
             prior_R_s: r_s,
@@ -543,7 +544,7 @@ impl DriveParams {
             current_sensors: 3,
             shunt_settling: 0.0,
             shunt_window: (inverter.dead_time + 2.5e-6).min(WINDOW_MAX / inverter.f_s),
-            magnetise_time: (4.0 * tau_r + legs_time(current_bandwidth)).max(1.4),
+            magnetise_time: (4.0 * tau_r + legs_time(machine, current_bandwidth)).max(1.4),
             low_confidence: LowConfidence::Keep,
             fresh_time: 10.0,
             supervision: true,
@@ -627,20 +628,18 @@ impl DriveParams {
 
     /// Whether a start compares the legs of the bridge. Offsets of the sensors that were not read would be taken for a
     /// voltage of the legs.
-    pub(super) fn compares_legs(&self) -> bool {
-        cfg!(feature = "legs")
-            && self.scheme == Scheme::Enhanced
-            && self.enhanced.identify_legs
-            && self.inverter_model
-            && self.calibrate_offset
+    pub(super) fn compares_legs(&self, machine: &Machine) -> bool {
+        let known = self.inverter_model && self.calibrate_offset;
+        let fast = legs_time(machine, self.current_bandwidth) > 0.0;
+        self.scheme == Scheme::Enhanced && self.enhanced.identify_legs && known && fast
     }
 
     /// Part of the magnetisation in which the flux builds up and settles and the resistance is identified, s.
     pub(super) fn build_up_time(&self, machine: &Machine) -> f64 {
-        if !self.compares_legs() {
+        if !self.compares_legs(machine) {
             return self.magnetise_time;
         }
-        let left = self.magnetise_time - legs_time(self.current_bandwidth);
+        let left = self.magnetise_time - legs_time(machine, self.current_bandwidth);
         left.max(LEAST_BUILD_UP * machine.L_M / machine.R_R)
     }
 

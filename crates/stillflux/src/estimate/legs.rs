@@ -20,7 +20,7 @@
 //! Unequal gains of three current sensors turn the real current out of the direction of the measured one, by `I x·t_k/3`
 //! ([`super::balance`]). The sum of the measured currents shows `x` at the same time, and its `(r_s + r_R) I x/3`
 //! is taken off. With
-//! two sensors the odd part is not measured.
+//! two sensors the odd part is not measured; one shunt has one gain.
 //!
 //! | half plateaus of a direction | 1 | 2 | 2 | 1 |
 //! |---|---|---|---|---|
@@ -94,13 +94,13 @@ pub struct LegsConfig<R: Real> {
     decay: R,
     /// 64 times the weight of the reversal, of which a period is `1/half`.
     reversal: R,
-    /// Whether the odd part is measured.
+    /// Whether the odd part is measured: not with two sensors.
     odd: bool,
 }
 words!(LegsConfig: half, weight, r, l, build_up, inv_tau_r, decay, reversal, odd);
 
 impl<R: Real> LegsConfig<R> {
-    /// For half plateaus of `half` periods; `odd`: all three currents are measured.
+    /// For half plateaus of `half` periods; `odd`: all three currents are measured, or by one shunt.
     #[must_use]
     pub fn new(pu: &PerUnit, half: u32, odd: bool) -> Self {
         let of = f64::from(window(half).max(1));
