@@ -5,7 +5,9 @@
 use super::enhanced::legs_time;
 use crate::base::Base;
 use crate::estimate::priors::Priors;
-use crate::estimate::temperature::{ALUMINIUM, Temperature};
+use crate::estimate::temperature::ALUMINIUM;
+#[cfg(feature = "enhanced")]
+use crate::estimate::temperature::Temperature;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::words::Words;
 
@@ -365,6 +367,7 @@ impl EnhancedParams {
     }
 
     /// What is known of the temperatures.
+    #[cfg(feature = "enhanced")]
     pub(crate) fn temperature(&self) -> Option<Temperature> {
         let Self { cage_constant: cage, rotor_rise, winding_heat: heat, .. } = *self;
         self.winding_temperature.map(|winding| Temperature { winding, cage, rotor_rise, heat })

@@ -187,6 +187,7 @@ impl<R: Real> FilterConfig<R> {
     }
 
     /// Whether the rotor resistance follows the temperature.
+    #[cfg(feature = "enhanced")]
     #[inline(always)]
     pub(crate) fn follows_temperature(&self) -> bool {
         self.temperature.follows()
