@@ -19,6 +19,10 @@ use crate::space::AlphaBeta;
 
 /// Part of the squared voltage from which discontinuous modulation begins, at which it ends.
 const HYSTERESIS: f64 = 0.9;
+/// Period of four in which the ripple of a leg is computed: the one with the fewest instructions otherwise.
+const RIPPLE: u32 = 2;
+/// Largest voltage with which it is, per unit.
+const LOW: f64 = 0.25;
 
 /// A period's voltage.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,6 +44,10 @@ pub(super) struct Voltage<R: Real> {
     commanded: [Commanded<R>; 2],
     /// Loss of the inverter model in the latest of them.
     pub loss: Distortion<R>,
+    /// What the ripple of the currents adds to it near current zero.
+    ripple: [R; 3],
+    /// The leg whose ripple was computed last.
+    leg: u8,
     /// `1/u_dc` of the latest period.
     inv_u_dc: R,
     /// A leg was held at a rail in the latest period.
@@ -57,6 +65,8 @@ impl<R: Real> Voltage<R> {
         Self {
             commanded: [Commanded::default(); 2],
             loss: Distortion::default(),
+            ripple: [R::ZERO; 3],
+            leg: 0,
             inv_u_dc: R::ZERO,
             discontinuous: false,
             #[cfg(feature = "shunt")]
@@ -69,6 +79,7 @@ impl<R: Real> Voltage<R> {
     pub fn block(&mut self) {
         self.commanded = [Commanded::default(); 2];
         self.loss = Distortion::default();
+        self.ripple = [R::ZERO; 3];
         #[cfg(feature = "shunt")]
         self.shunt.block();
     }
@@ -117,6 +128,25 @@ impl<R: Real> Voltage<R> {
         })
     }
 
+    /// Ripple of the next leg; at larger voltages, where it does not count, the currents would have turned away before it is
+    /// the leg's turn again.
+    #[inline(never)]
+    fn follow_ripple(
+        &mut self,
+        c: &DriveConfig<R>,
+        u_ref: &AlphaBeta<R>,
+        (i_ref, u): (&AlphaBeta<R>, &[R; 3]),
+        knee: &Knee<R>,
+    ) {
+        if u_ref.norm_sq() > R::from_f64(LOW * LOW) {
+            self.ripple = [R::ZERO; 3];
+            return;
+        }
+        self.leg = if self.leg < 2 { self.leg + 1 } else { 0 };
+        let k = usize::from(self.leg);
+        self.ripple[k % 3] = c.inverter.ripple(knee, k, (i_ref, u), &self.loss);
+    }
+
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
     /// will flow then: it is free from noise. `gain` and `knee`: estimated factor and curve of the model.
     #[inline(always)]
@@ -130,7 +160,13 @@ impl<R: Real> Voltage<R> {
         (gain, knee): (R, &Knee<R>),
     ) -> Duty<R> {
         let (u, mut clamped) = (u_ref.to_phases(), None);
-        self.loss = c.inverter.distortion_of(knee, (i_ref, &u), u_dc, gain);
+        self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
+        if period & 3 == RIPPLE {
+            self.follow_ripple(c, u_ref, (i_ref, &u), knee);
+        }
+        for (e, ripple) in self.loss.phases.iter_mut().zip(&self.ripple) {
+            *e += *ripple;
+        }
         if !likely(c.discontinuous_sq().is_none()) {
             clamped = self.clamp(c, u_ref, &u);
         }
