@@ -263,7 +263,8 @@ impl<R: Real> Common<R> {
         }
         let (period, u_dc) = (self.sequence.period(), measured.u_dc);
         let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, start_up);
-        let duty = self.control.duties(c, &field, period, u_dc, estimators.inverter(c));
+        let ripple = period & 3 == E::RIPPLE;
+        let duty = self.control.duties(c, &field, (period, ripple), u_dc, estimators.inverter(c));
         let running = start_up.is_none();
         if likely(running) {
             self.slow_tasks(c, estimators, reference, u_dc);

@@ -285,13 +285,14 @@ impl<R: Real> Knee<R> {
     /// Loss of a leg by its dead time, relative to that far from current zero.
     #[inline(never)]
     fn part(&self, i: R) -> R {
-        let magnitude = i.abs();
-        let part = if magnitude > self.width {
-            R::ONE - self.tail.dividend().over_64(magnitude)
-        } else {
-            magnitude * self.slope * R::from_f64(SCALE)
-        };
+        let part = self.part_of(i.abs());
         if i < R::ZERO { -part } else { part }
+    }
+
+    /// The same for a positive current.
+    #[inline(always)]
+    fn part_of(&self, i: R) -> R {
+        if i > self.width { R::ONE - self.tail.dividend().over_64(i) } else { i * self.slope * R::from_f64(SCALE) }
     }
 
     /// Other differences of the legs, at a dc link.
@@ -510,9 +511,10 @@ impl<R: Real> InverterModel<R> {
         }
         let dead = first.full - first.least;
         let swing = self.shift + self.shift;
-        let part = knee.part(if i.within(knee.width) { i - self.shift } else { i });
+        let start = if i.within(knee.width) { i - self.shift } else { i };
+        let part = knee.part_of(start.abs());
         // `s δ` and `s (1 - δ)`.
-        let before = swing * (r(1.0 / 3.0) - r(0.27) * part.abs());
+        let before = swing * (r(1.0 / 3.0) - r(0.27) * part);
         let after = swing - before;
         let own = g * u[k % 3] * r(1.5);
         let (mut rising, mut falling) = (i - own, i + own - after - after);
@@ -526,12 +528,12 @@ impl<R: Real> InverterModel<R> {
             falling += f.max(R::ZERO);
         }
         let earlier = g * dead * r(4.0);
-        let mut both = part.max(R::ZERO);
+        let (part, mut both) = if start < R::ZERO { (-part, R::ZERO) } else { (part, part) };
         for _ in 0..2 {
-            both = knee.part((falling + earlier * both).max(R::ZERO));
+            both = knee.part_of((falling + earlier * both).max(R::ZERO));
         }
         if rising < R::ZERO {
-            both += knee.part(rising);
+            both -= knee.part_of(-rising);
         }
         dead * (both - part)
     }

@@ -192,13 +192,14 @@ impl<R: Real> Control<R> {
         self.overload.theta()
     }
 
-    /// Current control: duties for the next period. `inverter`: estimated factor and curve of the inverter model.
+    /// Current control: duties for the next period. `inverter`: estimated factor and curve of the inverter model; `period`: its number, and
+    /// whether the ripple of a leg is computed in it.
     #[inline(always)]
     pub fn duties(
         &mut self,
         c: &DriveConfig<R>,
         x: &FieldQuantities<R>,
-        period: u32,
+        period: (u32, bool),
         u_dc: R,
         inverter: (R, &Knee<R>),
     ) -> Duty<R> {

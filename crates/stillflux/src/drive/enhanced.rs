@@ -382,6 +382,8 @@ impl<R: Real> EnhancedEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
+    const RIPPLE: u32 = 2;
+
     fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>) {
         let r = R::from_f64;
         self.start = pause.map_or(Start::Unknown, |pause| {

@@ -81,6 +81,9 @@ pub(super) struct Estimated<R: Real> {
 
 /// Estimators of a scheme, with its start-up sequence.
 pub(super) trait Estimators<R: Real> {
+    /// Period of four in which the ripple of a leg's current is computed: the one with the fewest instructions otherwise.
+    const RIPPLE: u32;
+
     /// A start-up begins with the next period; `pause`: periods since the drive ran last, if what it learned then is
     /// fresh.
     fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>);

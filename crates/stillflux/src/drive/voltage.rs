@@ -19,9 +19,7 @@ use crate::space::AlphaBeta;
 
 /// Part of the squared voltage from which discontinuous modulation begins, at which it ends.
 const HYSTERESIS: f64 = 0.9;
-/// Period of four in which the ripple of a leg is computed: the one with the fewest instructions otherwise.
-const RIPPLE: u32 = 2;
-/// Largest voltage with which it is, per unit.
+/// Largest voltage with which the ripple of the currents is computed, per unit.
 const LOW: f64 = 0.25;
 
 /// A period's voltage.
@@ -148,12 +146,13 @@ impl<R: Real> Voltage<R> {
     }
 
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
-    /// will flow then: it is free from noise. `gain` and `knee`: estimated factor and curve of the model.
+    /// will flow then: it is free from noise. `gain` and `knee`: estimated factor and curve of the model; `ripple`: whether
+    /// it is this period's turn to compute the ripple of a leg.
     #[inline(always)]
     pub fn command(
         &mut self,
         c: &DriveConfig<R>,
-        period: u32,
+        (period, ripple): (u32, bool),
         u_ref: &AlphaBeta<R>,
         i_ref: &AlphaBeta<R>,
         u_dc: R,
@@ -161,7 +160,7 @@ impl<R: Real> Voltage<R> {
     ) -> Duty<R> {
         let (u, mut clamped) = (u_ref.to_phases(), None);
         self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
-        if period & 3 == RIPPLE {
+        if ripple {
             self.follow_ripple(c, u_ref, (i_ref, &u), knee);
         }
         for (e, ripple) in self.loss.phases.iter_mut().zip(&self.ripple) {

@@ -62,6 +62,8 @@ pub struct Blocks<R: Word> {
     current_control: CurrentController<R>,
     /// Stator frequency of this period, if the flux estimator has not been told it yet.
     follow: Option<R>,
+    /// Field weakening in the latest slow period.
+    weakened: bool,
     /// Periods in which a block and the drive disagreed: flux, speed, resistance, confidence or flux control.
     different: u32,
 }
@@ -81,6 +83,7 @@ impl<R: Word> Blocks<R> {
             flux_control: FluxController::default(),
             current_control: CurrentController::default(),
             follow: None,
+            weakened: false,
             different: 0,
         };
         blocks.flux_control.start();
@@ -139,6 +142,11 @@ impl<R: Word> Blocks<R> {
         let mut i_d = e.i_dq_ref.re();
         if turn == 0 {
             let i_q = e.i_dq_ref.im();
+            let weakened = e.psi_ref != c.flux_control_config().psi_rated;
+            if self.weakened && !weakened {
+                self.flux_control.leave_weakening();
+            }
+            self.weakened = weakened;
             if let Reference::Speed(omega) = input.reference {
                 costs.speed_control.call(|| speed_control(&mut self.speed_control, c, omega, speed.omega_m));
             }
