@@ -7,7 +7,7 @@ use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
 #[cfg(feature = "legs")]
-use crate::estimate::legs::{LegsConfig, PLATEAUS};
+use crate::estimate::legs::{LegsConfig, half_plateau};
 use crate::estimate::priors::Priors;
 use crate::estimate::search::SearchConfig;
 use crate::params::{Inverter, Machine};
@@ -20,14 +20,6 @@ const CATCH_BLOCK: f64 = 1e-3;
 /// and three.
 pub(crate) const REDUCED: f64 = 0.7;
 pub(crate) const SMALL: f64 = 0.4;
-/// Half plateaus of the current in which the legs are compared, s; and the least, in time constants of current control.
-#[cfg(feature = "legs")]
-const LEGS_TIME: f64 = 0.01;
-#[cfg(feature = "legs")]
-const LEGS_SETTLE: f64 = 20.0;
-/// The longest, in rotor time constants: with slower alternations a free shaft begins to turn, as a machine on one phase does.
-#[cfg(feature = "legs")]
-const LEGS_SLOWEST: f64 = 0.25;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
 /// with temperature; a faster fit follows the noise of its samples.
 const BALANCE_RATE: f64 = 2.1;
@@ -36,20 +28,6 @@ const BALANCE_OFFSET_RATE: f64 = 0.34;
 const PULL_OUT_USE: f64 = 0.6;
 /// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
 const SHIFT_RATE: f64 = 0.5;
-
-/// Half of a plateau in the comparison of the legs at a bandwidth of current control, s.
-#[cfg(feature = "legs")]
-fn legs_half(current_bandwidth: f64) -> f64 {
-    LEGS_TIME.max(LEGS_SETTLE / (core::f64::consts::TAU * current_bandwidth))
-}
-
-/// Duration of the comparison of the legs at a bandwidth of current control, s; 0: current control is too slow for it.
-#[cfg(feature = "legs")]
-#[allow(non_snake_case)]
-pub(super) fn legs_time(machine: &Machine, current_bandwidth: f64) -> f64 {
-    let half = legs_half(current_bandwidth);
-    if half > LEGS_SLOWEST * machine.L_M / machine.R_R { 0.0 } else { f64::from(PLATEAUS) * half }
-}
 
 /// Settings of the estimators.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,7 +114,8 @@ impl<R: Real> EnhancedConfig<R> {
             search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
             #[cfg(feature = "legs")]
             legs: {
-                let half = if p.compares_legs(machine) { inverter.periods(legs_half(p.current_bandwidth)) } else { 0 };
+                let half =
+                    if p.compares_legs(machine) { inverter.periods(half_plateau(p.current_bandwidth)) } else { 0 };
                 // One shunt has one gain. With two sensors a difference of their gains looks like the odd part.
                 LegsConfig::new(pu, half, p.current_sensors != 2)
             },

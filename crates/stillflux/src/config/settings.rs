@@ -1,9 +1,9 @@
 //! Settings of a drive, SI unless marked per unit, with defaults derived from machine and inverter (docs/gains.md) and
 //! the admissible range of each. A value outside it is an error that names field, value and range.
 
-#[cfg(all(feature = "enhanced", feature = "legs"))]
-use super::enhanced::legs_time;
 use crate::base::Base;
+#[cfg(all(feature = "enhanced", feature = "legs"))]
+use crate::estimate::legs::legs_time;
 use crate::estimate::priors::Priors;
 use crate::estimate::temperature::ALUMINIUM;
 #[cfg(feature = "enhanced")]
@@ -35,7 +35,7 @@ const PERIODS_OVERMODULATED: f64 = 45.0;
 
 /// Duration of the comparison of the legs, s: without the enhanced scheme there is none.
 #[cfg(not(all(feature = "enhanced", feature = "legs")))]
-fn legs_time(_: &Machine, _: f64) -> f64 {
+fn legs_time(_: f64, _: f64) -> f64 {
     0.0
 }
 
@@ -547,7 +547,7 @@ impl DriveParams {
             current_sensors: 3,
             shunt_settling: 0.0,
             shunt_window: (inverter.dead_time + 2.5e-6).min(WINDOW_MAX / inverter.f_s),
-            magnetise_time: (4.0 * tau_r + legs_time(machine, current_bandwidth)).max(1.4),
+            magnetise_time: (4.0 * tau_r + legs_time(tau_r, current_bandwidth)).max(1.4),
             low_confidence: LowConfidence::Keep,
             fresh_time: 10.0,
             supervision: true,
@@ -633,7 +633,7 @@ impl DriveParams {
     /// voltage of the legs.
     pub(super) fn compares_legs(&self, machine: &Machine) -> bool {
         let known = self.inverter_model && self.calibrate_offset;
-        let fast = legs_time(machine, self.current_bandwidth) > 0.0;
+        let fast = legs_time(machine.L_M / machine.R_R, self.current_bandwidth) > 0.0;
         self.scheme == Scheme::Enhanced && self.enhanced.identify_legs && known && fast
     }
 
@@ -642,7 +642,7 @@ impl DriveParams {
         if !self.compares_legs(machine) {
             return self.magnetise_time;
         }
-        let left = self.magnetise_time - legs_time(machine, self.current_bandwidth);
+        let left = self.magnetise_time - legs_time(machine.L_M / machine.R_R, self.current_bandwidth);
         left.max(LEAST_BUILD_UP * machine.L_M / machine.R_R)
     }
 

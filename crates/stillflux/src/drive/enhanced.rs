@@ -51,10 +51,9 @@ use crate::inverter::Legs;
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Speed found in the first direction above which the legs are not compared any further: below it what looks like a
-/// rotation may be unequal legs.
+/// Speed found by the search that is believed against the comparison of the legs.
 #[cfg(feature = "legs")]
-const CERTAINLY_ROTATING: f64 = 0.3;
+const CERTAINLY_ROTATING: f64 = 0.1;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
 /// Largest uncertainty of its direction, rad, and speed of the stop of a shaft that is taken as one that is held.
@@ -252,7 +251,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 _ => {
                     #[cfg(feature = "legs")]
                     {
-                        self.alternation = c.enhanced.legs.is_on().then_some(0);
+                        self.alternation = (c.enhanced.legs.is_on() && self.put_off == 0).then_some(0);
                     }
                     Start::Unknown
                 }
@@ -279,10 +278,13 @@ impl<R: Real> EnhancedEstimators<R> {
             #[cfg_attr(not(feature = "legs"), allow(unused_mut))]
             if let Some(mut omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
                 #[cfg(feature = "legs")]
-                if self.at_rest {
+                if self.at_rest && omega.within(R::from_f64(CERTAINLY_ROTATING)) {
                     // The comparison of the legs has seen it for far longer.
                     self.search.reject();
                     omega = R::ZERO;
+                } else {
+                    // At a few speeds its mean passes zero, and what it found then are no legs.
+                    self.legs = if self.at_rest { *c.inverter.legs() } else { self.legs };
                 }
                 self.speed_estimator.start(&psi_r, omega);
                 (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
@@ -360,13 +362,17 @@ impl<R: Real> EnhancedEstimators<R> {
         self.alternation = Some(period + 1);
         self.put_off += 1;
         let [all, first] = config.periods();
-        if period + 1 == first && !self.legs_probe.is_at_rest(R::from_f64(CERTAINLY_ROTATING)) {
+        if period + 1 == first && !self.legs_probe.is_at_rest(config.certainly()) {
             self.alternation = None;
+            // The flux that the alternation has left turns with the shaft: the start-up begins again and catches it.
+            self.put_off += self.catch_periods;
         } else if period + 1 == all {
             self.at_rest = self.legs_probe.is_at_rest(R::from_f64(ROTATING));
             if self.at_rest {
                 self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
                 self.knee.set_legs(&self.legs, x.u_dc);
+            } else {
+                self.put_off += self.catch_periods;
             }
             self.alternation = None;
         }

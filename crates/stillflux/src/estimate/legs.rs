@@ -53,6 +53,9 @@
 //! ω = Σ ψ_R × ε/Σ |ψ_R|²
 //! ```
 //!
+//! With the angle by which the shaft turns in half a plateau the flux falls behind, and at a few speeds this mean passes
+//! zero (at 0.3 of 50 Hz with 10 ms): the speed search, which follows, has the last word.
+//!
 //! **Validity.** Standstill. Currents of the legs (`I` and `I/2`) above the knee.
 
 use super::balance::Balance;
@@ -66,7 +69,7 @@ use crate::words::words;
 const HALVES: u32 = 6;
 const DIRECTIONS: u32 = 3;
 /// Half plateaus of the whole: the last one is without current.
-pub(crate) const PLATEAUS: u32 = DIRECTIONS * HALVES + 1;
+const PLATEAUS: u32 = DIRECTIONS * HALVES + 1;
 /// Current that alternates, relative to that of the build-up: the shaft of a salient machine, which is free, turns by its square.
 const CURRENT: f64 = 0.5;
 /// Half width of the window, in parts of a half plateau.
@@ -74,6 +77,25 @@ const WINDOW: (u32, u32) = (3, 5);
 /// Gain of the sums of which the quotient counts: the reciprocal of some thousand periods.
 const MEAN: f64 = 1.0 / 2048.0;
 const SQRT_3_HALF: f64 = 0.866_025_403_784_438_6;
+
+/// Least half of a plateau, s and in time constants of current control; and the longest, in rotor time constants: with slower
+/// alternations a free shaft begins to turn, as a machine on one phase does.
+const LEAST: f64 = 0.01;
+const SETTLE: f64 = 20.0;
+const SLOWEST: f64 = 0.25;
+/// Angle of the shaft in half a plateau up to which the mean of `ω` grows with it; it passes zero at twice this angle.
+const TURN: f64 = 0.45;
+
+/// Half of a plateau at a bandwidth of current control in Hz, s.
+pub(crate) fn half_plateau(current_bandwidth: f64) -> f64 {
+    LEAST.max(SETTLE / (core::f64::consts::TAU * current_bandwidth))
+}
+
+/// Duration of the comparison with a rotor time constant in s, s; 0: current control is too slow for it.
+pub(crate) fn legs_time(tau_r: f64, current_bandwidth: f64) -> f64 {
+    let half = half_plateau(current_bandwidth);
+    if half > SLOWEST * tau_r { 0.0 } else { f64::from(PLATEAUS) * half }
+}
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,10 +116,12 @@ pub struct LegsConfig<R: Real> {
     decay: R,
     /// 64 times the weight of the reversal, of which a period is `1/half`.
     reversal: R,
+    /// Speed in the first direction above which it is not measured.
+    certainly: R,
     /// Whether the odd part is measured: not with two sensors.
     odd: bool,
 }
-words!(LegsConfig: half, weight, r, l, build_up, inv_tau_r, decay, reversal, odd);
+words!(LegsConfig: half, weight, r, l, build_up, inv_tau_r, decay, reversal, certainly, odd);
 
 impl<R: Real> LegsConfig<R> {
     /// For half plateaus of `half` periods; `odd`: all three currents are measured, or by one shunt.
@@ -115,8 +139,14 @@ impl<R: Real> LegsConfig<R> {
             inv_tau_r: r(1.0 / pu.tau_r),
             decay: r(pu.t_s / pu.tau_r),
             reversal: r(64.0 / 3.0 * pu.t_s / pu.tau_r / f64::from(half.max(1))),
+            certainly: r((TURN / (f64::from(half.max(1)) * pu.t_s)).min(0.3)),
             odd,
         }
+    }
+
+    /// Speed found in the first direction above which the machine certainly rotates.
+    pub fn certainly(&self) -> R {
+        self.certainly
     }
 
     /// Periods of the whole measurement, and of its first direction.

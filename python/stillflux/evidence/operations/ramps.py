@@ -165,7 +165,7 @@ def _check_overload(result: Result) -> list[Claim]:
 
 
 def _too_hot(result: Result) -> Sequence[Claim]:
-    return [at_least("heat of the bridge", float(_heat(result).max()), 1.2)]
+    return [at_least("heat of the bridge", float(_heat(result).max()), 1.1)]
 
 
 OPERATIONS = (
