@@ -362,7 +362,7 @@ impl<R: Real> EnhancedEstimators<R> {
         self.alternation = Some(period + 1);
         self.put_off += 1;
         let [all, first] = config.periods();
-        if period + 1 == first && !self.legs_probe.is_at_rest(config.certainly()) {
+        if period + 1 == first && self.legs_probe.rotates() {
             self.alternation = None;
             // The flux that the alternation has left turns with the shaft: the start-up begins again and catches it.
             self.put_off += self.catch_periods;
@@ -371,8 +371,6 @@ impl<R: Real> EnhancedEstimators<R> {
             if self.at_rest {
                 self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
                 self.knee.set_legs(&self.legs, x.u_dc);
-            } else {
-                self.put_off += self.catch_periods;
             }
             self.alternation = None;
         }

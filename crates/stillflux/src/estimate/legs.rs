@@ -78,22 +78,25 @@ const WINDOW: (u32, u32) = (3, 5);
 const MEAN: f64 = 1.0 / 2048.0;
 const SQRT_3_HALF: f64 = 0.866_025_403_784_438_6;
 
-/// Least half of a plateau, s and in time constants of current control; and the longest, in rotor time constants: with slower
-/// alternations a free shaft begins to turn, as a machine on one phase does.
+/// Least half of a plateau, s and in time constants of current control; and in rotor time constants, of which the flux is
+/// half as much of rated: with less the voltage errors of the bridge are a rotation.
 const LEAST: f64 = 0.01;
 const SETTLE: f64 = 20.0;
+const FLUX: f64 = 0.03;
+/// The longest, in rotor time constants: with slower alternations a free shaft begins to turn, as a machine on one phase does.
 const SLOWEST: f64 = 0.25;
-/// Angle of the shaft in half a plateau up to which the mean of `ω` grows with it; it passes zero at twice this angle.
-const TURN: f64 = 0.45;
+/// Speed found in the first direction above which the comparison ends: below it what looks like a rotation may be unequal
+/// legs.
+const CERTAINLY_ROTATING: f64 = 0.3;
 
-/// Half of a plateau at a bandwidth of current control in Hz, s.
-pub(crate) fn half_plateau(current_bandwidth: f64) -> f64 {
-    LEAST.max(SETTLE / (core::f64::consts::TAU * current_bandwidth))
+/// Half of a plateau with a rotor time constant in s, at a bandwidth of current control in Hz; s.
+pub(crate) fn half_plateau(tau_r: f64, current_bandwidth: f64) -> f64 {
+    LEAST.max(FLUX * tau_r).max(SETTLE / (core::f64::consts::TAU * current_bandwidth))
 }
 
 /// Duration of the comparison with a rotor time constant in s, s; 0: current control is too slow for it.
 pub(crate) fn legs_time(tau_r: f64, current_bandwidth: f64) -> f64 {
-    let half = half_plateau(current_bandwidth);
+    let half = half_plateau(tau_r, current_bandwidth);
     if half > SLOWEST * tau_r { 0.0 } else { f64::from(PLATEAUS) * half }
 }
 
@@ -116,12 +119,10 @@ pub struct LegsConfig<R: Real> {
     decay: R,
     /// 64 times the weight of the reversal, of which a period is `1/half`.
     reversal: R,
-    /// Speed in the first direction above which it is not measured.
-    certainly: R,
     /// Whether the odd part is measured: not with two sensors.
     odd: bool,
 }
-words!(LegsConfig: half, weight, r, l, build_up, inv_tau_r, decay, reversal, certainly, odd);
+words!(LegsConfig: half, weight, r, l, build_up, inv_tau_r, decay, reversal, odd);
 
 impl<R: Real> LegsConfig<R> {
     /// For half plateaus of `half` periods; `odd`: all three currents are measured, or by one shunt.
@@ -139,14 +140,8 @@ impl<R: Real> LegsConfig<R> {
             inv_tau_r: r(1.0 / pu.tau_r),
             decay: r(pu.t_s / pu.tau_r),
             reversal: r(64.0 / 3.0 * pu.t_s / pu.tau_r / f64::from(half.max(1))),
-            certainly: r((TURN / (f64::from(half.max(1)) * pu.t_s)).min(0.3)),
             odd,
         }
-    }
-
-    /// Speed found in the first direction above which the machine certainly rotates.
-    pub fn certainly(&self) -> R {
-        self.certainly
     }
 
     /// Periods of the whole measurement, and of its first direction.
@@ -279,6 +274,11 @@ impl<R: Real> LegsProbe<R> {
         add(&mut self.odd, signed + reversal, &AlphaBeta::new(-axis.sin * across, axis.cos * across));
         add(&mut self.sum, signed, &(axis.axis() * sum));
         Alternation { axis, part }
+    }
+
+    /// Whether the machine certainly rotates, after the first direction.
+    pub fn rotates(&self) -> bool {
+        !self.is_at_rest(R::from_f64(CERTAINLY_ROTATING))
     }
 
     /// Whether the machine turned slower than `omega`.
