@@ -46,7 +46,7 @@ def run(elf: Path, arithmetic: str, scheme: str = "enhanced") -> Comparison:
 
 #: Features of an image of the commissioning whose page is that of the recording on the host: both have the same
 #: schemes.
-COMMISSION = ["commission", "paper", "enhanced", "variants", "supervision", "dclink", "modes", "shunt", "legs"]
+COMMISSION = ["commission", "paper", "enhanced", "variants", "supervision", "dclink", "modes", "shunt", "encoder", "legs"]
 
 
 def commission(elf: Path, arithmetic: str) -> tuple[Comparison, Path, bool]:

@@ -507,6 +507,7 @@ mod tests {
                     && (got.L_M - m.L_M).abs() < 1e-7
                     && (got.L_sigma - m.L_sigma).abs() < 1e-8
             );
+            #[cfg(feature = "legs")]
             assert!(got.leg_delay.iter().zip(m.leg_delay).all(|(x, y)| (x[0] - y[0]).hypot(x[1] - y[1]) < 1e-10));
             assert!((got.i_off[0] - m.i_off[0]).abs() < 1e-5 && (got.loss_error - m.loss_error).abs() < 1e-6);
         }
