@@ -598,6 +598,7 @@ def test_a_winding_that_changes_at_speed_turns_no_field_and_is_found_on_the_way_
     assert angle[(result.t > 10) & (result.t < 44)].max() < 3.0
     assert angle[result.t > 44].max() < 15.0
     assert angle[result.t > 54].max() < 3.0
-    # One current shows one voltage in phase with it: how it divides between resistance and loss of the bridge (a tenth of
-    # it at 4 kW) is decided by their priors. 5 to 8 % of the resistance are left there, the field is right.
+    # One current shows one voltage in phase with it: how it divides between resistance and loss of the
+    # bridge (a tenth of it at 4 kW) is decided by their priors. 5 to 8 % of the resistance are left there,
+    # the field is right.
     assert result["estimate.R_s"][-1] == pytest.approx(warmed * motor.R_s + inverter.r_d, rel=0.09)

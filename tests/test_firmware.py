@@ -182,9 +182,9 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
 
 #: Bytes of an image with one scheme and without the optional features of the core, f32 and q: library
 #: (interrupt and start from the page), `Drive`, stack of one interrupt whatever it calls. The design asks for
-#: 16 KiB of flash, 1024 bytes of RAM and 512 of stack. The published one misses that by 1.1 kB of flash in f32
-#: and, where each product saturates, by 3.3 kB and 72 bytes of RAM in q. The enhanced one, with the start into
-#: a turning machine and eleven states, misses flash and RAM by far.
+#: 16 KiB of flash, 1024 bytes of RAM and 512 of stack. The published one misses that by 1.1 kB of flash in
+#: f32 and, where each product saturates, by 3.3 kB and 72 bytes of RAM in q. The enhanced one, with the start
+#: into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (17_536, 19_712), "ram_drive": (1024, 1104), "stack_step": (416, 416)},
     "enhanced": {"flash_library": (31_104, 40_320), "ram_drive": (1616, 1680), "stack_step": (504, 480)},
