@@ -19,7 +19,7 @@ from stillflux.options import DriveSettings
         ("speed-step", "2.2kW"),
         ("speed-step", "0.37kW"),
         ("speed-step-negative", "45kW"),
-        ("inductance", "45kW"),
+        ("inductance", "48V"),
         ("ramp", "2.2kW"),
         ("limits-by-direction", "4kW"),
         ("overload", "2.2kW"),
