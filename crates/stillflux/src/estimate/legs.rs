@@ -78,26 +78,26 @@ const WINDOW: (u32, u32) = (3, 5);
 const MEAN: f64 = 1.0 / 2048.0;
 const SQRT_3_HALF: f64 = 0.866_025_403_784_438_6;
 
-/// Least half of a plateau, s and in time constants of current control; and in rotor time constants, of which the flux is
-/// half as much of rated: with less the voltage errors of the bridge are a rotation.
+/// Least half of a plateau, s and in time constants of current control.
 const LEAST: f64 = 0.01;
 const SETTLE: f64 = 20.0;
-const FLUX: f64 = 0.03;
-/// The longest, in rotor time constants: with slower alternations a free shaft begins to turn, as a machine on one phase does.
+/// Half of a plateau in rotor time constants: with less than the first the flux is so small that the voltage errors of the
+/// bridge are a rotation, with more than the second a free shaft begins to turn, as a machine on one phase does.
+const FLUX: f64 = 0.025;
 const SLOWEST: f64 = 0.25;
 /// Speed found in the first direction above which the comparison ends: below it what looks like a rotation may be unequal
 /// legs.
 const CERTAINLY_ROTATING: f64 = 0.3;
 
-/// Half of a plateau with a rotor time constant in s, at a bandwidth of current control in Hz; s.
-pub(crate) fn half_plateau(tau_r: f64, current_bandwidth: f64) -> f64 {
-    LEAST.max(FLUX * tau_r).max(SETTLE / (core::f64::consts::TAU * current_bandwidth))
+/// Half of a plateau at a bandwidth of current control in Hz, s.
+pub(crate) fn half_plateau(current_bandwidth: f64) -> f64 {
+    LEAST.max(SETTLE / (core::f64::consts::TAU * current_bandwidth))
 }
 
-/// Duration of the comparison with a rotor time constant in s, s; 0: current control is too slow for it.
+/// Duration of the comparison with a rotor time constant in s, s; 0: the machine's is too long or too short for it.
 pub(crate) fn legs_time(tau_r: f64, current_bandwidth: f64) -> f64 {
-    let half = half_plateau(tau_r, current_bandwidth);
-    if half > SLOWEST * tau_r { 0.0 } else { f64::from(PLATEAUS) * half }
+    let half = half_plateau(current_bandwidth);
+    if half < FLUX * tau_r || half > SLOWEST * tau_r { 0.0 } else { f64::from(PLATEAUS) * half }
 }
 
 /// Settings.
