@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,10 +29,14 @@ class Comparison:
 
 
 def record(arithmetic: str, scheme: str = "enhanced") -> tuple[Path, Path]:
-    """Frames to the target and the host's answers; beside them the telemetry."""
+    """Frames to the target and the host's answers; beside them the telemetry. Files are replaced as a whole:
+    another process may be reading those of its own recording."""
     toolchain.OUT.mkdir(parents=True, exist_ok=True)
     names = [f"{scheme}-{arithmetic}.{kind}" for kind in ("frames", "answers", "telemetry")]
-    toolchain.host_example("record_pil", arithmetic, scheme, *names)
+    parts = [f"{name}.{os.getpid()}" for name in names]
+    toolchain.host_example("record_pil", arithmetic, scheme, *parts)
+    for part, name in zip(parts, names, strict=True):
+        (toolchain.OUT / part).replace(toolchain.OUT / name)
     return toolchain.OUT / names[0], toolchain.OUT / names[1]
 
 
