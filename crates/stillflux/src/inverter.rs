@@ -35,7 +35,7 @@
 //!
 //! over the other two legs `x`, `T` the period of the carrier. The last term is the earlier fall of the own node. `δ` is the
 //! part of the dead time after which the current has its mean, weighted by the charge that it still moves: a third for a
-//! ramp that takes all of the dead time, less for a shorter one; 1/3 - 0.27 |e|/U is taken. The start is the
+//! ramp that takes all of the dead time, less for a shorter one; 1/3 - 0.27 |e|/U, fitted, is taken. The start is the
 //! first approximation `e(i - s/2)`, in which `s/2 = u_dc T_d/(6 L_σ)` is the mean of both differences for a small current
 //! without `u`; two steps follow.
 //!
@@ -93,6 +93,10 @@ use crate::words::{Words, words};
 const BAND: f64 = 0.1;
 /// Half width of the range in which both edges of a leg are told apart, relative to that of the linear part.
 const NEAR: f64 = 3.0;
+/// Part `δ` of the dead time for a ramp of the node that takes all of it, and by what it is less for one that takes none:
+/// the first by integration, the second fitted to the integrated period.
+const SLOW_RAMP: f64 = 1.0 / 3.0;
+const FAST_RAMP: f64 = 0.27;
 /// Keeps reciprocals of small currents within the fixed-point range.
 const SCALE: f64 = 64.0;
 /// Largest knee, per unit.
@@ -504,9 +508,9 @@ impl<R: Real> InverterModel<R> {
     /// which the machine is to have the phase voltages `u`.
     #[inline(never)]
     pub fn ripple(&self, knee: &Knee<R>, k: usize, (i_s, u): (&AlphaBeta<R>, &[R; 3]), first: &Distortion<R>) -> R {
-        let (r, g, phases) = (R::from_f64, self.ripple, i_s.to_phases());
+        let (literal, g, phases) = (R::from_f64, self.ripple, i_s.to_phases());
         let i = phases[k % 3];
-        if !i.within(knee.width * r(NEAR)) {
+        if !i.within(knee.width * literal(NEAR)) {
             return R::ZERO;
         }
         let dead = first.full - first.least;
@@ -514,20 +518,20 @@ impl<R: Real> InverterModel<R> {
         let start = if i.within(knee.width) { i - self.shift } else { i };
         let part = knee.part_of(start.abs());
         // `s δ` and `s (1 - δ)`.
-        let before = swing * (r(1.0 / 3.0) - r(0.27) * part);
+        let before = swing * (literal(SLOW_RAMP) - literal(FAST_RAMP) * part);
         let after = swing - before;
-        let own = g * u[k % 3] * r(1.5);
+        let own = g * u[k % 3] * literal(1.5);
         let (mut rising, mut falling) = (i - own, i + own - after - after);
         let v = u[k % 3] + first.phases[k % 3];
         // Remainders: the compiler sees that they are indices of three.
         for x in [(k + 1) % 3, (k + 2) % 3] {
             let lead = g * (u[x] + first.phases[x] - v);
-            let (r, f) =
+            let (at_rise, at_fall) =
                 if phases[x] > R::ZERO { (lead - after, lead - before) } else { (lead + before, lead + after) };
-            rising -= r.max(R::ZERO);
-            falling += f.max(R::ZERO);
+            rising -= at_rise.max(R::ZERO);
+            falling += at_fall.max(R::ZERO);
         }
-        let earlier = g * dead * r(4.0);
+        let earlier = g * dead * literal(4.0);
         let (part, mut both) = if start < R::ZERO { (-part, R::ZERO) } else { (part, part) };
         for _ in 0..2 {
             both = knee.part_of((falling + earlier * both).max(R::ZERO));

@@ -192,8 +192,8 @@ impl<R: Real> Control<R> {
         self.overload.theta()
     }
 
-    /// Current control: duties for the next period. `inverter`: estimated factor and curve of the inverter model; `period`: its number, and
-    /// whether the ripple of a leg is computed in it.
+    /// Current control: duties for the next period. `inverter`: estimated factor and curve of the inverter model;
+    /// `period`: its number, and whether the ripple of a leg is computed in it.
     #[inline(always)]
     pub fn duties(
         &mut self,

@@ -10,8 +10,9 @@
 //! Otherwise:
 //!
 //! 1. The current alternates along the three axes, 0.2 s at 10 kHz, which shows how the legs of the bridge differ
-//!    ([`crate::estimate::legs`]), and whether the machine is at rest; a machine that certainly rotates is found after a
-//!    third of it. Without `identify_legs` this is left out.
+//!    ([`crate::estimate::legs`]), and whether the machine is at rest. In a machine that certainly rotates it ends
+//!    after a third, and the start-up begins again, since the flux that is left turns. Without `identify_legs` this is left
+//!    out.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections.
 //! 3. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
@@ -51,9 +52,10 @@ use crate::inverter::Legs;
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Speed found by the search that is believed against the comparison of the legs.
+/// Speed from which on the speed search prevails over a comparison of the legs that has found the machine at rest.
+/// Allowance: what a search at rest takes for a rotation is below it.
 #[cfg(feature = "legs")]
-const CERTAINLY_ROTATING: f64 = 0.1;
+const PREVAILS: f64 = 0.1;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
 const RESIDUAL: f64 = 0.15;
 /// Largest uncertainty of its direction, rad, and speed of the stop of a shaft that is taken as one that is held.
@@ -278,13 +280,15 @@ impl<R: Real> EnhancedEstimators<R> {
             #[cfg_attr(not(feature = "legs"), allow(unused_mut))]
             if let Some(mut omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
                 #[cfg(feature = "legs")]
-                if self.at_rest && omega.within(R::from_f64(CERTAINLY_ROTATING)) {
-                    // The comparison of the legs has seen it for far longer.
-                    self.search.reject();
-                    omega = R::ZERO;
-                } else {
-                    // At a few speeds its mean passes zero, and what it found then are no legs.
-                    self.legs = if self.at_rest { *c.inverter.legs() } else { self.legs };
+                if self.at_rest {
+                    if omega.within(R::from_f64(PREVAILS)) {
+                        // The comparison of the legs has seen it for far longer.
+                        self.search.reject();
+                        omega = R::ZERO;
+                    } else {
+                        // At a few speeds its mean passes zero, and what it found then are no legs.
+                        self.legs = *c.inverter.legs();
+                    }
                 }
                 self.speed_estimator.start(&psi_r, omega);
                 (self.speed.omega_m, self.speed.omega_s) = (omega, omega);

@@ -19,7 +19,8 @@ use crate::space::AlphaBeta;
 
 /// Part of the squared voltage from which discontinuous modulation begins, at which it ends.
 const HYSTERESIS: f64 = 0.9;
-/// Largest voltage with which the ripple of the currents is computed, per unit.
+/// Largest voltage with which the ripple of the currents is computed, per unit: at the speed that belongs to it a current
+/// turns by 5° until it is the leg's turn again, and is near its zero for 15° (2.2 kW, 10 kHz). Allowance.
 const LOW: f64 = 0.25;
 
 /// A period's voltage.
