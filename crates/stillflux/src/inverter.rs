@@ -152,11 +152,21 @@ impl<R: Real> Legs<R> {
     }
 }
 
-/// Parameters of the inverter model, per unit.
+/// Parameters of the inverter model, per unit, and the curve that follows from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct InverterModel<R: Real> {
+    parameters: Parameters<R>,
+    /// The curve for their knee and legs.
+    nominal: Knee<R>,
+}
+
+/// What determines an [`InverterModel`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+struct Parameters<R: Real> {
     /// Threshold voltage.
     u_th: R,
     /// Dead time as part of the period.
@@ -164,72 +174,42 @@ pub struct InverterModel<R: Real> {
     /// Least half width of the linear part, and its reciprocal over `SCALE`.
     band: R,
     inv_band: R,
-    /// The knee `I_k` of the parameters.
+    /// The knee `I_k`.
     knee: R,
     /// Sampled current less that at the edges, near current zero: `u_dc T_d/(6 L_σ)`, and `T/(6 L_σ)`.
     shift: R,
     ripple: R,
-    /// Differences of the legs of the parameters, and the rated dc link.
+    /// Differences of the legs, and the rated dc link.
     #[cfg(feature = "legs")]
     legs: Legs<R>,
     #[cfg(feature = "legs")]
     u_dc: R,
-    /// The curve for this knee and these legs.
-    nominal: Knee<R>,
 }
+words!(Parameters: u_th, dead_time, band, inv_band, knee, shift, ripple,
+    #[cfg(feature = "legs")] legs, #[cfg(feature = "legs")] u_dc);
 
-/// The curve follows from the other constants and is not stored.
+/// The curve follows from the parameters and is not stored.
 impl<R: Real> Words for InverterModel<R> {
-    const LEN: usize = Stored::<R>::LEN;
-    const LAYOUT: u32 = Stored::<R>::LAYOUT;
+    const LEN: usize = Parameters::<R>::LEN;
+    const LAYOUT: u32 = Parameters::<R>::LAYOUT;
     fn is_representable(&self) -> bool {
-        self.stored().is_representable()
+        self.parameters.is_representable()
     }
     fn put(&self, out: &mut impl FnMut(u32)) {
-        self.stored().put(out);
+        self.parameters.put(out);
     }
     fn take(from: &mut impl FnMut() -> u32) -> Self {
-        Stored::take(from).model()
+        Parameters::take(from).model()
     }
 }
 
-/// What determines an [`InverterModel`]: its fields, and the rated dc link.
-struct Stored<R: Real> {
-    u_th: R,
-    dead_time: R,
-    band: R,
-    inv_band: R,
-    knee: R,
-    shift: R,
-    ripple: R,
-    #[cfg(feature = "legs")]
-    legs: Legs<R>,
-    #[cfg(feature = "legs")]
-    u_dc: R,
-}
-words!(Stored: u_th, dead_time, band, inv_band, knee, shift, ripple, #[cfg(feature = "legs")] legs, #[cfg(feature = "legs")] u_dc);
-
-impl<R: Real> Stored<R> {
+impl<R: Real> Parameters<R> {
     fn model(self) -> InverterModel<R> {
-        let Self { u_th, dead_time, band, inv_band, knee, shift, ripple, .. } = self;
         let mut nominal = Knee::default();
-        nominal.set(knee, band);
+        nominal.set(self.knee, self.band);
         #[cfg(feature = "legs")]
         nominal.set_legs(&self.legs, self.u_dc);
-        InverterModel {
-            u_th,
-            dead_time,
-            band,
-            inv_band,
-            knee,
-            shift,
-            ripple,
-            #[cfg(feature = "legs")]
-            legs: self.legs,
-            #[cfg(feature = "legs")]
-            u_dc: self.u_dc,
-            nominal,
-        }
+        InverterModel { parameters: self, nominal }
     }
 }
 
@@ -380,7 +360,7 @@ impl<R: Real> InverterModel<R> {
         let r = R::from_f64;
         let (band, knee) = (r(width), r(pu.knee.min(KNEE_MAX)));
         let edges = pu.knee > 0.0 && !pu.double_update;
-        Stored {
+        Parameters {
             u_th: r(pu.u_th),
             dead_time: r(pu.dead_time),
             band,
@@ -400,7 +380,7 @@ impl<R: Real> InverterModel<R> {
     #[must_use]
     pub fn ideal() -> Self {
         let (knee, band, inv_band) = (R::ZERO, R::ONE, R::from_f64(1.0 / SCALE));
-        Stored {
+        Parameters {
             u_th: R::ZERO,
             dead_time: R::ZERO,
             band,
@@ -416,23 +396,6 @@ impl<R: Real> InverterModel<R> {
         .model()
     }
 
-    fn stored(&self) -> Stored<R> {
-        let Self { u_th, dead_time, band, inv_band, knee, shift, ripple, .. } = *self;
-        Stored {
-            u_th,
-            dead_time,
-            band,
-            inv_band,
-            knee,
-            shift,
-            ripple,
-            #[cfg(feature = "legs")]
-            legs: self.legs,
-            #[cfg(feature = "legs")]
-            u_dc: self.u_dc,
-        }
-    }
-
     /// The curve for a knee `relative` times that of the parameters.
     pub fn knee(&self, relative: R) -> Knee<R> {
         let mut knee = self.nominal;
@@ -443,14 +406,14 @@ impl<R: Real> InverterModel<R> {
     /// Moves a curve to the knee `relative` times that of the parameters; its legs stay.
     #[inline(never)]
     pub fn follow(&self, knee: &mut Knee<R>, relative: R) {
-        knee.set((self.knee * relative).min(R::from_f64(KNEE_MAX)), self.band);
+        knee.set((self.parameters.knee * relative).min(R::from_f64(KNEE_MAX)), self.parameters.band);
     }
 
     /// Differences of the legs of the parameters.
     #[cfg(feature = "legs")]
     #[inline(always)]
     pub fn legs(&self) -> &Legs<R> {
-        &self.legs
+        &self.parameters.legs
     }
 
     /// The curve for the knee of the parameters.
@@ -461,7 +424,7 @@ impl<R: Real> InverterModel<R> {
 
     /// Whether the parameters have a knee at all.
     pub fn is_capacitive(&self) -> bool {
-        self.knee > R::ZERO
+        self.parameters.knee > R::ZERO
     }
 
     /// Voltage lost in each phase at the phase currents of `i_s`: add it to the reference to compensate. `gain`
@@ -469,7 +432,7 @@ impl<R: Real> InverterModel<R> {
     /// first approximation alone ([`InverterModel::ripple`]).
     #[inline]
     pub fn distortion(&self, knee: &Knee<R>, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> Distortion<R> {
-        let (least, dead) = (self.u_th * gain, self.dead_time * u_dc * gain);
+        let (least, dead) = (self.parameters.u_th * gain, self.parameters.dead_time * u_dc * gain);
         let full = least + dead;
         let tail = (dead * knee.tail).dividend();
         // A branch for each sign costs less than magnitude and sign apart.
@@ -483,7 +446,7 @@ impl<R: Real> InverterModel<R> {
                 (negative_full - tail.over_64_of_negative(i) + own, own)
             } else {
                 let own = if cfg!(feature = "legs") { knee.delays_near_zero(i, k) } else { -R::ZERO };
-                (self.near_zero(knee, i - self.shift, least, dead) + own, own)
+                (self.near_zero(knee, i - self.parameters.shift, least, dead) + own, own)
             }
         };
         let [a, b, c] = i_s.to_phases();
@@ -500,7 +463,7 @@ impl<R: Real> InverterModel<R> {
     /// Loss of a leg in the linear part of its curve.
     #[inline(never)]
     fn near_zero(&self, knee: &Knee<R>, i: R, least: R, dead: R) -> R {
-        let e = least * (i.abs() * self.inv_band * R::from_f64(SCALE)).min(R::ONE);
+        let e = least * (i.abs() * self.parameters.inv_band * R::from_f64(SCALE)).min(R::ONE);
         dead * knee.part(i) + if i < R::ZERO { -e } else { e }
     }
 
@@ -508,14 +471,14 @@ impl<R: Real> InverterModel<R> {
     /// which the machine is to have the phase voltages `u`.
     #[inline(never)]
     pub fn ripple(&self, knee: &Knee<R>, k: usize, (i_s, u): (&AlphaBeta<R>, &[R; 3]), first: &Distortion<R>) -> R {
-        let (literal, g, phases) = (R::from_f64, self.ripple, i_s.to_phases());
+        let (literal, g, phases) = (R::from_f64, self.parameters.ripple, i_s.to_phases());
         let i = phases[k % 3];
         if !i.within(knee.width * literal(NEAR)) {
             return R::ZERO;
         }
         let dead = first.full - first.least;
-        let swing = self.shift + self.shift;
-        let start = if i.within(knee.width) { i - self.shift } else { i };
+        let swing = self.parameters.shift + self.parameters.shift;
+        let start = if i.within(knee.width) { i - self.parameters.shift } else { i };
         let part = knee.part_of(start.abs());
         // `s δ` and `s (1 - δ)`.
         let before = swing * (literal(SLOW_RAMP) - literal(FAST_RAMP) * part);
@@ -587,17 +550,17 @@ mod tests {
 
     /// The sampled current at which that at the edges is `x` times the knee, by the first approximation.
     fn sampled(model: &InverterModel<f64>, i_k: f64, x: f64) -> AlphaBeta<f64> {
-        AlphaBeta::new(x * i_k + if x.abs() < 1.0 { model.shift } else { 0.0 }, 0.0)
+        AlphaBeta::new(x * i_k + if x.abs() < 1.0 { model.parameters.shift } else { 0.0 }, 0.0)
     }
 
     #[test]
     fn with_capacitance_the_loss_is_the_charge_that_the_current_moves_in_the_dead_time() {
         let (model, u_dc, i_k) = capacitive();
         let knee = model.knee(1.0);
-        let full = u_dc * model.dead_time;
+        let full = u_dc * model.parameters.dead_time;
         for x in [0.02, 0.3, 0.9, 1.001, 1.5, 3.0, 10.0, 20.0] {
             let i = sampled(&model, i_k, x);
-            let e = (model.distortion(&knee, &i, u_dc, 1.0).phases[0] - model.u_th) / full;
+            let e = (model.distortion(&knee, &i, u_dc, 1.0).phases[0] - model.parameters.u_th) / full;
             let law = if x < 1.0 { 0.5 * x } else { 1.0 - 0.5 / x };
             assert!((e - law).abs() < 1e-9, "{x}: {e}, not {law}");
         }
@@ -617,7 +580,7 @@ mod tests {
     #[test]
     fn halves_of_a_period_lose_what_their_edges_do() {
         let (model, u_dc, i_k) = capacitive();
-        let full = u_dc * model.dead_time;
+        let full = u_dc * model.parameters.dead_time;
         for x in [0.3_f64, 0.9, 1.5, 10.0, -0.5, -4.0] {
             let i = sampled(&model, i_k, x);
             let loss = model.distortion(&model.knee(1.0), &i, u_dc, 1.0);
@@ -625,7 +588,7 @@ mod tests {
             let ramp = if x.abs() < 1.0 { 1.0 - 0.5 * x.abs() } else { 0.5 / x.abs() };
             let (waits, ramps) = (2.0 * full, 2.0 * full * ramp);
             let (rising, falling) = if x > 0.0 { (waits, -ramps) } else { (ramps, -waits) };
-            let th = if x > 0.0 { model.u_th } else { -model.u_th };
+            let th = if x > 0.0 { model.parameters.u_th } else { -model.parameters.u_th };
             let got = [loss.of_half(true, None)[0] + 2.0 * full, loss.of_half(false, None)[0] - 2.0 * full];
             assert!((got[0] - th - rising).abs() < 1e-9 && (got[1] - th - falling).abs() < 1e-9, "{x}: {got:?}");
             // A leg without edges has the threshold alone, and lacks what is common to the others.
@@ -664,7 +627,11 @@ mod tests {
             );
         }
         // Continuous at the knee, and through zero.
-        for i in [model.nominal.width + model.shift, model.shift, model.shift - model.nominal.width] {
+        for i in [
+            model.nominal.width + model.parameters.shift,
+            model.parameters.shift,
+            model.parameters.shift - model.nominal.width,
+        ] {
             let u = |i: f64| at(&model, &AlphaBeta::new(i, 0.0)).phases[0];
             assert!((u(i + 1e-9) - u(i - 1e-9)).abs() < 1e-6);
         }
@@ -686,7 +653,7 @@ mod tests {
             let phases = i.to_phases();
             for j in 0..3 {
                 // Within its narrow linear part the threshold is taken for a part of the loss that has no knee.
-                if (phases[j] - model.shift).abs() < model.band {
+                if (phases[j] - model.parameters.shift).abs() < model.parameters.band {
                     continue;
                 }
                 let numeric = (down.phases[j] - up.phases[j]) / 2e-6;
