@@ -2,14 +2,16 @@
 //! with dense `f64` matrices of nalgebra, built from [`super::model`] and [`super::noise`], at the end of each block.
 //! The scheduled filter must agree with it, and the derivatives in the model with central differences of its equations.
 
+use super::covariance::N;
+use super::intermediate::{Gain, Intermediate};
 use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA,
     SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
 };
-use super::schedule::{Holds, OMEGA_HELD, OMEGA_LEAKAGE_HELD, REMEMBERED};
+use super::schedule::{OMEGA_HELD, OMEGA_LEAKAGE_HELD, REMEMBERED};
 use super::{
-    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, N, NIS_CORNER,
-    NIS_THRESHOLD, R_S_RANGE, SIGMA_LOST, V_MAX, noise,
+    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, NIS_CORNER, NIS_THRESHOLD,
+    R_S_RANGE, SIGMA_LOST, V_MAX, noise,
 };
 use crate::base::{Base, PerUnit};
 use crate::inverter::Distortion;
@@ -248,10 +250,9 @@ impl Reference {
                 value(&filter.c),
             ]),
             p: dense(filter),
-            gain: if filter.holds == Holds::Innovation {
-                State::from(filter.column) * filter.inv_s
-            } else {
-                State::zeros()
+            gain: match filter.intermediate {
+                Intermediate::Gain(Gain { ph }) => State::from(ph) * filter.inv_s,
+                _ => State::zeros(),
             },
             pending: None,
             inv_s: filter.inv_s,

@@ -11,12 +11,12 @@
 //! for the others. `settle` holds for a machine at standstill whose flux has reached the steady state of its current.
 //! Every initialisation goes through one reset of the covariance.
 
+use super::covariance::{Column, Covariance};
+use super::intermediate::{Gain, Intermediate};
+use super::learned::Learned;
 use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
 use super::noise::SIGMA_AGAIN;
-use super::schedule::Holds;
-use super::{
-    B_MAX, Column, Covariance, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, Learned, R_S_RANGE, V_MAX,
-};
+use super::{B_MAX, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, R_S_RANGE, V_MAX};
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
 
@@ -31,16 +31,6 @@ const SETTLED: f64 = 0.02;
 /// change with temperature, an offset hardly does.
 const fn least_variance(k: usize) -> f64 {
     if k == B || k == B + 1 { 1.0 / 256.0 } else { 1.0 / 16.0 }
-}
-
-/// Values before a start, and their variances: the settled flux initialises from them a second time.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub(super) struct Initial<R: Real> {
-    learned: Learned<R>,
-    /// Scaled variances of `b`, `r_s`, `v`, `k`, `l`, `γ`.
-    variance: [R; 6],
 }
 
 impl<R: Real> Filter<R> {
@@ -68,7 +58,7 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn reset_covariance(&mut self, variance: &Column<R>) {
         self.p.set_diagonal(variance);
-        self.holds = Holds::Nothing;
+        self.intermediate = Intermediate::Nothing;
     }
 
     /// States and covariance at the values before the present start, except the saturation, which stays.
@@ -186,17 +176,17 @@ impl<R: Real> Filter<R> {
         let per_gamma = self.flux_per_gamma(c, psi_s - self.sigma_l_s(c) * self.i_s.re());
         let of_gamma = per_gamma * (self.gamma.value() - self.initial.learned.gamma) * r(1.0 / SCALE_GAMMA);
         let z = (psi_s - self.value().re()) * r(1.0 / SCALE_PSI) - of_gamma;
-        let column = self.p.project(&[(PSI, R::ONE), (GAMMA, per_gamma)]);
-        let s = column[PSI] + per_gamma * column[GAMMA] + r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) });
+        let ph = self.p.project(&[(PSI, R::ONE), (GAMMA, per_gamma)]);
+        let s = ph[PSI] + per_gamma * ph[GAMMA] + r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) });
         let inv_s = s.max(r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) })).recip();
         if z * z * inv_s < r(9.0) {
-            (self.column, self.inv_s, self.holds) = (column, inv_s, Holds::Innovation);
+            (self.intermediate, self.inv_s) = (Intermediate::Gain(Gain { ph }), inv_s);
             self.correct(c, z);
             self.correct_parameters(c);
             self.update_first();
             self.update_last();
         }
-        self.holds = Holds::Nothing;
+        self.intermediate = Intermediate::Nothing;
     }
 
     /// Change of a settled flux `m` per error of the inductance, in the scales of both.
