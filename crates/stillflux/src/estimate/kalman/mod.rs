@@ -87,6 +87,8 @@ mod model;
 mod noise;
 #[cfg(test)]
 mod reference;
+#[cfg(test)]
+mod robustness;
 mod schedule;
 mod start;
 
@@ -469,7 +471,7 @@ fn correct_state<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
 
 #[cfg(test)]
 mod tests {
-    use super::model::{B, LEAKAGE, RS};
+    use super::model::{B, GAMMA, KNEE, LEAKAGE, RS, V};
     use super::*;
     use crate::base::{Base, PerUnit};
     use crate::estimate::priors::Priors;
@@ -642,6 +644,9 @@ mod tests {
         next.start(&rig.c, &AlphaBeta::default());
         assert_eq!(next.r_s(), rig.filter.r_s());
         let prior = rig.c.noise.prior();
-        assert!(next.p.get(RS, RS) <= prior[RS] / 16.0 && next.p.get(B, B) <= prior[B] / 256.0);
+        for k in [RS, V, KNEE, LEAKAGE, GAMMA] {
+            assert_eq!(next.p.get(k, k), prior[k] / 16.0, "state {k}");
+        }
+        assert_eq!([next.p.get(B, B), next.p.get(B + 1, B + 1)], [prior[B] / 256.0; 2]);
     }
 }

@@ -247,4 +247,51 @@ mod tests {
         }
         assert_eq!(filter.p.get(RS, RS), c.noise.prior()[RS]);
     }
+
+    /// A filter at the settled flux of a direct current.
+    fn settled() -> (FilterConfig<f64>, Filter<f64>) {
+        let (machine, inverter) = (Machine::preset_11k(), Inverter::preset_11k());
+        let pu = PerUnit::new(&machine, &inverter).unwrap();
+        let identified = Identified { offset: true, resistance: true, flux: true };
+        let c = FilterConfig::new(&machine, &inverter, &pu, 1.0, true, identified);
+        let mut filter = Filter::new(&c);
+        filter.start(&c, &AlphaBeta::new(0.3, 0.0));
+        filter.settle(&c, 1.0);
+        (c, filter)
+    }
+
+    #[test]
+    fn the_settled_flux_keeps_what_the_transient_has_shown_of_the_saturation() {
+        let (c, mut filter) = settled();
+        let prior = c.noise.prior()[C];
+        for (before, after) in [(prior / 100.0, prior / 25.0), (prior, prior)] {
+            let own = filter.p.get(C, C);
+            filter.p.add_at(C, C, before - own);
+            filter.c.set(0.21);
+            filter.settle(&c, 1.0);
+            assert_eq!(filter.c.value(), 0.21);
+            assert!((filter.p.get(C, C) / after - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_settled_flux_is_a_measurement_unless_it_contradicts_the_filter() {
+        let (c, filter) = settled();
+        // The error of the inductance is common to both fluxes: of their difference the deviation is that of the flux apart
+        // from it, and of the measurement.
+        let mut wide = filter;
+        let variance = (0.05 / SCALE_PSI) * (0.05 / SCALE_PSI);
+        wide.p.add_at(PSI, PSI, variance);
+        let expected = ((0.05 * 0.05 + SETTLED * SETTLED) / (SCALE_PSI * SCALE_PSI) + c.noise.prior()[PSI]).sqrt();
+        for (deviations, taken) in [(2.5, true), (-2.5, true), (4.0, false), (-4.0, false)] {
+            let mut drifted = wide;
+            let off = deviations * expected * SCALE_PSI;
+            drifted.psi_s.set(AlphaBeta::new(1.0 + off, 0.0));
+            drifted.settle_again(&c, 1.0);
+            let left = (drifted.value().re() - 1.0) / off;
+            assert_eq!(left < 0.3, taken, "{deviations}: {left} of it are left");
+            assert_eq!((left - 1.0).abs() < 1e-9, !taken, "{deviations}: {left} of it are left");
+            assert_eq!(drifted.p.get(PSI, PSI) < wide.p.get(PSI, PSI), taken);
+        }
+    }
 }
