@@ -337,7 +337,13 @@ impl<R: Real> EnhancedEstimators<R> {
         if stage == c.magnetise_periods && self.gone_back == 0 {
             let left = self.pair.difference();
             if !left.within(R::from_f64(KNOWN_DIFFERENCE)) {
-                self.half_difference = (self.half_difference + left.half()).limit(R::from_f64(HALF_MAX));
+                let known = self.half_difference;
+                self.half_difference = (known + left.half()).limit(R::from_f64(HALF_MAX));
+                #[cfg(feature = "legs")]
+                if self.at_rest {
+                    let (found, i) = (self.half_difference - known, c.magnetising_current(0).re());
+                    self.legs = c.enhanced.legs.without_difference(&self.legs, found + found, i, x.u_dc);
+                }
                 self.gone_back = c.magnetise_periods - begin / 2;
                 self.pair = Pair::default();
             }
