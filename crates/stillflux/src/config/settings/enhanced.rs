@@ -24,8 +24,8 @@ pub struct EnhancedParams {
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
     /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
-    /// most 30 % ([`crate::control::shift`]). 0: the flux stays. By default 0.3 of the rated slip frequency, which at rated
-    /// load takes an eighth of the flux, and 0.006 of rated frequency at least.
+    /// most 30 % ([`crate::control::shift`]). 0: the flux stays. By default 0.4 of the rated slip frequency, which at rated
+    /// load takes a sixth of the flux, and 0.006 of rated frequency at least.
     pub omega_s_min: f64,
     /// Relative standard deviation with which the filter begins, at least 0.002: of the stator resistance with its
     /// temperature, at most 0.5.
@@ -52,12 +52,12 @@ pub struct EnhancedParams {
 
 /// Parts of the rated frequency and of the rated slip.
 const SHIFT_LEAST: f64 = 0.006;
-const SHIFT: f64 = 0.3;
+const SHIFT: f64 = 0.4;
 /// Of rated frequency.
 const SHIFT_MOST: f64 = 0.05;
 
 /// Stator frequency to keep, rad/s. A constant error of the voltage turns the flux by the more, the slower the field turns; the
-/// flux that is given up for it is `1 - √(1/1.3)` at rated load, whatever the slip.
+/// flux that is given up for it is `1 - √(1/1.4)` at rated load, whatever the slip.
 fn shift(machine: &Machine) -> f64 {
     let base = Base::new(machine);
     let psi_r = machine.L_M / machine.L_s();
