@@ -263,7 +263,11 @@ impl<R: Real> Common<R> {
         }
         let (period, u_dc) = (self.sequence.period(), measured.u_dc);
         let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, start_up);
-        let ripple = period & 3 == E::RIPPLE;
+        let symmetric = start_up.is_some_and(|at| estimators.is_searching(at));
+        if !likely(!symmetric) {
+            self.control.voltage.forget_ripple();
+        }
+        let ripple = period & 3 == E::RIPPLE && !symmetric;
         let duty = self.control.duties(c, &field, (period, ripple), u_dc, estimators.inverter(c));
         let running = start_up.is_none();
         if likely(running) {

@@ -14,7 +14,8 @@
 //!    after a third, and the start-up begins again, since the flux that is left turns. Without `identify_legs` this is left
 //!    out.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
-//!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections.
+//!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
+//!    current on. Ripple of the legs is not computed meanwhile: the turns in which that is done would make them unequal.
 //! 3. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
@@ -67,6 +68,9 @@ const BUILT_UP: f64 = 0.85;
 const REGENERATING: f64 = 0.12;
 /// Stator frequency against the torque up to which the flux shift must be able to lower the flux: it leads over zero.
 const CROSSING: f64 = 0.0025;
+/// Period of a start-up in which the voltage for the reference of its first one is that applied between the last two samples. A
+/// bridge without current applies none: what was commanded before is no flux.
+const DRIVEN: u32 = 3;
 /// Difference of the gains of two current sensors below which nothing is repeated.
 #[cfg(feature = "modes")]
 const KNOWN_DIFFERENCE: f64 = 1e-3;
@@ -181,8 +185,8 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         let stage = stage - self.catch_periods;
         if matches!(self.start, Start::Caught | Start::Empty) {
-            if self.start == Start::Empty && stage <= 1 {
-                self.filter.start(&c.enhanced.filter, i_s);
+            if self.start == Start::Empty && stage <= DRIVEN {
+                self.filter.start(&c.enhanced.filter, &AlphaBeta::default());
             }
             // The search is made for the boosted current.
             let searching = self.start == Start::Empty && self.search.is_searching();
@@ -201,8 +205,8 @@ impl<R: Real> EnhancedEstimators<R> {
                     _ => 1.0,
                 });
         }
-        if stage <= 1 {
-            self.filter.start(&c.enhanced.filter, i_s);
+        if stage <= DRIVEN {
+            self.filter.start(&c.enhanced.filter, &AlphaBeta::default());
         } else if !self.search.found_rotation() {
             // At standstill the settled flux follows from the current.
             if stage == c.magnetise_periods / 16 * 9 {
@@ -498,6 +502,15 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete }
+    }
+
+    #[cold]
+    fn is_searching(&self, at: StartUp) -> bool {
+        #[cfg(feature = "legs")]
+        if self.alternation.is_some() || at.stage <= self.put_off + self.catch_periods {
+            return false;
+        }
+        at.stage > self.catch_periods && self.start != Start::Caught && self.search.is_searching()
     }
 
     fn idle(&mut self, i_s: &AlphaBeta<R>) {

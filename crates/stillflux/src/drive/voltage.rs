@@ -83,6 +83,12 @@ impl<R: Real> Voltage<R> {
         self.shunt.block();
     }
 
+    /// No ripple: its turns make legs unequal for some periods in which the current changes.
+    #[cold]
+    pub fn forget_ripple(&mut self) {
+        self.ripple = [R::ZERO; 3];
+    }
+
     /// Pulses of the next period with a single shunt; `None` while the bridge is blocked.
     #[cfg(feature = "shunt")]
     pub fn pulses(&self) -> Option<Pulses<R>> {
