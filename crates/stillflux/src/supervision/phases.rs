@@ -23,7 +23,7 @@
 //! |i* - i|² > (0.2² + 0.15²) |i*|²,      |i_x*| > 0.4 |i*|
 //! ```
 //!
-//! as far as they are below the values above. Along the axis of a phase the other two carry half of the current each, and the
+//! as far as they are below the values above, and from 0.05 on: at no current there is no phase to carry it. Along the axis of a phase the other two carry half of the current each, and the
 //! line of a phase that is open is 30° or 90° away: the deviation is at least half of the reference.
 //!
 //! Validity: the deviation of a healthy drive is over within some ms, in the voltage limit within tens of ms.
@@ -150,7 +150,7 @@ impl<R: Real> Phases<R> {
         }
         let (mut floor_sq, mut carries) = (c.floor_sq, r(CARRIES));
         let n2 = i_ref.norm_sq();
-        if omega_s.is_none() {
+        if omega_s.is_none() && n2 > floor_sq {
             floor_sq = floor_sq.min(n2 * r(FLOOR_PART * FLOOR_PART));
             carries = carries.min(n2.sqrt() * r(CARRIES_PART));
         }
@@ -216,7 +216,8 @@ mod tests {
         for i_ref in [0.09, 0.13, 0.3, 0.9] {
             assert!(found(i_ref, None).is_some_and(|call| call <= CALLS), "{i_ref}: {:?}", found(i_ref, None));
         }
-        // Under control a small current says nothing.
+        // Without a current, and under control with a small one, a deviation says nothing.
+        assert_eq!(found(0.04, None), None);
         assert_eq!(found(0.13, Some(0.0)), None);
         assert!(found(0.3, Some(0.0)).is_some_and(|call| call <= CALLS));
     }
