@@ -34,7 +34,7 @@ Shaft = Literal["locked", "free"]
 """Whether the shaft may turn: "free" adds a run to three tenths of rated speed, for J."""
 
 
-Procedure = Literal["wiring", "bridge", "leakage", "magnetising", "inertia"]
+Procedure = Literal["wiring", "legs", "bridge", "leakage", "magnetising", "inertia"]
 """A procedure that can be run alone, after the check of the wiring."""
 PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
 """All of them, in the order in which they are run."""
@@ -47,10 +47,11 @@ class Commissioned:
     motor: Motor
     """The motor, with its saturation curve if that was found."""
     inverter: Inverter
-    """The inverter with its curve: u_th, dead_time and c_out."""
+    """The inverter with its curve: u_th, dead_time and c_out, and with what its legs differ: leg_delay."""
     deviation: Mapping[str, float]
     """Relative standard deviation of R_s (with r_d), R_R, L_sigma, L_M, J, of the loss of the bridge
-    ("loss": threshold and dead time) and of c_out."""
+    ("loss": threshold and dead time) and of c_out; and the standard deviation of each leg_delay in s, if the
+    legs were compared."""
     warnings: tuple[str, ...] = ()
     """What should be looked at, in words."""
     status: str = "done"
@@ -122,8 +123,8 @@ class Commissioning:
     arithmetic
         "f32", "f64" or "q".
     only
-        One procedure alone, after the check of the wiring: "wiring" (that check and nothing else), "bridge",
-        "leakage", "magnetising", or, with a free shaft, "inertia". The values of the others are those of
+        One procedure alone, after the check of the wiring: "wiring" (that check and nothing else), "legs",
+        "bridge", "leakage", "magnetising", or, with a free shaft, "inertia". The values of the others are those of
         nameplate and data sheet. None: all of them.
 
     Raises ValueError for a value outside its range. Bad wiring does not raise, see `status`.
@@ -162,8 +163,8 @@ class Commissioning:
 
     @property
     def stage(self) -> str:
-        """Procedure under way or in which it ended: "wiring", "bridge", "leakage", "magnetising", "inertia",
-        "complete"."""
+        """Procedure under way or in which it ended: "wiring", "legs", "bridge", "leakage", "magnetising",
+        "inertia", "complete"."""
         return self._core.stage
 
     @property

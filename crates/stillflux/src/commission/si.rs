@@ -10,6 +10,9 @@ use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Q, Real};
 use crate::si::{Arithmetic, MeasurementSi, ReferenceSi, SiDrive, SiUnits};
 
+/// Standard deviation of the inertia by the error of the estimated torque: what drawn machines show.
+const TORQUE_ERROR: f64 = 0.06;
+
 /// Whether the shaft may turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Shaft {
@@ -165,6 +168,7 @@ impl SiCommissioning {
         match with!(&self.standstill, x => x.stage()) {
             Stage::Wiring => "wiring",
             Stage::Bridge => "bridge",
+            Stage::Legs => "legs",
             Stage::Leakage => "leakage",
             Stage::Magnetising => "magnetising",
             Stage::Complete if self.status() == Status::Running => "inertia",
@@ -205,7 +209,7 @@ impl SiCommissioning {
                 Some(x) => {
                     found.machine.J = x.j * run.bases[2];
                     found.friction = Some(x.friction * run.bases[1]);
-                    found.deviation.J = libm::hypot(0.03, found.deviation.L_M);
+                    found.deviation.J = libm::hypot(TORQUE_ERROR, found.deviation.L_M);
                     found.machine.validate()?;
                 }
                 None => found.warnings.no_inertia = run.over,
