@@ -554,6 +554,19 @@ mod tests {
         (InverterModel::new(&pu), pu.u_dc, 0.27 / pu.base.i)
     }
 
+    #[test]
+    fn with_double_update_the_loss_has_no_shift_of_the_sampled_current() {
+        let at = |half_periods: u32, i: f64| {
+            let inverter = Inverter { c_out: 1e-9, half_periods, ..Inverter::preset_2k2() };
+            let pu = PerUnit::new(&Machine::preset_2k2(), &inverter).unwrap();
+            let model = InverterModel::<f64>::new(&pu);
+            model.distortion(model.nominal(), &AlphaBeta::new(i, 0.0), pu.u_dc, 1.0).phases[0]
+        };
+        let i = 0.02;
+        assert!((at(1, i) + at(1, -i)).abs() < 1e-12 && at(1, i) > 1e-3);
+        assert!((at(2, i) + at(2, -i)).abs() > 1e-3, "with one update a period it has");
+    }
+
     /// The sampled current at which that at the edges is `x` times the knee, by the first approximation.
     fn sampled(model: &InverterModel<f64>, i_k: f64, x: f64) -> AlphaBeta<f64> {
         AlphaBeta::new(x * i_k + if x.abs() < 1.0 { model.parameters.shift } else { 0.0 }, 0.0)
