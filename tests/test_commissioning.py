@@ -168,6 +168,21 @@ def test_a_procedure_alone_leaves_the_values_of_the_others_as_they_were_known(
             sf.Commissioning(plate, sheet, only=only)
 
 
+def test_two_current_sensors_commission_and_a_single_shunt_is_refused_by_name() -> None:
+    plant = {**_plant(), "current_gain": (1.01, 0.99, 1.0), "channel_factor": (1.0, 1.0, 0.0)}
+    motor = plant["plant_motor"]
+    plate, sheet = sf.Nameplate.of(motor), sf.Inverter.preset("2.2kW")
+    found = sf.commission(plate, sheet, current_sensors=2, **plant)
+    assert found.status == "done"
+    # As the sensor of phase a sees them.
+    for name, limit in (("R_s", 0.01), ("R_R", 0.03), ("L_sigma", 0.03)):
+        assert getattr(found.motor, name) * 1.01 == pytest.approx(getattr(motor, name), rel=limit), name
+    # The negative control: three are expected, and one of them is dead.
+    assert sf.commission(plate, sheet, **plant).cause == "dead current channel"
+    with pytest.raises(ValueError, match=r"current_sensors = 1 .*2 to 3.*reads the phase currents"):
+        sf.Commissioning(plate, sheet, current_sensors=1)
+
+
 def test_deviations_that_were_found_are_priors_and_those_of_a_plate_are_none() -> None:
     deviation = {
         "R_s": 0.02,

@@ -126,6 +126,10 @@ class Commissioning:
         One procedure alone, after the check of the wiring: "wiring" (that check and nothing else), "legs",
         "bridge", "leakage", "magnetising", or, with a free shaft, "inertia". The values of the others are those of
         nameplate and data sheet. None: all of them.
+    current_sensors
+        3, or 2 with sensors in phases a and b: the third reading is not looked at, every impedance has the
+        gain of phase a, and of `leg_delay` only the part is found that does not change its sign with the
+        current. A drive for the result wants the setting `current_sensors=2`, too.
 
     Raises ValueError for a value outside its range. Bad wiring does not raise, see `status`.
     """
@@ -138,8 +142,9 @@ class Commissioning:
         arithmetic: str = "f32",
         *,
         only: Procedure | None = None,
+        current_sensors: int = 3,
     ) -> None:
-        self._core = CommissioningCore(plate, inverter, shaft, arithmetic, only)
+        self._core = CommissioningCore(plate, inverter, shaft, arithmetic, only, current_sensors)
 
     def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
         """One control period: phase currents in A (three numbers), dc-link voltage in V; returns the duties
@@ -198,6 +203,7 @@ def commission(
     shaft: Shaft = "locked",
     arithmetic: str = "f32",
     only: Procedure | None = None,
+    current_sensors: int = 3,
     channels: tuple[int, int, int] | None = None,
     channel_factor: tuple[float, float, float] | None = None,
     progress: Callable[[float, str], object] | None = None,
@@ -207,7 +213,7 @@ def commission(
 
     Parameters
     ----------
-    plate, inverter, shaft, arithmetic, only
+    plate, inverter, shaft, arithmetic, only, current_sensors
         As of `Commissioning`.
     plant_motor, plant_inverter
         The real ones; `plant_inverter` is `inverter` if it is not given.
@@ -224,7 +230,17 @@ def commission(
     """
     real = inverter if plant_inverter is None else plant_inverter
     run = CommissioningRun(
-        plate, inverter, shaft, arithmetic, only, plant_motor, real, channels, channel_factor, dict(plant)
+        plate,
+        inverter,
+        shaft,
+        arithmetic,
+        only,
+        current_sensors,
+        plant_motor,
+        real,
+        channels,
+        channel_factor,
+        dict(plant),
     )
 
     def show() -> None:

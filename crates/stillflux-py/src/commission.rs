@@ -195,12 +195,21 @@ pub struct CommissioningCore {
 #[pymethods]
 impl CommissioningCore {
     #[new]
-    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only))]
-    fn new(plate: Nameplate, inverter: Inverter, shaft: &str, arithmetic: &str, only: Option<&str>) -> PyResult<Self> {
+    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only, current_sensors))]
+    fn new(
+        plate: Nameplate,
+        inverter: Inverter,
+        shaft: &str,
+        arithmetic: &str,
+        only: Option<&str>,
+        current_sensors: u32,
+    ) -> PyResult<Self> {
         let inverter = inverter.params()?;
         let (shaft, arithmetic) = (self::shaft(shaft)?, self::arithmetic(arithmetic)?);
         let only = self::only(only, shaft)?;
-        let inner = SiCommissioning::new(&plate.plate(), &inverter, shaft, arithmetic).map_err(value_error)?;
+        let inner = SiCommissioning::new(&plate.plate(), &inverter, shaft, arithmetic)
+            .and_then(|inner| inner.current_sensors(current_sensors))
+            .map_err(value_error)?;
         let inner = match only {
             Some(stage) => inner.only(stage),
             None => inner,
@@ -268,13 +277,14 @@ pub struct CommissioningRun {
 impl CommissioningRun {
     #[new]
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only, plant_motor, plant_inverter, channels, gain, options))]
+    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only, current_sensors, plant_motor, plant_inverter, channels, gain, options))]
     fn new(
         plate: Nameplate,
         inverter: Inverter,
         shaft: &str,
         arithmetic: &str,
         only: Option<&str>,
+        current_sensors: u32,
         plant_motor: Motor,
         plant_inverter: Inverter,
         channels: Option<[usize; 3]>,
@@ -290,6 +300,7 @@ impl CommissioningRun {
         let only = self::only(only, shaft)?;
         let wiring = Wiring { channels, gain };
         let run = sim::CommissioningRun::new(&plate.plate(), &inverter, shaft, arithmetic, plant, wiring)
+            .and_then(|run| run.current_sensors(current_sensors))
             .map_err(value_error)?;
         let run = match only {
             Some(stage) => run.only(stage),

@@ -77,7 +77,7 @@ pub(super) struct ComparisonConfig<R: Real> {
     inv_tau_r: R,
     decay: R,
     /// Whether the odd part is measured: not with two sensors.
-    pub odd: bool,
+    odd: bool,
 }
 
 impl<R: Real> ComparisonConfig<R> {
@@ -98,6 +98,11 @@ impl<R: Real> ComparisonConfig<R> {
             decay: r(pu.t_s / pu.tau_r),
             odd: true,
         }
+    }
+
+    /// The same with the odd part measured, or not.
+    pub fn with_odd(self, odd: bool) -> Self {
+        Self { odd, ..self }
     }
 
     /// Half plateaus and weights of a comparison.

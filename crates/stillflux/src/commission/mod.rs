@@ -41,6 +41,7 @@ pub use status::{Cause, Stage, Status};
 use crate::base::{PerUnit, rounded};
 use crate::control::modulator::zero_duty;
 use crate::drive::{Measurement, Output};
+use crate::error::check;
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Real, Timer};
@@ -92,6 +93,8 @@ pub struct CommissioningConfig<R: Real> {
     u_square_max: R,
     u_dc: (R, R),
     trip: R,
+    /// Phase c has a sensor.
+    third: bool,
     /// Whether each stage after the wiring is run.
     runs: [bool; 4],
 }
@@ -154,11 +157,29 @@ impl<R: Real> CommissioningConfig<R> {
             u_square_max: r(0.3 * u_max),
             u_dc: (r(U_DC.0 * pu.u_dc), r(U_DC.1 * pu.u_dc)),
             trip: r(TRIP),
+            third: true,
             runs: [cfg!(feature = "legs"), true, true, true],
             machine,
             deviation,
             sheet: *sheet,
             pu,
+        })
+    }
+
+    /// With 3 current sensors, or with 2, in phases a and b: every impedance has the gain of phase a then, and of the
+    /// differences of the legs only the part is found that does not change its sign with the current.
+    ///
+    /// # Errors
+    /// Another number: a single shunt wants shifted pulses, which a commissioning does not make.
+    pub fn current_sensors(self, number: u32) -> Result<Self, ParamError> {
+        check("current_sensors", f64::from(number), 2.0, 3.0, "")
+            .map_err(|e| e.with_note("a commissioning reads the phase currents"))?;
+        let third = number == 3;
+        Ok(Self {
+            third,
+            #[cfg(feature = "legs")]
+            legs: self.legs.with_odd(third),
+            ..self
         })
     }
 
@@ -310,14 +331,17 @@ impl<R: Real> State<R> {
 
     /// Checks the measurement and runs the procedure of the stage: its command and the sample.
     fn procedure(&mut self, c: &CommissioningConfig<R>, m: &Measurement<R>) -> Result<(Command<R>, Sample<R>), Cause> {
+        let mut i_abc = m.i_abc;
+        if !c.third {
+            i_abc[2] = -i_abc[0] - i_abc[1];
+        }
         // Written so that NaN fails the comparisons.
-        if !m.i_abc.iter().all(|i| i.within(R::from_f64(4.0))) || !m.u_dc.within(R::from_f64(100.0)) {
+        if !i_abc.iter().all(|i| i.within(R::from_f64(4.0))) || !m.u_dc.within(R::from_f64(100.0)) {
             return Err(Cause::Measurement);
         }
         if !(m.u_dc >= c.u_dc.0 && m.u_dc <= c.u_dc.1) {
             return Err(Cause::DcLink);
         }
-        let mut i_abc = m.i_abc;
         if self.stage > Stage::Wiring {
             for (i, o) in i_abc.iter_mut().zip(self.wiring.offset()) {
                 *i -= o;

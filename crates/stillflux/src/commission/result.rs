@@ -22,8 +22,8 @@ use crate::params::{Gamma, Inverter, Machine, ParamError, Rating, Saturation};
 use crate::scalar::Real;
 use crate::si::MemorySi;
 
-/// Relative standard deviation that the gains of the current sensors add to every impedance: three channels of 1 %.
-const DEVIATION_GAIN: f64 = 0.006;
+/// Relative standard deviation that the gains of the current sensors add to every impedance: three channels of 1 %, or one.
+const DEVIATION_GAIN: [f64; 2] = [0.006, 0.01];
 /// Model error of the leakage inductance: frequency, iron loss.
 const DEVIATION_LEAKAGE: f64 = 0.02;
 /// Model error of rotor resistance and magnetising inductance.
@@ -176,7 +176,7 @@ impl<R: Real> Commissioning<R> {
             machine.L_sigma = l * pu.base.l;
             machine.validate()?;
             curve = fit(&machine, &sheet)?;
-            found.deviation.L_sigma = libm::hypot(DEVIATION_LEAKAGE, DEVIATION_GAIN);
+            found.deviation.L_sigma = libm::hypot(DEVIATION_LEAKAGE, DEVIATION_GAIN[usize::from(!c.third)]);
         }
         #[cfg(feature = "legs")]
         if done(Stage::Legs) {
@@ -246,7 +246,7 @@ impl<R: Real> Commissioning<R> {
             S: fit.s,
         });
         machine.validate()?;
-        let gain = |x: f64| libm::hypot(x, DEVIATION_GAIN);
+        let gain = |x: f64| libm::hypot(x, DEVIATION_GAIN[usize::from(!c.third)]);
         let model = |x: f64| libm::hypot(gain(x), DEVIATION_MODEL);
         let d = &c.deviation;
         let far = |x: f64, y: f64, d: f64| libm::fabs(libm::log(x / y)) > 4.0 * d;
