@@ -4,6 +4,7 @@
 use std::borrow::Cow;
 
 use stillflux::base::Base;
+use stillflux::config::DriveParams;
 use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine, Rating, TModel};
 use stillflux_sim::simulate::{Profile, Record, ReferenceProfile, Run, Scenario};
@@ -79,7 +80,8 @@ fn run((m, inverter): (Machine, Inverter), x: Factors, seed: u64, (speed, load):
     };
     let bridge = Inverter { u_th: x.u_th * inverter.u_th, dead_time: x.dead_time * inverter.dead_time, ..inverter };
     let base = Base::new(&m);
-    let begin = 0.1 + (4.0 * m.L_M / m.R_R).max(1.4) + 0.05;
+    let settings = DriveParams::new(&m, &inverter);
+    let begin = settings.offset_time + settings.magnetise_time + 0.05;
     let end = begin + speed.last().unwrap().0.max(load.last().unwrap().0);
     let mut s = Scenario::new(m, inverter, end);
     s.plant = PlantParams::new(real, bridge);

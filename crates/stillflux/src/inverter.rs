@@ -122,8 +122,8 @@ impl<R: Real> Legs<R> {
     #[must_use]
     pub fn new(of_period: &[[f64; 2]; 3]) -> Self {
         let part = |sign: f64| {
-            let [a, b, c] = of_period.map(|[plus, minus]| 0.5 * (plus + sign * minus));
-            AlphaBeta::new(rounded((2.0 * a - b - c) / 3.0), rounded((b - c) / libm::sqrt(3.0)))
+            let of = AlphaBeta::<f64>::from_phases(of_period.map(|[plus, minus]| 0.5 * (plus + sign * minus)));
+            AlphaBeta::new(rounded(of.re()), rounded(of.im()))
         };
         Self { even: part(1.0), odd: part(-1.0) }
     }

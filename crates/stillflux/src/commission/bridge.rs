@@ -27,8 +27,8 @@
 //!
 //! **Assumes** equal legs.
 
-use super::Cause;
 use super::excitation::{Command, Sample};
+use super::status::Cause;
 use crate::base::{PerUnit, rounded};
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};
