@@ -322,7 +322,7 @@ impl<R: Real> Common<R> {
         }
         if action == Action::Ready {
             estimators.begin(c, self.sequence.pause(c));
-            self.control.begin();
+            self.control.begin(c);
             self.supervision.begin();
         }
         estimators.idle(&i_s);

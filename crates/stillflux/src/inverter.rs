@@ -266,6 +266,12 @@ impl<R: Real> Knee<R> {
         even + odd * (i * self.inv_width * R::from_f64(SCALE)).limit(R::ONE)
     }
 
+    /// Whether both edges of a leg with this current are told apart.
+    #[inline(always)]
+    pub(crate) fn is_near_zero(&self, i: R) -> bool {
+        i.within(self.width * R::from_f64(NEAR))
+    }
+
     /// Loss of a leg by its dead time, relative to that far from current zero.
     #[inline(never)]
     fn part(&self, i: R) -> R {
@@ -463,12 +469,12 @@ impl<R: Real> InverterModel<R> {
     }
 
     /// What the loss `first` of [`InverterModel::distortion`] lacks in leg `k` (0 to 2) near current zero, in a period in
-    /// which the machine is to have the phase voltages `u`.
+    /// which the machine is to have the phase currents `phases` and voltages `u`.
     #[inline(never)]
-    pub fn ripple(&self, knee: &Knee<R>, k: usize, (i_s, u): (&AlphaBeta<R>, &[R; 3]), first: &Distortion<R>) -> R {
-        let (literal, g, phases) = (R::from_f64, self.parameters.ripple, i_s.to_phases());
+    pub fn ripple(&self, knee: &Knee<R>, k: usize, (phases, u): (&[R; 3], &[R; 3]), first: &Distortion<R>) -> R {
+        let (literal, g) = (R::from_f64, self.parameters.ripple);
         let i = phases[k % 3];
-        if !i.within(knee.width * literal(NEAR)) {
+        if !knee.is_near_zero(i) {
             return R::ZERO;
         }
         let dead = first.full - first.least;
@@ -743,7 +749,7 @@ mod tests {
             let i_s = AlphaBeta::from_phases(i);
             let loss = model.distortion(&knee, &i_s, pu.u_dc, 1.0);
             let first = loss.phases;
-            let both = [0, 1, 2].map(|k| first[k] + model.ripple(&knee, k, (&i_s, &u), &loss));
+            let both = [0, 1, 2].map(|k| first[k] + model.ripple(&knee, k, (&i_s.to_phases(), &u), &loss));
             [first, both].map(|loss| {
                 let phases = [0, 1, 2].map(|k| u[k] + loss[k]);
                 let duty = modulate(phases, 1.0 / pu.u_dc, None);

@@ -1,5 +1,6 @@
 //! Settings of the enhanced scheme.
 
+use crate::base::Base;
 use crate::estimate::priors::Priors;
 use crate::estimate::temperature::ALUMINIUM;
 #[cfg(feature = "enhanced")]
@@ -23,7 +24,8 @@ pub struct EnhancedParams {
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
     /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
-    /// most 30 % ([`crate::control::shift`]). 0: the flux stays.
+    /// most 30 % ([`crate::control::shift`]). 0: the flux stays. By default 0.4 of the rated slip frequency, which at rated
+    /// load takes a sixth of the flux, and 0.006 of rated frequency at least.
     pub omega_s_min: f64,
     /// Relative standard deviation with which the filter begins, at least 0.002: of the stator resistance with its
     /// temperature, at most 0.5.
@@ -48,6 +50,22 @@ pub struct EnhancedParams {
     pub winding_heat: Option<(f64, f64)>,
 }
 
+/// Parts of the rated frequency and of the rated slip.
+const SHIFT_LEAST: f64 = 0.006;
+const SHIFT: f64 = 0.4;
+/// Of rated frequency.
+const SHIFT_MOST: f64 = 0.05;
+
+/// Stator frequency to keep, rad/s. A constant error of the voltage turns the flux by the more, the slower the field turns; the
+/// flux that is given up for it is `1 - √(1/1.4)` at rated load, whatever the slip.
+fn shift(machine: &Machine) -> f64 {
+    let base = Base::new(machine);
+    let psi_r = machine.L_M / machine.L_s();
+    let slip = machine.R_R / base.z * machine.T_N / base.torque / (psi_r * psi_r);
+    // Within its range for machines with an unusual slip.
+    (SHIFT * slip).clamp(SHIFT_LEAST, SHIFT_MOST) * base.omega
+}
+
 impl EnhancedParams {
     /// Defaults for a machine.
     #[must_use]
@@ -58,7 +76,7 @@ impl EnhancedParams {
             identify_resistance: true,
             identify_legs: cfg!(feature = "legs"),
             apply_innovation: true,
-            omega_s_min: 0.006 * machine.omega_sR(),
+            omega_s_min: shift(machine),
             prior_R_s: r_s,
             prior_loss: loss,
             prior_c_out: knee,
@@ -72,7 +90,7 @@ impl EnhancedParams {
     }
 
     pub(super) fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
-        check("omega_s_min", self.omega_s_min, 0.0, 0.05 * machine.omega_sR(), "rad/s")?;
+        check("omega_s_min", self.omega_s_min, 0.0, SHIFT_MOST * machine.omega_sR(), "rad/s")?;
         self.priors().into_iter().try_for_each(|(name, value, most)| check(name, value, 0.002, most, ""))?;
         let built = cfg!(feature = "legs");
         check("identify_legs", f64::from(u8::from(self.identify_legs)), 0.0, f64::from(u8::from(built)), "")

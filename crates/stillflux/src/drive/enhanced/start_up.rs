@@ -12,7 +12,8 @@
 //!    after a third, and the start-up begins again, since the flux that is left turns. Without `identify_legs` this is left
 //!    out.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
-//!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections.
+//!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
+//!    current on.
 //! 3. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
@@ -53,6 +54,9 @@ const PREVAILS: f64 = 0.1;
 const RESIDUAL: f64 = 0.15;
 /// Rotor flux, relative to rated stator flux, with which control begins.
 const BUILT_UP: f64 = 0.85;
+/// Period of a start-up in which the voltage for the reference of its first one is that applied between the last two samples. A
+/// bridge without current applies none: what was commanded before is no flux.
+const DRIVEN: u32 = 3;
 /// Difference of the gains of two current sensors below which nothing is repeated.
 #[cfg(feature = "modes")]
 const KNOWN_DIFFERENCE: f64 = 1e-3;
@@ -72,8 +76,8 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         let stage = stage - self.catch_periods;
         if matches!(self.start, Start::Caught | Start::Empty) {
-            if self.start == Start::Empty && stage <= 1 {
-                self.filter.start(&c.enhanced.filter, i_s);
+            if self.start == Start::Empty && stage <= DRIVEN {
+                self.filter.start(&c.enhanced.filter, &AlphaBeta::default());
             }
             // The search is made for the boosted current.
             let searching = self.start == Start::Empty && self.search.is_searching();
@@ -92,8 +96,8 @@ impl<R: Real> EnhancedEstimators<R> {
                     _ => 1.0,
                 });
         }
-        if stage <= 1 {
-            self.filter.start(&c.enhanced.filter, i_s);
+        if stage <= DRIVEN {
+            self.filter.start(&c.enhanced.filter, &AlphaBeta::default());
         } else if !self.search.found_rotation() {
             // At standstill the settled flux follows from the current.
             if stage == c.magnetise_periods / 16 * 9 {
@@ -230,7 +234,13 @@ impl<R: Real> EnhancedEstimators<R> {
         if stage == c.magnetise_periods && self.gone_back == 0 {
             let left = self.pair.difference();
             if !left.within(R::from_f64(KNOWN_DIFFERENCE)) {
-                self.half_difference = (self.half_difference + left.half()).limit(R::from_f64(HALF_MAX));
+                let known = self.half_difference;
+                self.half_difference = (known + left.half()).limit(R::from_f64(HALF_MAX));
+                #[cfg(feature = "legs")]
+                if self.at_rest {
+                    let (found, i) = (self.half_difference - known, c.magnetising_current(0).re());
+                    self.legs = c.enhanced.legs.without_difference(&self.legs, found + found, i, x.u_dc);
+                }
                 self.gone_back = c.magnetise_periods - begin / 2;
                 self.pair = Pair::default();
             }
