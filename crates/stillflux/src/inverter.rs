@@ -122,8 +122,8 @@ impl<R: Real> Legs<R> {
     #[must_use]
     pub fn new(of_period: &[[f64; 2]; 3]) -> Self {
         let part = |sign: f64| {
-            let [a, b, c] = of_period.map(|[plus, minus]| 0.5 * (plus + sign * minus));
-            AlphaBeta::new(rounded((2.0 * a - b - c) / 3.0), rounded((b - c) / libm::sqrt(3.0)))
+            let of = AlphaBeta::<f64>::from_phases(of_period.map(|[plus, minus]| 0.5 * (plus + sign * minus)));
+            AlphaBeta::new(rounded(of.re()), rounded(of.im()))
         };
         Self { even: part(1.0), odd: part(-1.0) }
     }
@@ -552,6 +552,19 @@ mod tests {
         let (m, inv) = (Machine::preset_2k2(), Inverter { c_out: 1e-9, ..Inverter::preset_2k2() });
         let pu = PerUnit::new(&m, &inv).unwrap();
         (InverterModel::new(&pu), pu.u_dc, 0.27 / pu.base.i)
+    }
+
+    #[test]
+    fn with_double_update_the_loss_has_no_shift_of_the_sampled_current() {
+        let at = |half_periods: u32, i: f64| {
+            let inverter = Inverter { c_out: 1e-9, half_periods, ..Inverter::preset_2k2() };
+            let pu = PerUnit::new(&Machine::preset_2k2(), &inverter).unwrap();
+            let model = InverterModel::<f64>::new(&pu);
+            model.distortion(model.nominal(), &AlphaBeta::new(i, 0.0), pu.u_dc, 1.0).phases[0]
+        };
+        let i = 0.02;
+        assert!((at(1, i) + at(1, -i)).abs() < 1e-12 && at(1, i) > 1e-3);
+        assert!((at(2, i) + at(2, -i)).abs() > 1e-3, "with one update a period it has");
     }
 
     /// The sampled current at which that at the edges is `x` times the knee, by the first approximation.

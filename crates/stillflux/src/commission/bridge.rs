@@ -27,8 +27,8 @@
 //!
 //! **Legs** that differ ([`super::legs`]) are in the loss as known.
 
-use super::Cause;
 use super::excitation::{Command, Sample};
+use super::status::Cause;
 use crate::base::{PerUnit, rounded};
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};

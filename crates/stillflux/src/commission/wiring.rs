@@ -24,8 +24,8 @@
 //! and are no fault. The loss of the bridge at small currents is estimated by the data sheet; the `L_σ` found here
 //! serves current control and the check above, nothing else.
 
-use super::Cause;
 use super::excitation::{Command, Sample};
+use super::status::Cause;
 use crate::scalar::{Integrator, Real};
 use crate::space::AlphaBeta;
 
