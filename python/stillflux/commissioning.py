@@ -124,8 +124,8 @@ class Commissioning:
         "f32", "f64" or "q".
     only
         One procedure alone, after the check of the wiring: "wiring" (that check and nothing else), "legs",
-        "bridge", "leakage", "magnetising", or, with a free shaft, "inertia". The values of the others are those of
-        nameplate and data sheet. None: all of them.
+        "bridge", "leakage", "magnetising", or, with a free shaft, "inertia". The values of the
+        others are those of nameplate and data sheet. None: all of them.
     current_sensors
         3, or 2 with sensors in phases a and b: the third reading is not looked at, every impedance has the
         gain of phase a, and of `leg_delay` only the part is found that does not change its sign with the
