@@ -179,3 +179,24 @@ impl<R: Real> Supervision<R> {
         trip
     }
 }
+
+#[cfg(all(test, feature = "supervision"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_start_forgets_what_was_seen_but_for_the_calls_that_were_missed() {
+        let mut supervision = Supervision::<f64>::new();
+        for stamp in [1, 2, 4] {
+            supervision.timing.step::<f64>(stamp);
+        }
+        let c = InnovationConfig { gain: 0.1 };
+        supervision.innovation.step(&c, 4.0, 0.0);
+        supervision.begin();
+        assert_eq!(supervision.timing.irregular(), 1);
+        assert_eq!(supervision.innovation, Innovation::default());
+        // The stamps go on.
+        supervision.timing.step::<f64>(5);
+        assert_eq!(supervision.timing.irregular(), 1);
+    }
+}

@@ -221,4 +221,19 @@ mod tests {
         assert_eq!(found(0.13, Some(0.0)), None);
         assert!(found(0.3, Some(0.0)).is_some_and(|call| call <= CALLS));
     }
+
+    #[test]
+    fn a_deviation_now_and_then_is_none_and_one_that_lasts_is_the_current_controls() {
+        let found = |every: u32| {
+            let mut phases = Phases::default();
+            let c = PhaseConfig { calls_control: 100, ..CONFIG };
+            let (i_ref, field) = (Dq::new(0.5, 0.5), Rotator { cos: 0.8, sin: 0.6 });
+            (0..20_000).find_map(|k| {
+                let i = if k % every == 0 { i_ref * 1.5 } else { i_ref };
+                phases.step(&c, &i, &i_ref, &field, Some(0.0)).map(|trip| (k, trip.cause))
+            })
+        };
+        assert_eq!(found(1), Some((100, Fault::CurrentControl)));
+        assert_eq!(found(10), None);
+    }
 }
