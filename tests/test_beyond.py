@@ -468,9 +468,12 @@ def test_lost_by_fault_angle_or_speed(result: sf.Result) -> None:
     fault = replace(fault, status=sf.Status("faulted", "over-current", 5.0))
     assert loss(fault) == (5.0, "over-current")
     # What comes first is what was lost.
-    assert loss(replace(turned, data={**fault.data, **turned.data}, status=fault.status)) == (4.0, "angle")
-    turned_late = spoilt(fault, angle_error=np.radians(pulse(result, (6.0, 6.1, 120.0))))
-    assert loss(turned_late) == (5.0, "over-current")
+    both = spoilt(fault, angle_error=turned["angle_error"])
+    assert loss(both) == (4.0, "angle")
+    both = spoilt(fault, omega_m=base * pulse(result, (4.5, 11.0, 0.06)))
+    assert loss(both) == (4.5, "speed")
+    both = spoilt(fault, omega_m=base * pulse(result, (8.0, 11.0, 0.06)))
+    assert loss(both) == (5.0, "over-current")
 
 
 def test_after_a_fault_no_angle_is_held(result: sf.Result) -> None:
