@@ -385,6 +385,22 @@ def test_a_document_calls_nothing_reproduced_whose_claim_or_control_does_not_hol
     assert set(shown.values()) == {"reproduced"}
 
 
+def test_a_control_that_does_not_fail_is_not_said_to() -> None:
+    text = "<!-- table: around-zero -->\n<!-- end -->"
+    lines = [replace(x, ok="yes") for x in Table.read(ROOT / "tests" / "metrics.csv").lines]
+    group = ("control", "19", "11kW", "paper")
+
+    def row(lines: list[Line]) -> str:
+        (found,) = (x for x in documents.rendered(text, Table(lines)).splitlines() if x.startswith("| 19 "))
+        return found
+
+    assert "as it must" not in row(lines)
+    assert "(**does not fail as it must at 11kW**)" in row(
+        [replace(x, ok="no") if x.group == group else x for x in lines]
+    )
+    assert "at 11kW)" in row([x for x in lines if x.group != group])
+
+
 def test_a_limit_covers_what_it_names(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = Table.read(ROOT / "tests" / "metrics.csv").lines
     first, second = [x for x in lines if x.group == ("figure", "19", "11kW", "paper")][:2]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import itertools
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,7 @@ toolchain: Any = importlib.import_module("tools.toolchain")
 image: Any = importlib.import_module("tools.image")
 pil: Any = importlib.import_module("tools.pil")
 cost: Any = importlib.import_module("tools.cost")
+documents: Any = importlib.import_module("tools.documents")
 
 ISR = "control_isr"
 #: First word of a parameter page.
@@ -178,6 +180,41 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
         exact = report["accuracy"]["f64"]
         assert report["accuracy"][arithmetic]["angle_worst_deg"] < exact["angle_worst_deg"] + 0.5
         assert report["accuracy"][arithmetic]["speed_rms_pu"] < exact["speed_rms_pu"] + 2e-4
+    for name, table in documents.TABLES.items():
+        assert _apart(documents.DOCUMENT.read_text(encoding="utf-8"), name, table(report)) == []
+
+
+def _apart(document: str, name: str, fresh: str, tolerance: float = 0.05) -> list[tuple[str, float, float]]:
+    """Numbers of a table in the document that a fresh one does not confirm: another release of the compiler
+    moves some by a percent or two."""
+    (written,) = re.findall(rf"<!-- table: {name} -->\n(.*?)<!-- end -->", document, re.DOTALL)
+
+    def numbers(table: str) -> dict[str, list[float]]:
+        rows = [row.strip("| ").split(" | ") for row in table.splitlines()[2:]]
+        return {
+            row[0]: [float(x.replace(",", "")) for x in re.findall(r"[\d,]+", " ".join(row[1:]))]
+            for row in rows
+        }
+
+    known, found = numbers(written), numbers(fresh)
+    assert found.keys() <= known.keys()
+    return [
+        (row, old, new)
+        for row, values in found.items()
+        for old, new in zip(known[row], values, strict=False)
+        if abs(new - old) > max(tolerance * abs(old), 2.0)
+    ]
+
+
+def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
+    document = documents.DOCUMENT.read_text(encoding="utf-8")
+    for name in documents.TABLES:
+        (written,) = re.findall(rf"<!-- table: {name} -->\n(.*?)<!-- end -->", document, re.DOTALL)
+        assert _apart(document, name, written) == []
+        (first, *_) = re.findall(r"\d[\d,]{2,}", written.split("\n", 2)[2])
+        other = f"{int(first.replace(',', '')) * 1.06:.0f}"
+        found = _apart(document, name, written.replace(first, other, 1))
+        assert [new for _, _, new in found] == [float(other)]
 
 
 #: Bytes of an image with one scheme and without the optional features of the core, f32 and q: library

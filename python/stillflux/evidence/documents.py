@@ -322,10 +322,25 @@ def _around_zero(table: Table) -> str:
         cells = [
             ", ".join(dict.fromkeys(judged(lines[k]) for _, lines in found)) for k in range(len(MACHINES))
         ]
-        control = experiments()[row.name].control
-        left_out = control.text if control is not None else "none found"
-        rows.append([row.text, asked, *cells, left_out, f"`{row.test}`"])
+        rows.append([row.text, asked, *cells, _left_out(table, row.name), f"`{row.test}`"])
     return markdown(["figure", "must show", *MACHINES, "negative control, which fails", "test"], rows)
+
+
+def _left_out(table: Table, name: str) -> str:
+    """What a negative control leaves out, and in bold where it does not fail as it must."""
+    control = experiments()[name].control
+    if control is None:
+        return "none found"
+    machines = list(filter(experiments()[name].at, MACHINES))
+    lines = {machine: table.find("control", name, machine) for machine in machines}
+    unknown = [machine for machine in machines if not lines[machine]]
+    passing = [machine for machine in machines if not all(line.holds for line in lines[machine])]
+    text = control.text
+    if unknown:
+        text += f" ({_UNKNOWN} at {', '.join(unknown)})"
+    if passing:
+        text += f" (**does not fail as it must at {', '.join(passing)}**)"
+    return text
 
 
 def _headline(table: Table) -> str:
