@@ -306,11 +306,11 @@ fn time_lost((factors, c_out, offset, gain, friction): Draw, seed: u64, realignm
 
 #[test]
 fn a_field_that_is_wrong_by_the_angle_of_its_current_comes_right_without_torque() {
-    // Each loss is chaotic: only the sum over realisations of the noise says something. Over 32 of each draw it is 127 s
-    // of 141 s: most of what is lost here is lost again.
+    // Each loss is chaotic: only the sum over realisations of the noise says something. Over 32 of each draw it is 139 s
+    // of 154 s: most of what is lost here is lost again. Eight of each scatter about this 0.90 by 0.03, and have twice that.
     let time =
         |on: bool| LOST_AT_REST.iter().flat_map(|d| (0..8).map(move |seed| time_lost(*d, seed, on))).sum::<f64>();
     let (on, off) = (time(true), time(false));
     assert!(off > 20.0, "without the way out the field stays lost: {off} s");
-    assert!(on < 0.92 * off, "{on} s, without it {off} s");
+    assert!(on < 0.96 * off, "{on} s, without it {off} s");
 }

@@ -428,11 +428,6 @@ impl<R: Real> InverterModel<R> {
         &self.nominal
     }
 
-    /// Whether the parameters have a knee at all.
-    pub fn is_capacitive(&self) -> bool {
-        self.parameters.knee > R::ZERO
-    }
-
     /// Voltage lost in each phase at the phase currents of `i_s`: add it to the reference to compensate. `gain`
     /// is the estimated factor of threshold and dead time, `1 + v̂`; one is the parameters'. The ripple is in it by the
     /// first approximation alone ([`InverterModel::ripple`]).
