@@ -30,8 +30,6 @@ use crate::control::flux::FluxControlConfig;
 use crate::control::handover::{self, HandOverConfig};
 use crate::control::overload::{self, OverloadConfig};
 use crate::control::ramp::{self, RampConfig};
-#[cfg(feature = "enhanced")]
-use crate::control::shift::ShiftConfig;
 #[cfg(feature = "shunt")]
 use crate::control::shunt::ShuntConfig;
 use crate::control::speed::SpeedControlConfig;
@@ -256,12 +254,6 @@ impl<R: Real> DriveConfig<R> {
     #[cfg(feature = "enhanced")]
     pub fn filter_config(&self) -> &FilterConfig<R> {
         &self.enhanced.filter
-    }
-
-    /// Settings of the flux shift.
-    #[cfg(feature = "enhanced")]
-    pub fn shift_config(&self) -> &ShiftConfig<R> {
-        &self.enhanced.shift
     }
 
     /// Settings of the fit of the current sensors' gains.

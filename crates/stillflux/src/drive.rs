@@ -43,7 +43,7 @@ use crate::control::modulator::zero_duty;
 use crate::control::shunt::Pulses;
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
-use crate::supervision::{Course, Currents, Supervision};
+use crate::supervision::{Currents, Supervision, Tracking};
 use control::Control;
 use estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use scheme::{SchemeEstimators, with_estimators};
@@ -263,11 +263,7 @@ impl<R: Real> Common<R> {
         }
         let (period, u_dc) = (self.sequence.period(), measured.u_dc);
         let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, start_up);
-        let symmetric = start_up.is_some_and(|at| estimators.is_searching(at));
-        if !likely(!symmetric) {
-            self.control.voltage.forget_ripple();
-        }
-        let ripple = period & 3 == E::RIPPLE && !symmetric;
+        let ripple = period & 3 == E::RIPPLE;
         let duty = self.control.duties(c, &field, (period, ripple), u_dc, estimators.inverter(c));
         let running = start_up.is_none();
         if likely(running) {
@@ -436,7 +432,7 @@ impl<R: Real> Common<R> {
                 _ => R::ZERO,
             };
             let realigning = control.is_realigning(c);
-            let course = Course {
+            let tracking = Tracking {
                 psi_deviation: x.psi_s - control.psi_ref,
                 omega_m,
                 omega_s,
@@ -445,7 +441,7 @@ impl<R: Real> Common<R> {
                 torque_limited: (!realigning).then_some(control.limited != R::ZERO),
             };
             let confidence = || control.confidence(|| estimators.confidence());
-            trip = trip.or_else(|| self.supervision.course(&c.supervision, &course, confidence));
+            trip = trip.or_else(|| self.supervision.tracking(&c.supervision, &tracking, confidence));
             #[cfg(feature = "encoder")]
             {
                 trip = trip.or_else(|| control.hand_over.trip(&c.hand_over));

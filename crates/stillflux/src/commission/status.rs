@@ -86,6 +86,8 @@ impl fmt::Display for Cause {
 pub enum Stage {
     /// Offsets, sensors and wiring.
     Wiring,
+    /// Differences between the legs of the bridge; needs the feature `legs`.
+    Legs,
     /// Curve of the bridge.
     Bridge,
     /// Leakage inductance.
@@ -98,13 +100,14 @@ pub enum Stage {
 
 impl Stage {
     /// The procedures after the check of the wiring.
-    pub(super) const PROCEDURES: [Self; 3] = [Self::Bridge, Self::Leakage, Self::Magnetising];
+    pub(super) const PROCEDURES: [Self; 4] = [Self::Legs, Self::Bridge, Self::Leakage, Self::Magnetising];
 }
 
 impl fmt::Display for Stage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Wiring => "wiring",
+            Self::Legs => "legs",
             Self::Bridge => "bridge",
             Self::Leakage => "leakage",
             Self::Magnetising => "magnetising",

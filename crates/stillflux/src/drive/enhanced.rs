@@ -178,7 +178,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
-        let mut blind = false;
+        let mut integrate_only = false;
         #[cfg(feature = "legs")]
         if let (Some(_), Some(period)) = (start_up, self.alternation) {
             // A copy: the input itself then stays in registers.
@@ -196,12 +196,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 // The speed estimator runs in odd periods, and takes less time than what runs in even ones.
                 self.filter.align(x.period);
             }
-            blind = self.start != Start::Caught && self.search.is_searching();
+            integrate_only = self.start != Start::Caught && self.search.is_searching();
         }
         let i_ref = *i_dq_ref;
         let i_m = self.balance.remove(&x.i_s);
         let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
-        let mut i_dq = self.filter.step(&c.enhanced.filter, &input, blind);
+        let mut i_dq = self.filter.step(&c.enhanced.filter, &input, integrate_only);
         // What follows from quantities that change slowly takes its turn.
         match x.period % BALANCE_PERIODS {
             2 => {
@@ -239,15 +239,6 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete }
-    }
-
-    #[cold]
-    fn is_searching(&self, at: StartUp) -> bool {
-        #[cfg(feature = "legs")]
-        if self.alternation.is_some() || at.stage <= self.put_off + self.catch_periods {
-            return false;
-        }
-        at.stage > self.catch_periods && self.start != Start::Caught && self.search.is_searching()
     }
 
     fn idle(&mut self, i_s: &AlphaBeta<R>) {

@@ -98,13 +98,6 @@ pub(super) trait Estimators<R: Real> {
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R>;
 
-    /// Whether in this period of a start-up a rotation is looked for across a direct current, where legs with equal currents
-    /// must have equal voltages.
-    #[inline(always)]
-    fn is_searching(&self, _at: StartUp) -> bool {
-        false
-    }
-
     /// A current sample with the bridge blocked.
     fn idle(&mut self, i_s: &AlphaBeta<R>);
 

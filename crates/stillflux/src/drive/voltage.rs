@@ -83,12 +83,6 @@ impl<R: Real> Voltage<R> {
         self.shunt.block();
     }
 
-    /// No ripple: its turns make legs unequal for some periods in which the current changes.
-    #[cold]
-    pub fn forget_ripple(&mut self) {
-        self.ripple = [R::ZERO; 3];
-    }
-
     /// Pulses of the next period with a single shunt; `None` while the bridge is blocked.
     #[cfg(feature = "shunt")]
     pub fn pulses(&self) -> Option<Pulses<R>> {
@@ -134,7 +128,9 @@ impl<R: Real> Voltage<R> {
     }
 
     /// Ripple of the next leg; at larger voltages, where it does not count, the currents would have turned away before it is
-    /// the leg's turn again.
+    /// the leg's turn again. Where a step of the reference takes the currents away from their zeros it ends in all legs at
+    /// once: what is common to them is no voltage, but with one after the other the difference is up to `U` for eight
+    /// periods.
     #[inline(never)]
     fn follow_ripple(
         &mut self,
@@ -148,8 +144,13 @@ impl<R: Real> Voltage<R> {
             return;
         }
         self.leg = if self.leg < 2 { self.leg + 1 } else { 0 };
-        let k = usize::from(self.leg);
-        self.ripple[k % 3] = c.inverter.ripple(knee, k, (i_ref, u), &self.loss);
+        let (k, phases) = (usize::from(self.leg), i_ref.to_phases());
+        for (ripple, i) in self.ripple.iter_mut().zip(phases) {
+            if !knee.is_near_zero(i) {
+                *ripple = R::ZERO;
+            }
+        }
+        self.ripple[k % 3] = c.inverter.ripple(knee, k, (&phases, u), &self.loss);
     }
 
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
@@ -198,5 +199,34 @@ impl<R: Real> Voltage<R> {
         }
         self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: AlphaBeta::from_phases(e) };
         duty
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::DriveParams;
+    use crate::params::{Inverter, Machine};
+
+    /// Currents that begin from zero at once: nothing of the ripple that was computed at zero current, one leg after the
+    /// other, is a voltage of the machine, in no period after the step.
+    #[test]
+    fn a_step_of_the_current_leaves_no_ripple_of_before_behind() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let params = DriveParams::new(&machine, &inverter);
+        let c = DriveConfig::<f64>::new(&machine, &inverter, &params).unwrap();
+        let (knee, u_dc) = (c.inverter.knee(1.0), 1.65);
+        for step in 24..36 {
+            let mut voltage = Voltage::new();
+            for period in 0..60 {
+                let i_ref = AlphaBeta::new(if period < step { 0.0 } else { 0.5 }, 0.0);
+                voltage.applied(period, u_dc);
+                voltage.command(&c, (period, period % 4 == 2), &AlphaBeta::default(), &i_ref, u_dc, (1.0, &knee));
+                let first = c.inverter.distortion(&knee, &i_ref, u_dc, 1.0);
+                let added = (voltage.loss.vector() - first.vector()).norm_sq().sqrt();
+                assert!(added < 1e-12 || period < 12, "step in {step}, period {period}: {added}");
+                assert!(voltage.loss.phases != first.phases || period < 12 || period >= step, "none at zero current");
+            }
+        }
     }
 }

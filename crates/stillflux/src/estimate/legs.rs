@@ -181,11 +181,7 @@ impl<R: Real> LegsConfig<R> {
         let r = R::from_f64;
         let halves = period / self.half.max(1);
         let (of, half) = (halves / HALVES, halves % HALVES);
-        let axis = match of {
-            0 => Rotator::default(),
-            1 => Rotator { cos: r(-0.5), sin: r(SQRT_3_HALF) },
-            _ => Rotator { cos: r(-0.5), sin: r(-SQRT_3_HALF) },
-        };
+        let axis = axis(of);
         let part = match (of, half) {
             (DIRECTIONS, _) => R::ZERO,
             (_, 1 | 2 | 5) => -r(CURRENT),
@@ -204,20 +200,33 @@ impl<R: Real> LegsConfig<R> {
         let within = period - period / half / HALVES * HALVES * half;
         // The centres of the long plateaus are 2 and 4 half plateaus from the beginning.
         let from_centre = [2, 4].map(|k| within.abs_diff(k * self.half));
-        let from_reversal = within.abs_diff(3 * self.half);
-        let reversal = if from_reversal < self.half * 3 / 2 {
-            let [one, x] = [self.half, from_reversal].map(|periods| self.reversal.periods(periods));
-            (one - x * R::from_f64(1.5)).max(x * R::from_f64(8.0 / 3.0) - one * R::from_f64(4.0))
-        } else {
-            R::ZERO
-        };
+        let reversal = of_reversal(self.half, within.abs_diff(3 * self.half), self.reversal);
         [self.weight.periods(window(self.half).saturating_sub(from_centre[0].min(from_centre[1]))), reversal]
     }
 }
 
 /// Half width of the window, in periods.
-fn window(half: u32) -> u32 {
+pub(crate) fn window(half: u32) -> u32 {
     half * WINDOW.0 / WINDOW.1
+}
+
+/// Axis of a phase.
+pub(crate) fn axis<R: Real>(phase: u32) -> Rotator<R> {
+    let r = R::from_f64;
+    match phase {
+        0 => Rotator::default(),
+        1 => Rotator { cos: r(-0.5), sin: r(SQRT_3_HALF) },
+        _ => Rotator { cos: r(-0.5), sin: r(-SQRT_3_HALF) },
+    }
+}
+
+/// `v` at a number of periods from a reversal, for half plateaus of `half` periods, times `half weight/64`.
+pub(crate) fn of_reversal<R: Real>(half: u32, from: u32, weight: R) -> R {
+    if from >= half * 3 / 2 {
+        return R::ZERO;
+    }
+    let [one, x] = [half, from].map(|periods| weight.periods(periods));
+    (one - x * R::from_f64(1.5)).max(x * R::from_f64(8.0 / 3.0) - one * R::from_f64(4.0))
 }
 
 /// Adds `gain · x` to both components.

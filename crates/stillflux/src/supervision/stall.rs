@@ -112,6 +112,17 @@ mod tests {
     }
 
     #[test]
+    fn a_shaft_that_creeps_is_stalled_and_one_that_turns_fast_is_not() {
+        // 0.004 take 800 calls, more than a stall may last.
+        assert_eq!(first(|k| (true, 5e-6 * f64::from(k))), Some(500));
+        let beyond = |omega: f64| {
+            let mut stall = Stall::default();
+            (0..2000).any(|_| stall.step(CALLS, Some(true), 0.1, omega).is_some())
+        };
+        assert!([0.29, -0.29].into_iter().all(beyond) && ![0.31, -0.31].into_iter().any(beyond));
+    }
+
+    #[test]
     fn the_way_back_of_a_shaft_that_was_driven_away_is_an_approach_and_a_swing_is_none() {
         // Away from 0.08 to -0.02 within 200 calls, back within 1000.
         let back = |k: u32| (0.08 - 5e-4 * f64::from(k.min(200)) + 1e-4 * f64::from(k.saturating_sub(200))).min(0.09);

@@ -13,7 +13,7 @@
 //!    out.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
-//!    current on. Ripple of the legs is not computed meanwhile: the turns in which that is done would make them unequal.
+//!    current on.
 //! 3. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.

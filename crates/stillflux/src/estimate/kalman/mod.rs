@@ -183,7 +183,7 @@ pub struct Filter<R: Real> {
     innovation: R,
     nis: R,
     /// Blocks left in which the NIS is not evaluated (NIS hold-off).
-    trial: u8,
+    hold_off: u8,
     /// The rotor flux at the operating point is above `M_MIN`.
     valid: bool,
     /// Standard deviation of the field angle, rad.
@@ -195,10 +195,10 @@ pub struct Filter<R: Real> {
 }
 
 impl<R: Real> Filter<R> {
-    /// One period; returns the current of its sample in field coordinates. With `blind` nothing is corrected: the
+    /// One period; returns the current of its sample in field coordinates. With `integrate_only` nothing is corrected: the
     /// machine has no flux yet.
     #[inline(always)]
-    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, blind: bool) -> Dq<R> {
+    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, integrate_only: bool) -> Dq<R> {
         let i_s = x.i_m - self.b();
         self.u_i = x.u_s - (self.i_s + i_s) * self.r_s().half();
         self.i_s = i_s;
@@ -210,14 +210,14 @@ impl<R: Real> Filter<R> {
             self.work(c);
         } else {
             self.period = 0;
-            self.close(c, &x.i_ref, x.loss, x.omega_s, blind);
+            self.close(c, &x.i_ref, x.loss, x.omega_s, integrate_only);
         }
         i_dq
     }
 
     /// End of a block: current model, innovation, correction, and the next operating point.
     #[inline(never)]
-    fn close(&mut self, c: &FilterConfig<R>, i_ref: &Dq<R>, loss: &Distortion<R>, omega_s: R, blind: bool) {
+    fn close(&mut self, c: &FilterConfig<R>, i_ref: &Dq<R>, loss: &Distortion<R>, omega_s: R, integrate_only: bool) {
         let model = &c.model;
         let i_dq = self.sum * c.inv_block;
         self.sum = Dq::default();
@@ -225,7 +225,7 @@ impl<R: Real> Filter<R> {
         let sigma_l_s = self.sigma_l_s(c);
         let psi_r = psi_s - self.i_s * sigma_l_s;
         let (n, psi_r, inv) = Rotator::near(&psi_r, self.point.inv_psi_r);
-        let valid = !blind && psi_r > R::from_f64(M_MIN);
+        let valid = !integrate_only && psi_r > R::from_f64(M_MIN);
         let inv = inv.min(R::from_f64(1.0 / M_MIN));
 
         // The mean current seen from the rotor flux: ψ_R·i = ψ_s i_d - σl_s i², ψ_R×i = ψ_s i_q.
@@ -255,11 +255,11 @@ impl<R: Real> Filter<R> {
         let m = self.m.add(R::ONE, increment);
         let z = Model::innovation(m, psi_r);
         self.innovation = z;
-        if self.trial == 0 {
+        if self.hold_off == 0 {
             let nis = (z * z * self.inv_s).min(R::from_f64(9.0));
             self.nis += R::from_f64(NIS_CORNER) * (nis - self.nis);
         } else {
-            self.trial -= 1;
+            self.hold_off -= 1;
         }
         if self.point.held() {
             self.turn_gain(&before);

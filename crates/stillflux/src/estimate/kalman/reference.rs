@@ -223,7 +223,7 @@ struct Reference {
     sum: Vector2<f64>,
     period: u32,
     nis: f64,
-    trial: u32,
+    hold_off: u32,
     /// Reciprocal magnitudes of `ψ_s` and `ψ_R` for [`Rotator::near`], whose Newton step is part of the filter.
     inv_psi: [f64; 2],
 }
@@ -262,7 +262,7 @@ impl Reference {
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),
             period: filter.period.into(),
             nis: filter.nis,
-            trial: filter.trial.into(),
+            hold_off: filter.hold_off.into(),
             inv_psi: [1.0 / filter.magnitude(), filter.point.inv_psi_r],
         }
     }
@@ -319,10 +319,10 @@ impl Reference {
         let (at, increment) = model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma);
         self.x[M] += increment;
         let z = (self.x[M] - magnitude) / SCALE_PSI;
-        if self.trial == 0 {
+        if self.hold_off == 0 {
             self.nis += NIS_CORNER * ((z * z * self.inv_s).min(9.0) - self.nis);
         } else {
-            self.trial -= 1;
+            self.hold_off -= 1;
         }
         if at.omega_s.abs() > OMEGA_HELD {
             let (cos, sin) = (self.n.dot(&n), self.n.x * n.y - self.n.y * n.x);

@@ -21,7 +21,7 @@ use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
 
 /// Blocks after a start in which the NIS is not evaluated (hold-off): initial errors are not steps.
-const TRIAL: u8 = 200;
+const HOLD_OFF: u8 = 200;
 
 /// Standard deviation of the difference of the settled fluxes before and after the reduced currents of a start, per unit:
 /// what an error of 12 % of `r_R` leaves of their transients.
@@ -66,7 +66,8 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn reset_from_initial(&mut self, c: &FilterConfig<R>) {
         // Of the period within the block the lowest bit stays ([`Filter::align`]).
-        *self = Self { initial: self.initial, c: self.c, period: self.period & 1, trial: TRIAL, ..Self::default() };
+        *self =
+            Self { initial: self.initial, c: self.c, period: self.period & 1, hold_off: HOLD_OFF, ..Self::default() };
         let Learned { b, r_s, v, knee, leakage, gamma } = self.initial.learned;
         (self.b[0], self.b[1]) = (Integrator::new(b.re()), Integrator::new(b.im()));
         (self.r_s, self.v, self.knee, self.gamma) =
