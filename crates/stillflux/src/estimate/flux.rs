@@ -36,9 +36,7 @@
 
 use super::integral::FluxIntegral;
 use super::offset::{OffsetConfig, OffsetEstimator};
-use crate::scalar::Real;
-#[cfg(feature = "variants")]
-use crate::scalar::likely;
+use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
 
@@ -118,7 +116,7 @@ impl<R: Real> FluxEstimator<R> {
     /// Begins at a known flux, with the current sample of this instant.
     pub fn start(&mut self, psi_s: AlphaBeta<R>, i_s: AlphaBeta<R>) {
         self.psi_s = FluxIntegral::new(psi_s);
-        self.radius = self.psi_s.magnitude();
+        self.by_mean = false;
         self.i_s = i_s;
         self.offset.start(psi_s);
     }
@@ -135,7 +133,7 @@ impl<R: Real> FluxEstimator<R> {
             return self.step_replaced(config, &u_i, psi_ref);
         }
 
-        let radius = if self.by_mean { self.radius } else { psi_ref };
+        let radius = if likely(!self.by_mean) { psi_ref } else { self.radius };
         self.effort = self.gain * (radius - self.psi_s.magnitude());
         let u_hf = self.psi_s.field().axis() * self.effort;
 
@@ -170,9 +168,21 @@ impl<R: Real> FluxEstimator<R> {
         if let Some(c) = &config.offset {
             self.offset.set_stator_frequency(c, omega_s);
         }
-        self.by_mean = omega > R::from_f64(FREQUENCY_MEAN);
-        self.radius += (self.psi_s.magnitude() - self.radius) * (config.half_interval * omega);
+        if !likely(omega <= R::from_f64(FREQUENCY_MEAN)) {
+            self.average(config.half_interval * omega);
+        } else {
+            self.by_mean = false;
+        }
         self.psi_s.confine();
+    }
+
+    /// Mean radius, for the part of it that the time since the last call makes.
+    #[cold]
+    #[inline(never)]
+    fn average(&mut self, part: R) {
+        let radius = self.psi_s.magnitude();
+        self.radius = if self.by_mean { self.radius + (radius - self.radius) * part } else { radius };
+        self.by_mean = true;
     }
 
     /// Whether the machine regenerates, as the next call of [`Self::set_stator_frequency`] takes it.
