@@ -16,9 +16,10 @@ import numpy as np
 
 from stillflux.evidence.claims import Claim, at_least, at_most, holds
 from stillflux.evidence.conditions import current, slip
-from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.drives import DRIVES, TypicalDrive
 from stillflux.evidence.machines import ADC_NOISE
 from stillflux.evidence.operation import Control, Operation
+from stillflux.evidence.tolerance import start_up
 from stillflux.metrics import faulted, smoothed
 from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import Motor
@@ -42,8 +43,9 @@ _HOLD, _JUDGED = 2.0, 1.0
 """Time at each speed, and the last part of it, which is judged, s."""
 
 
-def _start(motor: Motor) -> float:
-    return 0.3 + max(1.4, 4.0 * motor.tau_r)
+def _start(of: Scenario | TypicalDrive) -> float:
+    """When a drive has certainly started, s."""
+    return start_up(of.motor, of.inverter) + 0.2
 
 
 def _plant(motor: Motor) -> PlantOptions:
@@ -67,9 +69,12 @@ def _rise(motor: Motor, change: float) -> float:
     return max(0.3, 2.0 * abs(change) * motor.base["omega_m"] * motor.J / motor.T_N)
 
 
-def _times(motor: Motor) -> tuple[list[tuple[float, float]], list[tuple[bool, float, float]], float]:
+def _times(
+    of: Scenario | TypicalDrive,
+) -> tuple[list[tuple[float, float]], list[tuple[bool, float, float]], float]:
     """Points of the speed in per unit, what is judged (hot, speed, until when), and when the load comes."""
-    t, last = _start(motor), 0.0
+    motor = of.motor
+    t, last = _start(of), 0.0
     points, judged, loaded = [(0.0, 0.0), (t, 0.0)], [], 0.0
     course = [(False, omega) for omega in _SPEEDS] + [(None, _AT)] + [(True, omega) for omega in _SPEEDS]
     for hot, omega in course:
@@ -88,7 +93,7 @@ def _speed(sign: float, machine: str, scheme: str, arithmetic: str) -> Scenario:
     """Three speeds cold, half speed until the motor is hot, three speeds hot, all under rated torque."""
     drive = DRIVES[machine]
     motor = drive.motor
-    points, _, loaded = _times(motor)
+    points, _, loaded = _times(drive)
     return Scenario(
         name=f"temperature, {sign:+.0f} T_N; {machine}, {scheme}, {arithmetic}",
         motor=motor,
@@ -108,7 +113,7 @@ def _speed(sign: float, machine: str, scheme: str, arithmetic: str) -> Scenario:
 def _errors(result: Result, hot: bool) -> list[float]:
     """Mean speed error at each of the speeds, of rated speed."""
     motor = result.scenario.motor
-    ends = [t for is_hot, _, t in _times(motor)[1] if is_hot == hot]
+    ends = [t for is_hot, _, t in _times(result.scenario)[1] if is_hot == hot]
     parts = [result.window(t - _JUDGED, t) for t in ends]
     return [abs(float(np.mean(p["omega_m"] - p["reference"]))) / motor.base["omega_m"] for p in parts]
 
@@ -150,9 +155,9 @@ _EVERY = 0.06
 """Time from one step to the next, s."""
 
 
-def _sweeps(motor: Motor) -> tuple[float, float, float]:
+def _sweeps(of: Scenario | TypicalDrive) -> tuple[float, float, float]:
     """When the cold sweep begins, when the hot one does, and the end."""
-    begin = _start(motor) + 0.5
+    begin = _start(of) + 0.5
     sweep = _EVERY / _STEP
     return begin, begin + sweep + _HEATING, begin + 2.0 * sweep + _HEATING + 0.2
 
@@ -168,7 +173,7 @@ def _torque(sign: float, machine: str, scheme: str, arithmetic: str) -> Scenario
     speed, from rated speed to standstill."""
     drive = DRIVES[machine]
     motor = drive.motor
-    cold, hot, end = _sweeps(motor)
+    cold, hot, end = _sweeps(drive)
     base = motor.base["omega_m"]
     half = 0.5 * _EVERY / _STEP
     speeds = [
@@ -185,7 +190,7 @@ def _torque(sign: float, machine: str, scheme: str, arithmetic: str) -> Scenario
         arithmetic=arithmetic,
         settings=_told(motor),
         plant={**_plant(motor), "speed": 0.0},
-        torque_ref=[(0.0, 0.0), (_start(motor), 0.0), (_start(motor) + 0.1, sign * motor.T_N)],
+        torque_ref=[(0.0, 0.0), (_start(drive), 0.0), (_start(drive) + 0.1, sign * motor.T_N)],
         changes=[(t, {"speed": omega * base}) for t, omega in speeds],
         duration=end,
         record_every=10,
@@ -203,7 +208,7 @@ def _deviation(result: Result, begin: float, end: float) -> float:
 
 def _deviations(result: Result) -> tuple[float, float]:
     """Of the cold sweep and of the hot one."""
-    cold, hot, end = _sweeps(result.scenario.motor)
+    cold, hot, end = _sweeps(result.scenario)
     return _deviation(result, cold, cold + _EVERY / _STEP), _deviation(result, hot, end)
 
 
