@@ -224,6 +224,8 @@ r_d = 0.2
 
 [plant]
 adc_noise = 0.02
+turn_on_delay = [[80e-9, 60e-9], [20e-9, 90e-9], [50e-9, 50e-9]]
+turn_off_delay = [[60e-9, 60e-9], [60e-9, 60e-9], [60e-9, 60e-9]]
 
 [plant.motor]
 preset = "2.2kW"
@@ -246,6 +248,11 @@ def test_the_command_writes_a_motor_file_and_a_report(
     assert machine.plant_motor == sf.Motor.preset("2.2kW")
     assert machine.plant_inverter is not None
     assert machine.plant_inverter.dead_time == 2.1e-6
+    # What the legs differ by is found, and part of the bridge that is simulated from then on.
+    real, told = np.array(machine.plant_inverter.leg_delay), machine.deviation["leg_delay"]
+    assert np.abs(real - [[-20e-9, 0.0], [40e-9, 30e-9], [10e-9, -10e-9]]).max() < 1e-12
+    assert np.abs(np.array(machine.inverter.leg_delay) - (real - real.mean(axis=0))).max() < 2 * told
+    assert "legs, largest delay" in printed
     # What is simulated is the plant; the drive is told what was found, and how well.
     held = targets()["plane-ramps"].cases(OwnMachine(machine), "enhanced")[0].scenario
     assert (held.motor, held.plant_motor) == (machine.motor, machine.plant_motor)

@@ -124,7 +124,7 @@ def _run(options: argparse.Namespace) -> int:
     for text in (*found.warnings, *_far(task.plate, found)):
         print(f"warning: {text}")
     if options.out:
-        text = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=task.inverter)
+        text = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=_simulated(task))
         options.out.write_text(text, encoding="utf-8")
         print(f"motor file: {options.out}")
     if options.report:
@@ -196,8 +196,29 @@ def _rows(task: _Task, found: Commissioned) -> Iterator[tuple[str, str, str, str
     c = (found.inverter.c_out, task.inverter.c_out)
     error = f"{100 * (c[0] / c[1] - 1):+.0f} %" if c[1] else "–"
     yield "c_out", f"{1e9 * c[0]:.3g} nF", f"{100 * found.deviation['c_out']:.0f} %", error
+    if "leg_delay" in found.deviation:
+        legs, real_legs = (
+            1e9 * (pulses - pulses.mean(axis=0))
+            for pulses in (np.array(found.inverter.leg_delay), np.array(_simulated(task).leg_delay))
+        )
+        yield (
+            "legs, largest delay",
+            f"{np.abs(legs).max():.3g} ns",
+            f"{1e9 * found.deviation['leg_delay']:.2g} ns",
+            f"{np.abs(legs - real_legs).max():.2g} ns",
+        )
     if found.friction is not None:
         yield "friction", f"{found.friction:.2g} N·m", f"{_FRICTION * found.motor.T_N:.1g} N·m", "–"
+
+
+def _simulated(task: _Task) -> Inverter:
+    """The inverter that is simulated, with the delays of its switches as `leg_delay`."""
+    on, off = (
+        np.array(task.options.get(name, np.zeros((3, 2)))) for name in ("turn_on_delay", "turn_off_delay")
+    )
+    longer = np.stack([off[:, 0] - on[:, 0], on[:, 1] - off[:, 1]], axis=1)
+    (a, b), (c, d), (e, f) = (np.array(task.inverter.leg_delay) + longer).tolist()
+    return task.inverter.replace(leg_delay=((a, b), (c, d), (e, f)))
 
 
 def _far(plate: Nameplate, found: Commissioned) -> list[str]:
