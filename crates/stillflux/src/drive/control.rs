@@ -47,7 +47,7 @@ const AT_LIMIT: f64 = 0.01;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Control<R: Real> {
-    current: CurrentController<R>,
+    pub current: CurrentController<R>,
     flux: FluxController<R>,
     weakening: Weakening<R>,
     speed: SpeedController<R>,

@@ -223,7 +223,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             let catch_periods = self.catch_periods;
             if at.stage <= catch_periods {
                 let u_s = x.u_s;
-                return PeriodOutput { field: self.catch_flux(c, &u_s, at.stage), complete: false };
+                return PeriodOutput { field: self.catch_flux(c, &u_s, at.stage), complete: false, anew: false };
             }
             let i;
             (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods });
@@ -238,7 +238,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
         }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
-        PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete }
+        PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete, anew: false }
     }
 
     fn idle(&mut self, i_s: &AlphaBeta<R>) {

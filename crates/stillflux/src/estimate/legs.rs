@@ -160,6 +160,11 @@ impl<R: Real> LegsConfig<R> {
         self.half > 0
     }
 
+    /// Periods before the end in which the current has come to rest.
+    pub fn settled(&self) -> u32 {
+        self.half / 2
+    }
+
     /// `r_s + r_R`.
     pub fn resistance(&self) -> R {
         self.r
