@@ -61,8 +61,7 @@ pub(super) struct PeriodOutput<R: Real> {
     pub field: FieldQuantities<R>,
     /// The start-up is complete: speed and flux control begin with the next period.
     pub complete: bool,
-    /// Current control begins anew: the current has been zero, and the voltage that its integrators hold has been applied by no
-    /// leg.
+    /// Current control begins anew: at zero current no leg applies the voltage that its integrators would hold.
     pub anew: bool,
 }
 

@@ -10,8 +10,8 @@
 //! 1. The current alternates along the three axes, 0.2 s at 10 kHz, which shows how the legs of the bridge differ
 //!    ([`crate::estimate::legs`]), and whether the machine is at rest. In a machine that certainly rotates it ends
 //!    after a third, and the start-up begins again, since the flux that is left turns. Without `identify_legs` this is left
-//!    out. The current is zero at its end, and current control begins anew: a bridge whose legs wait for their current
-//!    applies nothing of what the integrators hold, up to half of the loss by the dead time, until there is one.
+//!    out. In the end the current is zero and current control without integrators: a bridge whose legs wait for their current
+//!    applies nothing of what they would hold, up to half of the loss by the dead time, until there is one.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
 //!    current on.
@@ -289,6 +289,6 @@ impl<R: Real> EnhancedEstimators<R> {
             r_s: config.resistance(),
             i_dq: axis.to_field(&i_s),
         };
-        PeriodOutput { field, complete: false, anew: period + config.settled() == all }
+        PeriodOutput { field, complete: false, anew: period + config.settled() >= all }
     }
 }
