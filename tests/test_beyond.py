@@ -198,13 +198,15 @@ def test_loaded_drive_leaves_zero_stator_frequency_by_itself(machine: str, torqu
     hold = judge.measure(result, (REACHED, scenario.duration), settled)
     assert not hold.why
     assert hold.angle_held < 5.0
-    # The true speed is off by the error of the slip (3 % of it at 2.2 kW: 0.0012), by a ripple at three times
-    # ω_s (0.0008), together 0.0021 at most without noise of the converters, and by that noise (σ 0.00024).
-    # The largest value of the noise grows with the length of the record and differs between realisations by
-    # 10 %, the rms value of the error by 3 %. So the rms value is judged; 0.003 is twice its bound. What
-    # becomes of the error within ten minutes, `persistence-shifted` judges by its largest value.
-    assert np.sqrt(np.mean(speed_error(result.window(*settled)) ** 2)) < 0.0015
-    assert 0.002 < hold.omega_s * torque < 0.007
+    # The true speed is off by the error of the slip, 3 % of its 0.05 at 2.2 kW with the flux lowered
+    # (0.0015), by a ripple at three times ω_s (0.0008) and by the noise of the converters (σ 0.00024), 0.0016
+    # rms. The largest value of the noise grows with the length of the record and differs between
+    # realisations by 10 %, the rms value of the error by 3 %. So the rms value is judged. What becomes of the
+    # error within ten minutes, `persistence-shifted` judges by its largest value.
+    assert np.sqrt(np.mean(speed_error(result.window(*settled)) ** 2)) < 0.002
+    drive = sf.Drive(scenario.motor, scenario.inverter)
+    kept = drive.settings["omega_s_min"] / scenario.motor.base["omega"]
+    assert 0.3 * kept < hold.omega_s * torque < 1.2 * kept
     assert hold.torque_ripple < 0.01
     # Beyond the line the flux is rated again.
     assert abs(result["estimate.psi_s"][-1]) > 0.97 * scenario.motor.base["psi"]
@@ -599,15 +601,24 @@ def test_every_case_is_named_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("drive", "warmed", "torque"),
-    [("2.2kW", 1.3, -1.0), ("4kW", 0.85, 1.0), ("4kW", 1.3, 1.0), ("11kW", 1.3, -1.0)],
+    ("drive", "warmed", "torque", "back"),
+    [
+        ("2.2kW", 1.3, -1.0, 0.06),
+        ("4kW", 0.85, 1.0, 0.05),
+        ("4kW", 1.3, 1.0, 0.05),
+        ("11kW", 1.3, -1.0, 0.05),
+    ],
 )
 def test_a_winding_that_changes_at_speed_turns_no_field_and_is_found_on_the_way_back(
-    drive: str, warmed: float, torque: float
+    drive: str, warmed: float, torque: float, back: float
 ) -> None:
-    """Above ω_s = 0.2 nothing of the resistance is seen: its error must not go to the leakage instead."""
+    """Above ω_s = 0.2 nothing of the resistance is seen: its error must not go to the leakage instead.
+
+    At 2.2 kW in regeneration the way back ends at ω_s = 0.024: at 0.014 three of eight realisations are lost,
+    see the limits.
+    """
     motor, inverter = DRIVES[drive].motor, DRIVES[drive].inverter
-    fast, slow = 0.6 * motor.base["omega_m"], 0.05 * motor.base["omega_m"]
+    fast, slow = 0.6 * motor.base["omega_m"], back * motor.base["omega_m"]
     result = sf.simulate(
         sf.Scenario(
             motor=motor,
