@@ -28,6 +28,7 @@ __all__ = [
     "Procedure",
     "Shaft",
     "commission",
+    "pulse_delay",
 ]
 
 Shaft = Literal["locked", "free"]
@@ -38,6 +39,13 @@ Procedure = Literal["wiring", "legs", "bridge", "leakage", "magnetising", "inert
 """A procedure that can be run alone, after the check of the wiring."""
 PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
 """All of them, in the order in which they are run."""
+
+
+def pulse_delay(options: Mapping[str, Any]) -> NDArray[np.float64]:
+    """By what the pulse of each leg is longer than commanded, s, shape (3, 2): for a positive and for a
+    negative current, from the `turn_on_delay` and `turn_off_delay` of the plant's options."""
+    on, off = (np.array(options.get(name, np.zeros((3, 2)))) for name in ("turn_on_delay", "turn_off_delay"))
+    return np.stack([off[:, 0] - on[:, 0], on[:, 1] - off[:, 1]], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,13 +38,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stillflux.commissioning import PROCEDURES, Commissioned, CommissioningInterrupted
+from stillflux.commissioning import PROCEDURES, Commissioned, CommissioningInterrupted, pulse_delay
 from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
 from stillflux.machine_file import load_machine, part, read_toml, typical_inverter
 from stillflux.nameplate import Nameplate
 from stillflux.outputs import check_file
-from stillflux.parameters import PRESETS, Inverter, Motor
+from stillflux.parameters import PRESETS, Inverter, Motor, leg_delay
 from stillflux.simulation import progress_bar
 
 if TYPE_CHECKING:
@@ -213,12 +213,8 @@ def _rows(task: _Task, found: Commissioned) -> Iterator[tuple[str, str, str, str
 
 def _simulated(task: _Task) -> Inverter:
     """The inverter that is simulated, with the delays of its switches as `leg_delay`."""
-    on, off = (
-        np.array(task.options.get(name, np.zeros((3, 2)))) for name in ("turn_on_delay", "turn_off_delay")
-    )
-    longer = np.stack([off[:, 0] - on[:, 0], on[:, 1] - off[:, 1]], axis=1)
-    (a, b), (c, d), (e, f) = (np.array(task.inverter.leg_delay) + longer).tolist()
-    return task.inverter.replace(leg_delay=((a, b), (c, d), (e, f)))
+    pulses = np.array(task.inverter.leg_delay) + pulse_delay(task.options)
+    return task.inverter.replace(leg_delay=leg_delay(pulses))
 
 
 def _far(plate: Nameplate, found: Commissioned) -> list[str]:

@@ -158,7 +158,7 @@ class DriveSettings(TypedDict, total=False):
     """Estimate stator resistance and inverter error."""
     identify_legs: bool
     """Measure at each start at standstill how the legs of the bridge differ, in the first 0.2 s of its
-    magnetisation."""
+    magnetisation (0.74 s at 160 kW)."""
     apply_innovation: bool
     """Correct the states by the filter's innovation; without it the flux is a pure integral."""
     omega_s_min: float

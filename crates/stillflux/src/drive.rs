@@ -343,8 +343,8 @@ impl<R: Real> Common<R> {
         let Control { voltage, i_dq_ref, psi_ref, .. } = &mut self.control;
         let u_s = voltage.applied(period, u_dc);
         let x = PeriodInput { i_abc, i_s, u_s, u_loss: &voltage.loss, u_dc, psi_ref: *psi_ref, period };
-        let PeriodOutput { field, complete, anew } = estimators.period(c, &x, i_dq_ref, start_up);
-        if anew {
+        let PeriodOutput { field, complete, reset_current_control } = estimators.period(c, &x, i_dq_ref, start_up);
+        if reset_current_control {
             self.control.current.start();
         }
         if complete {

@@ -36,9 +36,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stillflux.commissioning import Commissioned, commission
+from stillflux.commissioning import Commissioned, commission, pulse_delay
 from stillflux.evidence.claims import Claim, at_most, reported
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.draws import CUT, DELAY
@@ -231,19 +230,11 @@ def _leg(inverter: Inverter, i: float) -> float:
     return inverter.u_th + U * (1 - 0.5 * knee / i if i > knee else 0.5 * i / knee)
 
 
-def longer(made: Draw) -> NDArray[np.float64]:
-    """By what the pulse of each leg is longer than commanded, by the sign of its current, s."""
-    on, off = (
-        np.array(made.plant.get(name, np.zeros((3, 2)))) for name in ("turn_on_delay", "turn_off_delay")
-    )
-    return np.stack([off[:, 0] - on[:, 0], on[:, 1] - off[:, 1]], axis=1)
-
-
 def errors(made: Draw, found: Commissioned) -> dict[str, float]:
     """By the names of `LIMITS`, %, and of the legs, ns."""
     true, got = made.motor, found.motor
     peak = math.sqrt(2) * true.I_N
-    pulses = longer(made)
+    pulses = pulse_delay(made.plant)
     common = pulses.mean(axis=0)
     # What is common to the legs and changes its sign with the current is dead time.
     real = made.inverter.replace(dead_time=made.inverter.dead_time - 0.5 * float(common[0] - common[1]))

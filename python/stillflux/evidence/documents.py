@@ -42,6 +42,7 @@ DOCUMENTS = (
     Path("docs/limits.md"),
     Path("docs/tolerance.md"),
     Path("docs/operations.md"),
+    Path("docs/commissioning.md"),
 )
 """The files that hold tables, from the root of the project."""
 
@@ -598,6 +599,32 @@ def _operations(table: Table) -> str:
     return markdown(["asked", "scheme", "what must happen", "worst", "at", "drives"], rows)
 
 
+def _temperature(table: Table) -> str:
+    """Speed and torque, cold and hot, of the operations that heat a machine up."""
+    of = [
+        (f"temperature-{course}", f"{quantity} {state}, of rated")
+        for quantity, courses in (
+            ("speed error", ("motoring", "regenerating")),
+            ("torque deviation", ("torque", "torque-regenerating")),
+        )
+        for course in courses
+        for state in ("cold", "hot")
+    ]
+    rows = []
+    for drive in DRIVES:
+        found = [
+            next(
+                (x for x in table.find("operation", name, drive, SCHEMES[1]) if x.quantity == quantity), None
+            )
+            for name, quantity in of
+        ]
+        rows.append(
+            [drive, *(f"{judged(a)}, {judged(b)}" for a, b in zip(found[::2], found[1::2], strict=True))]
+        )
+    head = [f"{what}, {way}" for what in ("speed", "torque") for way in ("motoring", "regenerating")]
+    return markdown(["cold, hot", *head], rows)
+
+
 TABLES: Mapping[str, Callable[[Table], str]] = {
     "headline": _headline,
     "plane": _plane,
@@ -613,6 +640,7 @@ TABLES: Mapping[str, Callable[[Table], str]] = {
     "tolerance-losses": _tolerance_losses,
     "consistency": _consistency,
     "operations": _operations,
+    "temperature": _temperature,
 }
 """By the name in the marker."""
 

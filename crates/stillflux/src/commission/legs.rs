@@ -38,7 +38,7 @@
 
 use super::excitation::{Command, Sample};
 use crate::base::{PerUnit, rounded};
-use crate::estimate::legs::{axis, of_reversal, window};
+use crate::estimate::legs::{add, axis, of_reversal, vector, window};
 use crate::inverter::Legs;
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Integrator, Real};
@@ -178,15 +178,6 @@ pub(super) struct Comparison<R: Real> {
     sum: [Integrator<R>; 2],
     /// What the latest comparison has found.
     pub legs: Legs<R>,
-}
-
-fn add<R: Real>(to: &mut [Integrator<R>; 2], gain: R, x: &AlphaBeta<R>) {
-    to[0].add(gain, x.re());
-    to[1].add(gain, x.im());
-}
-
-fn vector<R: Real>(x: &[Integrator<R>; 2]) -> AlphaBeta<R> {
-    AlphaBeta::new(x[0].value(), x[1].value())
 }
 
 impl<R: Real> Comparison<R> {

@@ -223,7 +223,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             let catch_periods = self.catch_periods;
             if at.stage <= catch_periods {
                 let u_s = x.u_s;
-                return PeriodOutput { field: self.catch_flux(c, &u_s, at.stage), complete: false, anew: false };
+                return PeriodOutput {
+                    field: self.catch_flux(c, &u_s, at.stage),
+                    complete: false,
+                    reset_current_control: false,
+                };
             }
             let i;
             (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods });
@@ -238,7 +242,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
         }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
-        PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete, anew: false }
+        PeriodOutput {
+            field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq },
+            complete,
+            reset_current_control: false,
+        }
     }
 
     fn idle(&mut self, i_s: &AlphaBeta<R>) {

@@ -61,8 +61,8 @@ pub(super) struct PeriodOutput<R: Real> {
     pub field: FieldQuantities<R>,
     /// The start-up is complete: speed and flux control begin with the next period.
     pub complete: bool,
-    /// Current control begins anew: at zero current no leg applies the voltage that its integrators would hold.
-    pub anew: bool,
+    /// The integrators of current control are reset: at zero current no leg applies the voltage that they would hold.
+    pub reset_current_control: bool,
 }
 
 /// Estimates of the latest period.

@@ -119,7 +119,7 @@ impl<R: Real> PaperEstimators<R> {
         }
         let i_dq = a_axis.to_field(&x.i_s);
         let field = FieldQuantities { field: a_axis, psi_s: R::ZERO, omega_s: R::ZERO, r_s: c.paper.r_s, i_dq };
-        PeriodOutput { field, complete: left == 0, anew: false }
+        PeriodOutput { field, complete: left == 0, reset_current_control: false }
     }
 
     /// Where |i_q| is too small for (15): the method of [9] beyond its smallest frequency, the radius at rest.
@@ -177,7 +177,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
                 let x = *x;
                 self.magnetise(c, &x, i_dq_ref, at.stage)
             }
-            None => PeriodOutput { field: self.step(&c.paper, x), complete: false, anew: false },
+            None => PeriodOutput { field: self.step(&c.paper, x), complete: false, reset_current_control: false },
         }
     }
 

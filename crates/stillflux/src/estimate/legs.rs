@@ -236,12 +236,12 @@ pub(crate) fn of_reversal<R: Real>(half: u32, from: u32, weight: R) -> R {
 
 /// Adds `gain · x` to both components.
 #[inline(never)]
-fn add<R: Real>(to: &mut [Integrator<R>; 2], gain: R, x: &AlphaBeta<R>) {
+pub(crate) fn add<R: Real>(to: &mut [Integrator<R>; 2], gain: R, x: &AlphaBeta<R>) {
     to[0].add(gain, x.re());
     to[1].add(gain, x.im());
 }
 
-fn vector<R: Real>(x: &[Integrator<R>; 2]) -> AlphaBeta<R> {
+pub(crate) fn vector<R: Real>(x: &[Integrator<R>; 2]) -> AlphaBeta<R> {
     AlphaBeta::new(x[0].value(), x[1].value())
 }
 

@@ -289,6 +289,6 @@ impl<R: Real> EnhancedEstimators<R> {
             r_s: config.resistance(),
             i_dq: axis.to_field(&i_s),
         };
-        PeriodOutput { field, complete: false, anew: period + config.settled() >= all }
+        PeriodOutput { field, complete: false, reset_current_control: period + config.settled() >= all }
     }
 }
