@@ -6,11 +6,15 @@ violation planted in an image of its own.
 
 from __future__ import annotations
 
+import concurrent.futures
+import contextlib
 import importlib
 import itertools
 import re
 import subprocess
 import sys
+import threading
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +46,30 @@ def chain() -> Any:
 def built(chain: Any, request: pytest.FixtureRequest) -> tuple[str, Path]:
     """Scheme and arithmetic, and their release image."""
     return request.param, toolchain.build(chain, "drive", *FEATURES[request.param])
+
+
+@dataclass(frozen=True)
+class _Slow:
+    """A compiler whose images hold the names of their features, and which takes its time."""
+
+    began: threading.Barrier
+
+    def cargo(self, *args: str, target: str, cwd: Path) -> None:
+        image = toolchain.OUT / target / "release" / "drive"
+        image.parent.mkdir(parents=True, exist_ok=True)
+        image.write_text(args[-1])
+        # Both are here at once, or the other one waits until this one has its image.
+        with contextlib.suppress(threading.BrokenBarrierError):
+            self.began.wait(0.2)
+
+
+def test_two_builds_at_once_keep_their_images_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(toolchain, "OUT", tmp_path)
+    chain = _Slow(threading.Barrier(2))
+    features = ["q", "legs"]
+    with concurrent.futures.ThreadPoolExecutor() as pool:
+        images = list(pool.map(lambda feature: toolchain.build(chain, "drive", feature), features))
+    assert [elf.read_text() for elf in images] == features
 
 
 def test_target_computes_every_bit_as_the_host_does(built: tuple[str, Path]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import subprocess
@@ -84,17 +85,23 @@ def compiler(target: str, library: str) -> Toolchain | None:
 def build(chain: Toolchain, name: str, *features: str, target: str = TARGET) -> Path:
     """Builds a bin of the firmware crate; the ELF file under a name of its own.
 
-    The enhanced scheme is in it unless `paper` stands alone.
+    The enhanced scheme is in it unless `paper` stands alone. Several processes may build at once: cargo puts a bin
+    of any features in the same place, so that it has to be copied before the next build begins.
     """
     args = ["build", "--release", "--locked", "--bin", name]
     if "paper" in features and "enhanced" not in features:
         args.append("--no-default-features")
     if features:
         args += ["--features", ",".join(features)]
-    chain.cargo(*args, target=target, cwd=CRATE)
     kind = [] if target == TARGET else [target.partition("-")[0]]
     elf = OUT / ("-".join([name, *features, *kind]) + ".elf")
-    shutil.copy(OUT / target / "release" / name, elf)
+    part = elf.with_suffix(f".{os.getpid()}")
+    OUT.mkdir(parents=True, exist_ok=True)
+    with (OUT / "build.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        chain.cargo(*args, target=target, cwd=CRATE)
+        shutil.copy(OUT / target / "release" / name, part)
+        part.replace(elf)
     return elf
 
 
