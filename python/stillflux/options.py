@@ -159,6 +159,9 @@ class DriveSettings(TypedDict, total=False):
     identify_legs: bool
     """Measure at each start at standstill how the legs of the bridge differ, in the first 0.2 s of its
     magnetisation (0.74 s at 160 kW)."""
+    hold_inductances: bool
+    """Correct leakage and magnetising inductance while the load changes alone, since a steady load does not
+    tell them from the resistance; otherwise always, by which minutes of steady load carry them away."""
     apply_innovation: bool
     """Correct the states by the filter's innovation; without it the flux is a pure integral."""
     omega_s_min: float

@@ -319,6 +319,36 @@ fn other_machines_hold_torque_at_low_speed_in_every_quadrant() {
     }
 }
 
+/// Leakage and magnetising inductance, of the parameters, and the speed error after minutes of rated load in one point.
+fn after_minutes_of_load(omega: f64, seed: u64, hold: bool) -> ([f64; 2], f64) {
+    const END: f64 = 200.0;
+    let machine = Machine::preset_2k2();
+    let o = Bench::new(machine, Inverter::preset_2k2(), END)
+        .with(|s| {
+            s.plant.seed = seed;
+            s.plant.adc.noise = 0.004 * machine.I_N;
+            s.plant.adc.offset = [0.01, -0.006, -0.004].map(|part| part * machine.I_N);
+            s.drive.enhanced.hold_inductances = hold;
+        })
+        .speed(&[(0.0, 0.0), (2.0, 0.0), (4.0, omega)])
+        .load(&[(0.0, 0.0), (4.0, 0.0), (6.0, 1.0)])
+        .run();
+    o.assert_running();
+    let memory = o.drive.memory();
+    ([memory.L_sigma / machine.L_sigma, memory.L_M / machine.L_M], o.speed_error(END - 50.0, END, omega))
+}
+
+#[test]
+fn minutes_of_steady_load_leave_the_inductances_where_they_are() {
+    for (omega, seed) in [(0.01, 3), (-0.06, 3), (-0.06, 4)] {
+        let (inductances, error) = after_minutes_of_load(omega, seed, true);
+        assert!(inductances.iter().all(|x| (x - 1.0).abs() < 0.05), "{omega}: {inductances:?}");
+        assert!(error < 0.001, "{omega}: {error}");
+    }
+    let ([leakage, _], error) = after_minutes_of_load(-0.06, 3, false);
+    assert!((leakage - 1.0).abs() > 0.25 && error > 0.002, "corrected always: {leakage}, {error}");
+}
+
 /// Largest angle error of a drive that stands beside `ω_s = 0` under rated load in regeneration for 18 s, with dead times of
 /// the legs that are some nanoseconds longer and shorter than told; 180 if it is lost.
 fn beside_the_line(delay: [f64; 3], seed: u64, omega_s_min: Option<f64>) -> f64 {

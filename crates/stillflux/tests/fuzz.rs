@@ -142,6 +142,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         identify_offset: !rng.chance(4),
         identify_resistance: !rng.chance(4),
         identify_legs: !rng.chance(4) && cfg!(feature = "legs"),
+        hold_inductances: !rng.chance(4),
         apply_innovation: !rng.chance(6),
         omega_s_min: rng.within(0.0, 0.05) * machine.omega_sR(),
         prior_R_s: rng.ratio(0.002, 0.5),

@@ -74,6 +74,7 @@ impl<R: Real> EnhancedConfig<R> {
         };
         let filter = FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified);
         let filter = filter.with_priors(&priors);
+        let filter = if p.enhanced.hold_inductances { filter } else { filter.never_steady() };
         let filter = p.enhanced.temperature().map_or(filter, |t| filter.with_temperature(machine, inverter, pu, &t));
         // At least 0.0125 of normalised time, whose reciprocal fits fixed point.
         let catch_block = inverter.periods(CATCH_BLOCK).max(libm::ceil(0.0125 / pu.t_s) as u32);

@@ -22,7 +22,7 @@ use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
 #[cfg(feature = "legs")]
 use crate::inverter::Legs;
-use crate::scalar::{Real, likely};
+use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Largest uncertainty of its direction, rad, and speed of the stop of a shaft that is taken as one that is held.
@@ -30,7 +30,7 @@ const DIRECTION: f64 = 0.5;
 const STANDING: f64 = 0.035;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
-/// Stator frequency against the torque up to which the flux shift must be able to lower the flux: it leads over zero.
+/// Stator frequency against the torque up to which the field may be about to pass zero frequency.
 const CROSSING: f64 = 0.0025;
 
 /// What a start-up knows of the machine.
@@ -90,7 +90,7 @@ pub(super) struct EnhancedEstimators<R: Real> {
     put_off: u32,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
-    /// Rotor resistance at its temperature, relative to the parameter.
+    /// Rotor resistance at its temperature and at the present saturation, relative to the parameter.
     rotor: R,
 }
 
@@ -212,9 +212,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             4 => self.knee.set_legs(&self.legs, x.u_dc),
             6 => {
                 c.inverter.follow(&mut self.knee, self.filter.knee());
-                if !likely(!c.enhanced.filter.follows_temperature()) {
-                    self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
-                }
+                self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
             }
             _ => {}
         }
@@ -285,12 +283,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     /// `ψ* + w (|ψ̂_s| - ψ*)` with `|ψ̂_s|` limited to 0.5 … 1.5 of `ψ*` and the weight `w` by the variance of
     /// `|ψ̂_s|`; flux control has the weight `w` at every stator frequency, except in regeneration beyond [`CROSSING`]:
     /// there it falls below `|ω_s|` = 0.06 to 0.12 of it, since an error of `r̂_s` appears in `|ψ̂_s|` with the sign
-    /// for which flux control is unstable.
+    /// for which flux control is unstable. Not while the flux is shifted: the reference leads over zero frequency then,
+    /// within a second, and a flux that does not follow it would stay there.
     #[inline(always)]
     fn present_flux(&self, psi_ref: R) -> (R, R) {
         let SpeedEstimate { omega_s, omega_r, .. } = self.speed;
         let against = if omega_r < R::ZERO { omega_s } else { -omega_s };
-        let regenerating = against > R::from_f64(CROSSING);
+        let regenerating = against > R::from_f64(CROSSING) && self.shift.factor() >= R::ONE;
         let weight = self.filter.magnitude_weight();
         let gain = if regenerating { weight_by_frequency(omega_s).max(R::from_f64(REGENERATING)) } else { R::ONE };
         let psi = self.filter.magnitude().clamp(psi_ref.half(), psi_ref * R::from_f64(1.5));

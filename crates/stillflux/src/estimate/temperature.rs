@@ -118,12 +118,6 @@ impl<R: Real> TemperatureConfig<R> {
         clamp_seldom(R::ONE + rise, R::from_f64(RATIO.0), R::from_f64(RATIO.1))
     }
 
-    /// Whether the rotor resistance follows the stator's.
-    #[inline(always)]
-    pub fn follows(&self) -> bool {
-        self.gain > R::ZERO
-    }
-
     /// Whether the stator resistance is predicted.
     #[inline(always)]
     pub fn predicts(&self) -> bool {

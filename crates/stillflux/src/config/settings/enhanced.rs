@@ -21,6 +21,9 @@ pub struct EnhancedParams {
     /// 0.2 s of its magnetisation, 0.74 s at 160 kW; not without `inverter_model` and `calibrate_offset`, nor with a `current_bandwidth`
     /// below `12.7 R_R/L_M`, in Hz.
     pub identify_legs: bool,
+    /// Correct the inductances while the load changes alone ([`crate::estimate::kalman`]); otherwise always, by which a
+    /// steady load of minutes carries them away.
+    pub hold_inductances: bool,
     /// Correct the states by the filter's innovation; without it the flux is a pure integral.
     pub apply_innovation: bool,
     /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
@@ -75,6 +78,7 @@ impl EnhancedParams {
             identify_offset: true,
             identify_resistance: true,
             identify_legs: cfg!(feature = "legs"),
+            hold_inductances: true,
             apply_innovation: true,
             omega_s_min: shift(machine),
             prior_R_s: r_s,
@@ -155,6 +159,7 @@ impl EnhancedParams {
         switch("identify_offset", self.identify_offset, d.identify_offset)?;
         switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;
         switch("identify_legs", self.identify_legs, d.identify_legs)?;
+        switch("hold_inductances", self.hold_inductances, d.hold_inductances)?;
         switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
         same("omega_s_min", self.omega_s_min, d.omega_s_min)?;
         let mut priors = self.priors().into_iter().zip(d.priors());

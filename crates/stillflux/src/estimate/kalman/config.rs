@@ -1,5 +1,6 @@
 //! Settings of the filter: model, noise and block of a machine on a bridge.
 
+use super::load::LOAD_TIME;
 use super::model::{Model, Saturated};
 use super::noise::{Identified, Noise};
 use crate::base::{PerUnit, rounded};
@@ -30,11 +31,13 @@ pub struct FilterConfig<R: Real> {
     pub(super) noise: Noise<R>,
     /// Prior of `c`, the saturated part of the magnetising current.
     pub(super) saturation: R,
+    /// Corner of the load's low-pass, per block; 0: no load is steady.
+    pub(super) load_corner: R,
     /// Whether the innovation corrects anything.
     pub(super) correct: bool,
     pub(super) temperature: TemperatureConfig<R>,
 }
-words!(FilterConfig: t_s, block, inv_block, model, noise, saturation, correct, temperature);
+words!(FilterConfig: t_s, block, inv_block, model, noise, saturation, load_corner, correct, temperature);
 
 impl<R: Real> FilterConfig<R> {
     /// Settings for validated parameters at a flux reference `psi_ref`; `calibrated`: the offsets of the
@@ -57,16 +60,10 @@ impl<R: Real> FilterConfig<R> {
             model: Model::new(machine, pu, psi_ref, seconds),
             noise: Noise::new(pu, seconds, calibrated, saturated.known, identified),
             saturation: rounded(saturated.c),
+            load_corner: rounded(seconds / LOAD_TIME),
             correct: identified.flux,
             temperature: TemperatureConfig::new(machine, pu, None, seconds),
         }
-    }
-
-    /// Whether the rotor resistance follows the temperature.
-    #[cfg(feature = "enhanced")]
-    #[inline(always)]
-    pub(crate) fn follows_temperature(&self) -> bool {
-        self.temperature.follows()
     }
 
     /// Periods and duration, s, of a block.
@@ -91,6 +88,13 @@ impl<R: Real> FilterConfig<R> {
     #[must_use]
     pub fn with_temperature(self, machine: &Machine, inverter: &Inverter, pu: &PerUnit, known: &Temperature) -> Self {
         Self { temperature: TemperatureConfig::new(machine, pu, Some(known), Self::block(inverter).1), ..self }
+    }
+
+    /// The same with inductances that are corrected under a steady load, too ([`super::load`]).
+    #[must_use]
+    pub fn never_steady(self) -> Self {
+        // A low-pass that stays at zero.
+        Self { load_corner: R::ZERO, ..self }
     }
 
     /// The same with other standard deviations of the parameters at the start.

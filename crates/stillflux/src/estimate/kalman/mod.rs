@@ -64,11 +64,11 @@
 //!   leakage would take their errors for its own: the four are held (consider states, without correlation), and the flux
 //!   has noise that grows with frequency. The variance of `r_s` grows meanwhile, since the winding warms or cools. Where
 //!   its heat is predicted ([`crate::estimate::temperature`]) `r_s` keeps its correlation with the flux.
-//! * Below `|ω_s| = 0.008` the leakage is not corrected, since a steady load does not show it there; it keeps its variance,
-//!   and the others their correlations with it (Schmidt's filter): a load that comes in at standstill turns the rotor flux
-//!   by the error of the leakage, and the gains must know. Without the correlations the filter took that for errors of
-//!   resistance and offset, and large machines lost every tenth load step. The correlations fade within some
-//!   seconds (`REMEMBERED`).
+//! * Under a steady load leakage, `γ` and `c` are not corrected, since the innovation does not tell them from the resistance
+//!   ([`load`]), and below `|ω_s| = 0.008` the leakage never is. They keep their variances, and the others their correlations
+//!   with them (Schmidt's filter): a load that comes in turns the rotor flux by the error of the leakage, and the gains must
+//!   know. Without the correlations the filter took that for errors of resistance and offset, and large machines lost
+//!   every tenth load step. Those with the leakage fade within some seconds (`REMEMBERED`).
 //! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
 //!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.
 //! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 blocks, means that something has
@@ -83,6 +83,7 @@ mod config;
 mod covariance;
 mod intermediate;
 mod learned;
+mod load;
 mod model;
 mod noise;
 #[cfg(test)]
@@ -99,6 +100,7 @@ pub use noise::Identified;
 use self::covariance::Covariance;
 use self::intermediate::{Gain, Intermediate};
 use self::learned::Initial;
+use self::load::Load;
 use self::model::{
     BlockMeans, C_MAX, Model, OperatingPoint, PSI, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI,
     SCALE_R, SCALE_V,
@@ -171,6 +173,7 @@ pub struct Filter<R: Real> {
     sum: Dq<R>,
     /// Period within the block.
     period: u8,
+    load: Load<R>,
     point: OperatingPoint<R>,
     p: Covariance<R>,
     /// Result that passes from slot to slot.
@@ -242,6 +245,7 @@ impl<R: Real> Filter<R> {
             d_leakage_flux: (i_s - self.point.i_s) * sigma_l_s,
             loss: *loss,
             omega_s,
+            steady: self.load.is_steady(c.load_corner, i_ref.im()),
         };
         self.valid = valid;
         let before = self.point.n;
@@ -360,11 +364,11 @@ impl<R: Real> Filter<R> {
         self.r_s.add_clamped(gain, x, r_s * R::from_f64(R_S_RANGE.0), r_s * R::from_f64(R_S_RANGE.1));
     }
 
-    /// Rotor resistance relative to the parameter, by the temperature that the stator resistance shows
-    /// ([`crate::estimate::temperature`]).
+    /// Rotor resistance relative to the parameter: at the temperature that the stator resistance shows
+    /// ([`crate::estimate::temperature`]), and at the saturation of this flux ([`Model::rotor_saturation`]).
     #[inline]
     pub fn rotor_resistance(&self, c: &FilterConfig<R>) -> R {
-        c.temperature.rotor(self.r_s())
+        c.temperature.rotor(self.r_s()) * c.model.rotor_saturation(&self.point, self.m.value())
     }
 
     /// Offset of the current sensors.

@@ -109,11 +109,13 @@ pub(super) struct Model<R: Real> {
     pub decay: R,
     /// Reciprocal of the rated rotor flux.
     pub inv_m_rated: R,
+    /// `2λ/(1 + 2λ)` with `λ = L_σ/L_M`, 0 without a saturation curve: [`Model::rotor_saturation`].
+    by_saturation: R,
     /// Exponent `S` of the magnetising curve, and the largest `m/m_N` for which it is followed.
     exponent: u32,
     x_max: R,
 }
-words!(Model: sigma_l_s, r_s, l_m, delta, r_r_block, decay, inv_m_rated, exponent, x_max);
+words!(Model: sigma_l_s, r_s, l_m, delta, r_r_block, decay, inv_m_rated, by_saturation, exponent, x_max);
 
 /// The magnetising curve `i_μ = (m/L_M) (1 - c + c (m/m_N)^S)` of a machine.
 #[derive(Clone, Copy, Debug)]
@@ -193,6 +195,8 @@ pub(super) struct BlockMeans<R: Real> {
     pub loss: Distortion<R>,
     /// Stator frequency.
     pub omega_s: R,
+    /// The load is steady ([`super::load`]).
+    pub steady: bool,
 }
 
 /// Operating point about which the next block is linearised, per unit.
@@ -216,6 +220,8 @@ pub(super) struct OperatingPoint<R: Real> {
     /// Distance from the steady state, `l_M (i·n - i_μ)`, times [`TRANSIENT`], scaled as a flux.
     pub transient: R,
     pub omega_s: R,
+    /// The load is steady ([`super::load`]).
+    pub steady: bool,
 }
 
 impl<R: Real> Model<R> {
@@ -223,7 +229,8 @@ impl<R: Real> Model<R> {
     pub fn new(machine: &Machine, pu: &PerUnit, psi_ref: f64, seconds: f64) -> Self {
         let r = rounded::<R>;
         let delta = pu.base.omega * seconds;
-        let exponent = Saturated::of(machine).exponent;
+        let Saturated { exponent, known, .. } = Saturated::of(machine);
+        let leakage = if known { 2.0 * pu.sigma_l_s / pu.l_m } else { 0.0 };
         Self {
             sigma_l_s: r(pu.sigma_l_s),
             r_s: r(pu.r_s),
@@ -232,6 +239,7 @@ impl<R: Real> Model<R> {
             r_r_block: r(pu.r_r * delta),
             decay: r(pu.r_r / pu.l_m * delta),
             inv_m_rated: r(pu.l_s / (pu.l_m * psi_ref)),
+            by_saturation: r(leakage / (1.0 + leakage)),
             exponent: exponent as u32,
             x_max: r(libm::pow(SATURATED_MAX, 1.0 / exponent)),
         }
@@ -256,6 +264,19 @@ impl<R: Real> Model<R> {
     /// `S` as a factor.
     fn exponent(&self) -> R {
         R::from_f64(64.0).periods(self.exponent)
+    }
+
+    /// `r_R` of the inverse-Γ circuit at a flux over that at rated flux. The cage's resistance `R_Γ` and leakage `L_l` do not
+    /// saturate; what follows from them with the inductance `L_s` of the stator does,
+    ///
+    /// ```text
+    /// R_R = R_Γ/(1 + L_l/L_s)²  ⇒  R_R/R_R,N ≈ 1 + 2λ/(1 + 2λ) (1 - g),    λ = L_σ/L_M,  g = L_M,N/L_M
+    /// ```
+    ///
+    /// 3.6 % at 2.2 kW and 0.85 of rated flux. Of a machine half of whose leakage is in its stator it is half of that.
+    #[inline(always)]
+    pub fn rotor_saturation(&self, at: &OperatingPoint<R>, m: R) -> R {
+        R::ONE + self.by_saturation * ((m - at.magnetisation.m_g) * at.inv_psi_r).limit(R::HALF)
     }
 
     /// Slope of the magnetising curve at rated flux, `1 + S c`.
@@ -289,6 +310,7 @@ impl<R: Real> Model<R> {
             magnetisation,
             transient: (x.i_d * self.l_m - m_steady) * R::from_f64(TRANSIENT / SCALE_PSI),
             omega_s: x.omega_s,
+            steady: x.steady,
         };
         (point, self.r_r_block * x.i_d - self.decay * m_steady)
     }

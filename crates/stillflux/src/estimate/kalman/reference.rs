@@ -4,6 +4,7 @@
 
 use super::covariance::N;
 use super::intermediate::{Gain, Intermediate};
+use super::load::Load;
 use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA,
     SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
@@ -99,6 +100,7 @@ fn point(model: &Model<f64>, x: &State, block: &Block, omega_s: f64) -> Operatin
         d_leakage_flux: AlphaBeta::new(block.d_i.x, block.d_i.y) * model.sigma_l_s,
         loss: block.loss,
         omega_s,
+        steady: false,
     };
     model.operating_point(&means, model.magnetisation(m, x[GAMMA], x[C]), x[GAMMA]).0
 }
@@ -220,6 +222,7 @@ struct Reference {
     i_s: Vector2<f64>,
     /// Current reference at the end of the last block.
     i_ref: Vector2<f64>,
+    load: Load<f64>,
     sum: Vector2<f64>,
     period: u32,
     nis: f64,
@@ -259,6 +262,7 @@ impl Reference {
             n: Vector2::new(filter.point.n.cos, filter.point.n.sin),
             i_s: vector(&filter.i_s),
             i_ref: vector(&filter.point.i_s),
+            load: filter.load,
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),
             period: filter.period.into(),
             nis: filter.nis,
@@ -315,6 +319,7 @@ impl Reference {
             d_leakage_flux: AlphaBeta::new(d_i.x, d_i.y) * leakage,
             loss: *input.loss,
             omega_s: input.omega_s,
+            steady: self.load.is_steady(self.c.load_corner, input.i_ref.im()),
         };
         let (at, increment) = model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma);
         self.x[M] += increment;
@@ -370,7 +375,8 @@ impl Reference {
         let excess = if held { 0.0 } else { (self.nis - NIS_THRESHOLD).max(0.0) };
         let mut q = Matrix::from_diagonal(&State::from(self.c.noise.walk(excess)));
         let room = (noise::WARMED - p[(RS, RS)]).max(0.0);
-        let leakage_held = held || omega <= OMEGA_LEAKAGE_HELD;
+        let inductances_held = !held && at.steady;
+        let leakage_held = held || inductances_held || omega <= OMEGA_LEAKAGE_HELD;
         if leakage_held {
             q[(LEAKAGE, LEAKAGE)] = 0.0;
             let own = p[(LEAKAGE, LEAKAGE)];
@@ -411,12 +417,16 @@ impl Reference {
             (row * p * row.transpose())[0] + noise::MEASUREMENT + at.transient * at.transient + 2.0 * second * second;
         self.inv_s = 1.0 / s;
         self.gain = p * row.transpose() / s;
-        let of_leakage = p[(LEAKAGE, LEAKAGE)];
+        let machine = p.fixed_view::<3, 3>(LEAKAGE, LEAKAGE).into_owned();
         p -= self.gain * (row * p);
         if leakage_held {
-            // Schmidt's update: the state and its variance stay.
-            p[(LEAKAGE, LEAKAGE)] = of_leakage;
+            p[(LEAKAGE, LEAKAGE)] = machine[(0, 0)];
             self.gain[LEAKAGE] = 0.0;
+        }
+        if inductances_held {
+            // Schmidt's update: the states of the machine and their covariance stay.
+            p.fixed_view_mut::<3, 3>(LEAKAGE, LEAKAGE).copy_from(&machine);
+            self.gain.fixed_rows_mut::<3>(LEAKAGE).fill(0.0);
         }
         for k in 0..N {
             p[(k, k)] = p[(k, k)].max(noise::FLOOR);

@@ -211,6 +211,7 @@ fn the_model_is_followed_up_to_a_load_angle_and_a_saturation() {
             d_leakage_flux: AlphaBeta::default(),
             loss: Distortion::default(),
             omega_s: 0.1,
+            steady: true,
         };
         model.operating_point(&means, model.magnetisation(1.0, 1.0, 0.2), 1.0).0.turn / model.r_r_block
     };

@@ -42,14 +42,12 @@ use crate::space::{AlphaBeta, Rotator};
 /// 0.6 pu and rated torque with `r̂_s` 6 % too high it went to its limit within 40 s and turned the rotor flux by 9.5°.
 pub(super) const OMEGA_HELD: f64 = 0.2;
 
-/// Stator frequency, per unit, below which the leakage is not corrected. A steady load does not show it there, and over
-/// minutes the remaining errors of the bridge near current zero would be taken for it: ten minutes of rated torque at the
-/// flux shift's 0.006 moved it by 22 % at 2.2 kW. Its variance stays, and its correlations for a while (Schmidt's update).
+/// Stator frequency, per unit, below which the leakage is not corrected even while the load changes: what it adds to the
+/// innovation with the load the resistance adds with the time.
 pub(super) const OMEGA_LEAKAGE_HELD: f64 = 0.008;
 /// Part of the correlations with the leakage that is left after a block in which it is not corrected: they fade with 4096
 /// blocks, some seconds. A change of load is weighed by them; over minutes errors of the bridge near current zero, which
-/// are no noise, went by them into the flux: ten minutes of rated torque at the flux shift's 0.006 turned it by 9° at
-/// 2.2 kW. Allowance.
+/// are no noise, went by them into the flux. Allowance.
 pub(super) const REMEMBERED: f64 = 1.0 - 1.0 / 4096.0;
 
 /// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
@@ -101,10 +99,16 @@ impl<R: Real> OperatingPoint<R> {
         self.omega_s.abs() > R::from_f64(OMEGA_HELD)
     }
 
+    /// Whether leakage, `γ` and `c` are not corrected where the resistance is.
+    #[inline(always)]
+    pub(super) fn inductances_held(&self) -> bool {
+        !self.held() && self.steady
+    }
+
     /// Whether the leakage is not corrected.
     #[inline(always)]
     pub(super) fn leakage_held(&self) -> bool {
-        self.held() || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
+        self.held() || self.steady || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
     }
 
     /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each,
@@ -288,17 +292,27 @@ impl<R: Real> Filter<R> {
 
     #[inline(never)]
     pub(super) fn update_last(&mut self) {
-        let before = self.p.get(LEAKAGE, LEAKAGE);
-        update_rows!(self, 8 9 10);
-        // Schmidt's update: what is not corrected keeps its variance.
-        if self.point.leakage_held() {
-            self.p.add_at(LEAKAGE, LEAKAGE, before - self.p.get(LEAKAGE, LEAKAGE));
-            if let Intermediate::Gain(Gain { ph }) = &mut self.intermediate {
-                ph[LEAKAGE] = R::ZERO;
-            }
+        // Schmidt's update: what is not corrected keeps its covariance.
+        let (all, leakage) = (self.point.inductances_held(), self.point.leakage_held());
+        if !leakage {
+            update_rows!(self, 8);
+        }
+        if !all {
+            update_rows!(self, 9 10);
+        }
+        let Intermediate::Gain(Gain { ph }) = &mut self.intermediate else { return };
+        if leakage {
+            self.p.reduce_others::<LEAKAGE, LEAKAGE>(ph, self.inv_s);
+            ph[LEAKAGE] = R::ZERO;
+        }
+        if all {
+            self.p.reduce_others::<GAMMA, LEAKAGE>(ph, self.inv_s);
+            self.p.reduce_others::<C, LEAKAGE>(ph, self.inv_s);
+            (ph[GAMMA], ph[C]) = (R::ZERO, R::ZERO);
         }
     }
 }
 
-/// The slots rely on the order of the states: the flux first, the components of a vector side by side.
-const _: () = assert!(PSI == 0 && C == N - 1 && GAMMA < N);
+/// The slots rely on the order of the states: the flux first, the components of a vector side by side, the states of the
+/// machine last.
+const _: () = assert!(PSI == 0 && LEAKAGE == 8 && GAMMA == 9 && C == N - 1);
