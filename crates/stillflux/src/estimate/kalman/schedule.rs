@@ -37,10 +37,8 @@ use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
 
-/// Stator frequency, per unit, above which resistance, inverter error and knee are consider states: their voltage is
-/// smaller than the error of the voltage itself. So is the leakage, which would take their errors for its own: at 4 kW,
-/// 0.6 pu and rated torque with `r̂_s` 6 % too high it went to its limit within 40 s and turned the rotor flux by 9.5°.
-pub(super) const OMEGA_HELD: f64 = 0.2;
+/// Stator frequency, per unit, above which the gain of the flux is turned by the angle passed since.
+const OMEGA_TURNED: f64 = 0.2;
 
 /// Stator frequency, per unit, below which the leakage is not corrected. A steady load does not show it there, and over
 /// minutes the remaining errors of the bridge near current zero would be taken for it: ten minutes of rated torque at the
@@ -95,23 +93,23 @@ impl Slot {
 }
 
 impl<R: Real> OperatingPoint<R> {
-    /// Whether resistance, inverter error and knee are consider states.
+    /// Whether the field turns far within a block.
     #[inline(always)]
-    pub(super) fn held(&self) -> bool {
-        self.omega_s.abs() > R::from_f64(OMEGA_HELD)
+    pub(super) fn turns(&self) -> bool {
+        self.omega_s.abs() > R::from_f64(OMEGA_TURNED)
     }
 
     /// Whether the leakage is not corrected.
     #[inline(always)]
     pub(super) fn leakage_held(&self) -> bool {
-        self.held() || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
+        self.held || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
     }
 
     /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each,
     /// zero where they are held; `predicted`: but for that of the resistance.
     #[inline(always)]
     fn regressors(&self, predicted: bool) -> Regressors<R> {
-        if !self.held() {
+        if !self.held {
             // by_knee is -∂u_l/∂ln k.
             let u_k = -AlphaBeta::from_phases(self.loss.by_knee());
             Regressors {
@@ -198,9 +196,9 @@ impl<R: Real> Filter<R> {
     fn add_noise(&mut self, c: &FilterConfig<R>) {
         let q = &self.point;
         let omega = q.omega_s.abs();
-        let excessive = !q.held() && self.nis > R::from_f64(NIS_THRESHOLD);
+        let excessive = !q.held && self.nis > R::from_f64(NIS_THRESHOLD);
         let mut walk = c.noise.walk(if excessive { self.nis - R::from_f64(NIS_THRESHOLD) } else { R::ZERO });
-        if q.held() {
+        if q.held {
             // Held and decorrelated: the innovation does not change them, and their effect on the flux is part of the
             // noise that grows with frequency. The winding goes on warming or cooling. Where its resistance is predicted,
             // and as well known as the prediction can be, its correlation with the flux stays.
@@ -274,7 +272,7 @@ impl<R: Real> Filter<R> {
         }
         let s = s + measurement + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
         self.inv_s = s.max(measurement).recip();
-        if !likely(!q.held()) {
+        if !likely(!q.held) {
             // What the update takes off: it does not correct the resistance.
             self.p.add_at(RS, RS, ph[RS] * (ph[RS] * self.inv_s));
         }
