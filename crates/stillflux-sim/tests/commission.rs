@@ -149,3 +149,23 @@ fn a_procedure_alone_finds_its_values_and_leaves_the_others_as_they_were_known()
         }
     }
 }
+
+#[test]
+fn a_motor_without_saturation_is_found_as_well_as_one_with_it() {
+    let (plate, sheet, plant) = connected(1.0);
+    let (psi, curve) = (plant.machine.U_N / (2.0 * std::f64::consts::PI * plant.machine.f_N), 0.4f64);
+    let l_u = (plant.machine.L_M + plant.machine.L_sigma) * (1.0 + curve);
+    let a = curve.powf(1.0 / 7.0) / (psi * (2.0f64 / 3.0).sqrt());
+    for saturation in [None, Some(Saturation { L_u: l_u, a, S: 7.0 })] {
+        let machine = Machine { saturation, ..plant.machine };
+        let plant = PlantParams { machine, ..plant };
+        let wired = Wiring::default();
+        let mut run = CommissioningRun::new(&plate, &sheet, Shaft::Locked, Arithmetic::F32, plant, wired).unwrap();
+        while run.advance(10_000) {}
+        let found = run.commissioning().result().unwrap();
+        let off = |x: f64, y: f64| (x / y - 1.0).abs();
+        let (r_r, l_m) = (off(found.machine.R_R, machine.R_R), off(found.machine.L_M, machine.L_M));
+        assert!(r_r < 0.015 && l_m < 0.03, "{saturation:?}: {r_r} {l_m}");
+        assert!(found.deviation.R_R < 0.02, "{}", found.deviation.R_R);
+    }
+}

@@ -12,7 +12,7 @@
 use super::bridge::{self, BridgeCurve};
 use super::magnetising::{self, Guess, MagnetisingCurve, Reading};
 use super::nameplate::Deviation;
-use super::{Commissioning, Stage};
+use super::{Commissioning, RISE, Stage};
 use crate::config::DriveParams;
 #[cfg(feature = "enhanced")]
 use crate::config::EnhancedParams;
@@ -214,9 +214,11 @@ impl<R: Real> Commissioning<R> {
         let (c, s) = (&self.config, &self.state);
         let (pu, plate) = (&c.pu, &c.machine);
         let loss = BridgeCurve::loss(&found.inverter, &found.machine)?;
-        let readings = s.magnetising.record.map(|l| {
-            let i = l.i.to_f64();
-            Reading { u: l.u.map(R::to_f64), i, i_settling: l.i_settling.to_f64(), loss: loss(i) }
+        let record = &s.magnetising.record;
+        let rise = f64::from(RISE) / f64::from(c.magnetising.settle);
+        let readings: [Reading; magnetising::LEVELS] = core::array::from_fn(|k| {
+            let before = if k > 0 { record[k - 1].i.to_f64() } else { 0.0 };
+            Reading::new(&record[k], before, rise, &loss)
         });
         let l_sigma = found.machine.L_sigma / pu.base.l;
         let share = pu.r_s / (pu.r_s + pu.r_r);
@@ -228,6 +230,7 @@ impl<R: Real> Commissioning<R> {
             loss: found.deviation_inverter[0],
             settle: f64::from(c.magnetising.settle) * pu.t_s,
             window: f64::from(c.magnetising.window) * pu.t_s,
+            sigma_psi: magnetising::SIGMA_PSI,
         };
         let fit = magnetising::fit(&guess, readings.get(..levels).unwrap_or(&readings));
         let (l_s, l_u) = (fit.inductance(1.0), fit.l_u);

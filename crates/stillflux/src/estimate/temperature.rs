@@ -19,10 +19,11 @@
 //! δω = -ω_r δr_R/r_R,    (δr_R/r_R)² = (g √P)² + ((ϑ_R - ϑ_0 - ρ (ϑ - ϑ_0))/(θ_R + ϑ_0))²
 //! ```
 //!
-//! A percent of `r̂_s`, or 2.5 K between rotor and winding, is a percent of the slip. Above `|ω_s| = 0.2` the filter holds
-//! `r̂_s` ([`crate::estimate::kalman`]) and the error grows with the winding's temperature: the prediction carries it there.
-//! Its own error is that of `ΔT_N`, of a part `1 - e^(-t/τ)`. Below 0.2 it is a drift of the state that is known; what
-//! the filter measures corrects it.
+//! A percent of `r̂_s`, or 2.5 K between rotor and winding, is a percent of the slip. Where a temperature is
+//! known the filter identifies `r_s` up to `|ω_s| = 0.35` instead of 0.2 ([`crate::estimate::kalman`]), so that a motor at 0.2
+//! of rated speed under load shows it. Above, `r̂_s` is held and the error grows with the winding's temperature: the
+//! prediction carries it there. Its own error is that of `ΔT_N`, of a part `1 - e^(-t/τ)`. Below it is a drift of the
+//! state that is known; what the filter measures corrects it.
 //!
 //! **Torque.** A flux that is estimated by the voltage satisfies the balance of active power, `ω_s T̂ = u·i - r̂_s i²`,
 //! whatever its other errors, so that an error of the resistance is one of the torque,
@@ -31,11 +32,11 @@
 //! δT = δr_s i²/ω_s
 //! ```
 //!
-//! largest where `r_s` begins to be predicted: with 2 % of `r_s` = 0.15, the current of rated torque and `ω_s` = 0.2 it is
-//! 2 % of rated torque. It displaces the flux by `δψ = -j δr_s i/ω_s`, which the innovation shows. Were `r_s` not
+//! largest where `r_s` begins to be predicted: with 2 % of `r_s` = 0.15, the current of rated torque and `ω_s` = 0.35 it is
+//! 1 % of rated torque. It displaces the flux by `δψ = -j δr_s i/ω_s`, which the innovation shows. Were `r_s` not
 //! correlated with the flux, the magnetising curve, which is identified at any speed, would take this for an error of its
-//! own: after a while at half speed the curve fits there, and it is wrong at 0.2, where the displacement is more than
-//! twice as large. That adds to `δT` (3.1 % in all at 0.37 kW in regeneration). So where it is predicted `r_s` keeps its
+//! own: after a while at half speed the curve fits there, and it is wrong where the field is slower and the displacement
+//! larger. That adds to `δT` (3.1 % in all at 0.37 kW in regeneration, when `r_s` was held down to 0.2). So where it is predicted `r_s` keeps its
 //! correlation with the flux (Schmidt's consider state), with a variance that grows up to that of a tenth of `ΔT_N`. `r̂_s`
 //! itself is not corrected there: the innovation shows errors of the leakage inductance just as well.
 //!

@@ -87,7 +87,8 @@ impl<R: Real> FilterConfig<R> {
     /// The same with what is known of the temperatures.
     #[must_use]
     pub fn with_temperature(self, machine: &Machine, inverter: &Inverter, pu: &PerUnit, known: &Temperature) -> Self {
-        Self { temperature: TemperatureConfig::new(machine, pu, Some(known), Self::block(inverter).1), ..self }
+        let temperature = TemperatureConfig::new(machine, pu, Some(known), Self::block(inverter).1);
+        Self { temperature, model: self.model.with_thermometer(), ..self }
     }
 
     /// The same with inductances that are corrected under a steady load, too ([`super::load`]).

@@ -60,9 +60,9 @@
 //!   the innovation's; without it a large angle variance would turn a small innovation into a wrong correction.
 //! * Near the current zero of a phase the voltage of its leg is uncertain ([`crate::inverter`]): noise along that
 //!   phase's axis while the field is slow.
-//! * Above `|ω_s| = 0.2` the voltages of `r_s`, `v` and `k` are smaller than the error of the voltage itself, and the
-//!   leakage would take their errors for its own: the four are held (consider states, without correlation), and the flux
-//!   has noise that grows with frequency. The variance of `r_s` grows meanwhile, since the winding warms or cools. Where
+//! * Above `|ω_s| = 0.2`, or 0.35 where the rotor resistance follows that of the stator, the voltages of `r_s`, `v` and `k`
+//!   are smaller than the error of the voltage itself, and the leakage would take their errors for its own: the four are
+//!   held (consider states, without correlation), and the flux has noise that grows with frequency. The variance of `r_s` grows meanwhile, since the winding warms or cools. Where
 //!   its heat is predicted ([`crate::estimate::temperature`]) `r_s` keeps its correlation with the flux.
 //! * Under a steady load leakage, `γ` and `c` are not corrected, since the innovation does not tell them from the resistance
 //!   ([`load`]), and below `|ω_s| = 0.008` the leakage never is. They keep their variances, and the others their correlations
@@ -72,8 +72,8 @@
 //! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
 //!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.
 //! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 blocks, means that something has
-//!   stepped that the random walks do not contain: noise is added to flux, offset and resistance. Not above
-//!   `|ω_s| = 0.2`, and not in the first 200 blocks of a start.
+//!   stepped that the random walks do not contain: noise is added to flux, offset and resistance. Not where these are
+//!   held, and not in the first 200 blocks of a start.
 //! * Below a rotor flux of 0.1 pu its direction is not defined well enough: `m` is set to `|ψ_R|`, nothing is
 //!   corrected.
 //! * Every identified state is limited to a range; a standard deviation of the angle above `SIGMA_LOST` initialises
@@ -265,7 +265,7 @@ impl<R: Real> Filter<R> {
         } else {
             self.hold_off -= 1;
         }
-        if self.point.held() {
+        if self.point.turns() {
             self.turn_gain(&before);
         }
         self.correct(c, z.limit(R::from_f64(20.0)));
@@ -315,7 +315,7 @@ impl<R: Real> Filter<R> {
         let r = R::from_f64;
         let (z, r_s) = (self.weighted, c.model.r_s);
         let [.., of_r_s, of_v, of_knee, _, of_gamma, of_c] = *ph;
-        let held = c.temperature.predicts() && self.point.held();
+        let held = c.temperature.predicts() && self.point.held(&c.model);
         let of_r_s = if likely(!held) { of_r_s } else { R::ZERO };
         correct_state(&mut self.r_s, of_r_s, z * (r_s * r(SCALE_R)), r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
         // Their errors are logarithmic: the correction acts on the factors 1 + v and k.
@@ -475,7 +475,7 @@ fn correct_state<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
 
 #[cfg(test)]
 mod tests {
-    use super::model::{B, GAMMA, KNEE, LEAKAGE, RS, V};
+    use super::model::{B, GAMMA, KNEE, LEAKAGE, OMEGA_HELD, RS, V};
     use super::*;
     use crate::base::{Base, PerUnit};
     use crate::estimate::priors::Priors;
@@ -501,11 +501,12 @@ mod tests {
     }
 
     /// The same at a speed over time, with an offset of the sensors; on a machine with larger resistances where something
-    /// is known of its temperature.
+    /// is known of its temperature, which may be told above which stator frequency to hold its
+    /// parameters.
     fn run_at(
         omega: impl Fn(f64) -> f64,
         b_true: (f64, f64),
-        known: Option<&Temperature>,
+        known: Option<(&Temperature, Option<f64>)>,
         correct: bool,
         i_q: impl Fn(f64) -> f64,
         [r_s, leakage]: [f64; 2],
@@ -520,9 +521,11 @@ mod tests {
         let b = Base::new(&machine);
         let identified = Identified { offset: true, resistance: true, flux: correct };
         let c = FilterConfig::new(&machine, &inverter, &pu, 1.0, false, identified);
-        let c = known.map_or(c, |known| {
+        let c = known.map_or(c, |(known, omega_held)| {
             let priors = Priors { r_s: 0.03, ..Priors::default() };
-            c.with_temperature(&machine, &inverter, &pu, known).with_priors(&priors)
+            let mut c = c.with_temperature(&machine, &inverter, &pu, known).with_priors(&priors);
+            c.model.omega_held = omega_held.unwrap_or(c.model.omega_held);
+            c
         });
         let (l_m, r_r) = (machine.L_M / b.l, machine.R_R / b.z);
         let (t_s, steps): (f64, usize) = (pu.t_s, (seconds * inverter.f_s) as usize);
@@ -596,8 +599,8 @@ mod tests {
         }
     }
 
-    /// At half speed `r_s` is held, 3 % too small as a prediction leaves it. Without its correlation with the flux the
-    /// magnetising curve takes its voltage for its own, and at 0.26 the torque is off by more.
+    /// At half speed `r_s` is held, 3 % too small as a prediction leaves it. Without its correlation with the flux
+    /// the magnetising curve takes its voltage for its own, and at 0.26 the torque is off by more.
     #[test]
     fn the_error_of_a_predicted_resistance_is_not_taken_for_that_of_the_magnetising_curve() {
         let predicted = Temperature { winding: 20.0, cage: 225.0, rotor_rise: 1.0, heat: Some((100.0, 7200.0)) };
@@ -605,13 +608,27 @@ mod tests {
         for i_q in [0.5, -0.7] {
             let at = |known| {
                 let omega = |t: f64| if t < 9.0 { 0.5 } else { (0.5 - 0.3 * (t - 9.0)).max(0.26) };
-                run_at(omega, (0.0, 0.0), Some(known), true, |_| i_q, [1.03, 1.0], 10.0)
+                run_at(omega, (0.0, 0.0), Some((known, Some(OMEGA_HELD))), true, |_| i_q, [1.03, 1.0], 10.0)
             };
             let (x, y) = (at(&predicted), at(&held));
             assert!(x.torque < 0.75 * y.torque && y.torque > 0.01, "{i_q}: {} {}", x.torque, y.torque);
             for rig in [x, y] {
                 let r_s = rig.filter.r_s() / rig.c.model.r_s;
                 assert!((r_s - 1.0).abs() < 1e-3, "{i_q}: corrected by no innovation, {r_s}");
+            }
+        }
+    }
+
+    /// Changes of the load at 0.25 of rated speed, where `r_s` is held without a temperature.
+    #[test]
+    fn a_resistance_that_tells_the_temperature_is_identified_where_loaded_motors_run_slowly() {
+        let known = Temperature { winding: 20.0, cage: 225.0, rotor_rise: 1.0, heat: None };
+        for (i_q, omega) in [(0.6, 0.25), (-0.6, 0.25), (0.6, -0.25)] {
+            for (held, found) in [(None, true), (Some(OMEGA_HELD), false)] {
+                let load = |t: f64| if t % 1.0 < 0.5 { i_q } else { 0.0 };
+                let rig = run_at(|_| omega, (0.0, 0.0), Some((&known, held)), true, load, [1.04, 1.0], 5.0);
+                let r_s = rig.filter.r_s() / rig.c.model.r_s;
+                assert!((r_s - if found { 1.04 } else { 1.0 }).abs() < 0.01, "{i_q} {omega}: {r_s}");
             }
         }
     }

@@ -6,10 +6,10 @@ use super::covariance::N;
 use super::intermediate::{Gain, Intermediate};
 use super::load::Load;
 use super::model::{
-    B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA,
-    SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
+    B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OMEGA_HELD, OperatingPoint, PSI, RS, SCALE_B, SCALE_C,
+    SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
 };
-use super::schedule::{OMEGA_HELD, OMEGA_LEAKAGE_HELD, REMEMBERED};
+use super::schedule::{OMEGA_LEAKAGE_HELD, REMEMBERED};
 use super::{
     B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, NIS_CORNER, NIS_THRESHOLD,
     R_S_RANGE, SIGMA_LOST, V_MAX, noise,
