@@ -47,12 +47,15 @@
 //!
 //! # Blocks
 //!
-//! The flux is integrated in every control period, the rest runs once per block of 1 ms, or of `SLOTS` periods if
-//! that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
-//! the next one, a part in each period. The gain is therefore one block old; the time constants that it depends on are
-//! many blocks. Above `|ω_s| = 0.2` the gain of the flux is turned by the angle that the rotor flux has passed since:
-//! 36° in 1 ms at 100 Hz, without which the correction of a fast field would be a disturbance. The parameters are
-//! corrected one period after flux, `m`, offset and leakage.
+//! The flux is integrated in every control period, the rest runs once per block of at most 2.5 ms, or of `SLOTS` periods
+//! if that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
+//! the next one, a part in each slot of one, two, four or eight periods ([`FilterConfig`]). The gain is therefore one
+//! block old; the time constants that it depends on are many blocks. Above `|ω_s| = 0.2` the gain of the flux is turned
+//! by the angle that the rotor flux has passed since: 36° in 2 ms at 50 Hz, without which the correction of a fast field
+//! would be a disturbance. The parameters are corrected one slot after flux, `m`, offset and leakage.
+//!
+//! A longer block has the same correction in a second: what is stated for a block in [`noise`] is that of one of 1 ms, or
+//! of `SLOTS` periods if that is longer, and is converted (`Noise::part`).
 //!
 //! # Validity, and what is added to the noise outside it
 //!
@@ -97,7 +100,7 @@ use self::model::{
     SCALE_R, SCALE_V, Saturated,
 };
 use self::noise::Noise;
-use self::schedule::{Holds, SLOTS};
+use self::schedule::{Holds, SLOT_BITS_MAX, SLOTS};
 use self::start::Initial;
 use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
@@ -113,8 +116,13 @@ use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
 use crate::words::words;
 
-/// Length of a block, s: long against the control period, short against the rotor time constant.
-const BLOCK_TIME: f64 = 1e-3;
+/// Largest duration of a block of more than `SLOTS` periods: in s, in turns of the rated field, and in rotor time
+/// constants. In a block the direction of the field is one, and the current model is integrated in one step.
+const BLOCK_TIME: f64 = 2.5e-3;
+const BLOCK_TURN: f64 = 0.13;
+const BLOCK_DECAY: f64 = 0.05;
+/// Least duration of the block for which noise is stated, s.
+const STATED_BLOCK_TIME: f64 = 1e-3;
 
 /// Largest magnitude of the rotor flux, per unit.
 const M_MAX: f64 = 3.0;
@@ -132,7 +140,7 @@ const R_S_RANGE: (f64, f64) = (0.4, 2.0);
 const MAGNITUDE: f64 = 0.03;
 /// Rotor flux, per unit, below which its direction is not used.
 const M_MIN: f64 = 0.1;
-/// Corner of the low-pass of the normalised innovation squared (NIS), per block, and the NIS above which a step is
+/// Corner of the low-pass of the normalised innovation squared (NIS), per stated block, and the NIS above which a step is
 /// assumed. The innovation variance contains allowances (`noise`), so the NIS of an undisturbed drive is far below one
 /// (0.001 to 0.04, docs/tolerance.md) and the threshold below one.
 const NIS_CORNER: f64 = 0.05;
@@ -150,6 +158,9 @@ pub struct FilterConfig<R: Real> {
     /// Control periods in a block, and the reciprocal.
     block: u8,
     inv_block: R,
+    /// Control periods in a slot, a power of two, less one, and its binary logarithm.
+    slot_mask: u8,
+    slot_bits: u8,
     model: Model<R>,
     noise: Noise<R>,
     /// Prior of `c`, the saturated part of the magnetising current.
@@ -158,7 +169,7 @@ pub struct FilterConfig<R: Real> {
     correct: bool,
     temperature: TemperatureConfig<R>,
 }
-words!(FilterConfig: t_s, block, inv_block, model, noise, saturation, correct, temperature);
+words!(FilterConfig: t_s, block, inv_block, slot_mask, slot_bits, model, noise, saturation, correct, temperature);
 
 impl<R: Real> FilterConfig<R> {
     /// Settings for validated parameters at a flux reference `psi_ref`; `calibrated`: the offsets of the
@@ -172,14 +183,18 @@ impl<R: Real> FilterConfig<R> {
         calibrated: bool,
         identified: Identified,
     ) -> Self {
-        let (block, seconds) = Self::block(inverter);
+        let (slot_bits, seconds) = Self::block(machine, inverter);
+        let block = SLOTS << slot_bits;
+        let part = f64::from(SLOTS).max(STATED_BLOCK_TIME * inverter.f_c()) / f64::from(block);
         let saturated = Saturated::of(machine);
         Self {
             t_s: rounded(pu.t_s),
             block: block as u8,
             inv_block: rounded(1.0 / f64::from(block)),
+            slot_mask: (1 << slot_bits) - 1,
+            slot_bits,
             model: Model::new(machine, pu, psi_ref, seconds),
-            noise: Noise::new(pu, seconds, calibrated, saturated.known, identified),
+            noise: Noise::new(pu, (seconds, part), calibrated, saturated.known, identified),
             saturation: rounded(saturated.c),
             correct: identified.flux,
             temperature: TemperatureConfig::new(machine, pu, None, seconds),
@@ -193,10 +208,13 @@ impl<R: Real> FilterConfig<R> {
         self.temperature.follows()
     }
 
-    /// Periods and duration, s, of a block.
-    fn block(inverter: &Inverter) -> (u32, f64) {
-        let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
-        (block, f64::from(block) / inverter.f_c())
+    /// Binary logarithm of the periods in a slot, and duration of a block, s.
+    fn block(machine: &Machine, inverter: &Inverter) -> (u8, f64) {
+        let seconds = |bits: u8| f64::from(SLOTS << bits) / inverter.f_c();
+        let turn = BLOCK_TURN / machine.f_N;
+        let longest = BLOCK_TIME.min(turn).min(BLOCK_DECAY * machine.L_M / machine.R_R);
+        let bits = (1..=SLOT_BITS_MAX).rev().find(|&bits| seconds(bits) <= longest).unwrap_or(0);
+        (bits, seconds(bits))
     }
 
     /// Checks that the current model, integrated once a block, is stable: blocks of a tenth of the rotor time constant
@@ -206,7 +224,8 @@ impl<R: Real> FilterConfig<R> {
     /// A rotor resistance too large for that.
     #[cfg(feature = "enhanced")]
     pub(crate) fn check(machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
-        let most = 0.1 * machine.L_M / Self::block(inverter).1;
+        // In blocks of the fewest periods: more are taken only where the time constant is longer still.
+        let most = 0.1 * machine.L_M * inverter.f_c() / f64::from(SLOTS);
         check("R_R", machine.R_R, 0.0, most, "ohm")
             .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
     }
@@ -214,7 +233,7 @@ impl<R: Real> FilterConfig<R> {
     /// The same with what is known of the temperatures.
     #[must_use]
     pub fn with_temperature(self, machine: &Machine, inverter: &Inverter, pu: &PerUnit, known: &Temperature) -> Self {
-        Self { temperature: TemperatureConfig::new(machine, pu, Some(known), Self::block(inverter).1), ..self }
+        Self { temperature: TemperatureConfig::new(machine, pu, Some(known), Self::block(machine, inverter).1), ..self }
     }
 
     /// The same with other standard deviations of the parameters at the start.
@@ -347,8 +366,8 @@ impl<R: Real> Filter<R> {
         let z = Model::innovation(m, psi_r);
         self.innovation = z;
         if self.trial == 0 {
-            let nis = (z * z * self.inv_s).min(R::from_f64(9.0));
-            self.nis += R::from_f64(NIS_CORNER) * (nis - self.nis);
+            let nis = (z * z * self.inv_s * c.noise.part).min(R::from_f64(9.0));
+            self.nis += c.noise.nis_corner * (nis - self.nis);
         } else {
             self.trial -= 1;
         }
