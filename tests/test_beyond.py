@@ -10,7 +10,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -467,6 +467,25 @@ def test_lost_by_fault_angle_or_speed(result: sf.Result) -> None:
     fault = spoilt(result, status=np.where(result.t >= 5.0, 4.0, 3.0))
     fault = replace(fault, status=sf.Status("faulted", "over-current", 5.0))
     assert loss(fault) == (5.0, "over-current")
+    # What comes first is what was lost.
+    assert loss(replace(turned, data={**fault.data, **turned.data}, status=fault.status)) == (4.0, "angle")
+    turned_late = spoilt(fault, angle_error=np.radians(pulse(result, (6.0, 6.1, 120.0))))
+    assert loss(turned_late) == (5.0, "over-current")
+
+
+def test_after_a_fault_no_angle_is_held(result: sf.Result) -> None:
+    others: dict[str, NDArray[Any]] = dict.fromkeys(
+        ("torque", "R_s", "estimate.torque", "estimate.R_s"), np.ones_like(result.t)
+    )
+    others |= dict.fromkeys(("psi_s", "estimate.psi_s", "estimate.i_dq_ref"), np.ones_like(result.t) + 0j)
+    result = replace(result, data={**result.data, **others})
+    fault = spoilt(result, status=np.where(result.t >= 5.0, 4.0, 3.0))
+    fault = replace(fault, status=sf.Status("faulted", "over-current", 5.0))
+    held = judge.measure(result, (2.0, 9.0), (3.0, 9.0))
+    assert held.angle_held < 1.0
+    assert held.angle_settled < 1.0
+    measured = judge.measure(fault, (2.0, 9.0), (3.0, 9.0))
+    assert (measured.angle_held, measured.angle_settled) == (math.inf, math.inf)
 
 
 # Sums, pictures, command.
@@ -498,6 +517,10 @@ def test_summary_counts_runs_and_shows_the_worst() -> None:
         ("runs lost", 1, False),
         ("angle", 0.1, True),
     ]
+    # Of a claim the worst run is shown, wherever it stands.
+    third = replace(rows[4], claims=(rows[4].claims[0], replace(rows[4].claims[1], value=2.5)))
+    worse, *_ = beyond.summaries([*rows[:4], third, *rows[5:]])
+    assert {claim.quantity: claim.value for claim in worse.claims}["angle"] == 2.5
     missed = {claim.quantity: claim for claim in doubt.claims}["excursions not announced"]
     assert (missed.value, missed.note) == (1, "of 1")
     lines = of_summary(paper) + of_summary(doubt)

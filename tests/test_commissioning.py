@@ -97,7 +97,7 @@ def test_period_by_period_it_is_the_same_and_can_be_aborted() -> None:
     for _ in range(2000):
         duty = run.step(i_abc, u_dc)
         i_abc, u_dc = plant.step(duty, gates_on=run.gates_on)
-    assert (run.stage, run.status, run.done, run.gates_on) == ("bridge", "running", False, True)
+    assert (run.stage, run.status, run.done, run.gates_on) == ("legs", "running", False, True)
     assert 0.0 < run.progress < 0.1
     run.abort()
     assert run.done
@@ -144,6 +144,7 @@ def test_a_plate_of_the_other_connection_is_named_before_rated_current_flows(fac
     ("only", "found_by_it"),
     [
         ("wiring", ()),
+        ("legs", ()),
         ("bridge", ("loss", "c_out")),
         ("leakage", ("L_sigma",)),
         ("magnetising", ("R_s", "R_R", "L_M")),
@@ -160,10 +161,26 @@ def test_a_procedure_alone_leaves_the_values_of_the_others_as_they_were_known(
     assert found.duration < 4.0
     assert {name for name in told if found.deviation[name] < told[name]} == set(found_by_it)
     assert found.warnings
+    assert ("leg_delay" in found.deviation) == (only == "legs")
     if only == "inertia":
         assert abs(found.motor.J / 0.015 - 1.0) < 0.2
         with pytest.raises(ValueError, match="needs shaft"):
             sf.Commissioning(plate, sheet, only=only)
+
+
+def test_two_current_sensors_commission_and_a_single_shunt_is_refused_by_name() -> None:
+    plant = {**_plant(), "current_gain": (1.01, 0.99, 1.0), "channel_factor": (1.0, 1.0, 0.0)}
+    motor = plant["plant_motor"]
+    plate, sheet = sf.Nameplate.of(motor), sf.Inverter.preset("2.2kW")
+    found = sf.commission(plate, sheet, current_sensors=2, **plant)
+    assert found.status == "done"
+    # As the sensor of phase a sees them.
+    for name, limit in (("R_s", 0.01), ("R_R", 0.03), ("L_sigma", 0.03)):
+        assert getattr(found.motor, name) * 1.01 == pytest.approx(getattr(motor, name), rel=limit), name
+    # The negative control: three are expected, and one of them is dead.
+    assert sf.commission(plate, sheet, **plant).cause == "dead current channel"
+    with pytest.raises(ValueError, match=r"current_sensors = 1 .*2 to 3.*reads the phase currents"):
+        sf.Commissioning(plate, sheet, current_sensors=1)
 
 
 def test_deviations_that_were_found_are_priors_and_those_of_a_plate_are_none() -> None:

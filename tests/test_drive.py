@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stillflux as sf
+from stillflux.evidence.conditions import slip
 from stillflux.options import Arithmetic
 
 
@@ -176,7 +177,8 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert sf.Drive(motor, inverter, low_confidence="limit").settings["low_confidence"] == "limit"
     with pytest.raises(ValueError, match="low_confidence = 'stop' is not one of 'keep', 'limit', 'fault'"):
         sf.Drive(motor, inverter, low_confidence="stop")  # type: ignore[arg-type]
-    assert drive.settings["omega_s_min"] == pytest.approx(0.006 * motor.base["omega"])
+    kept = max(0.006, 0.4 * slip(motor, 1.0)) * motor.base["omega"]
+    assert drive.settings["omega_s_min"] == pytest.approx(kept, rel=0.05)
     with pytest.raises(ValueError, match=r"omega_s_min = -1 .*range 0 to 15"):
         sf.Drive(motor, inverter, omega_s_min=-1.0)
     with pytest.raises(TypeError, match=r"'noise_gain' is a setting of the scheme 'paper', .* is 'enhanced'"):

@@ -11,11 +11,12 @@ import sys
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-import stillflux
-from stillflux.evidence import documents, figure, registry
+import stillflux as sf
+from stillflux.evidence import beyond, documents, figure, operate, registry, reproduce
 from stillflux.evidence.claims import (
     Claim,
     at_least,
@@ -26,12 +27,15 @@ from stillflux.evidence.claims import (
     worst,
     worst_of_runs,
 )
+from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.journal import Journal
+from stillflux.evidence.seeds import SEEDS
 from stillflux.evidence.table import Line, Table, agree
 from stillflux.parallel import Stopped
+from stillflux.result import Result
 from test_architecture import circle
 
-PACKAGE = Path(stillflux.__file__).parent
+PACKAGE = Path(sf.__file__).parent
 ROOT = Path(__file__).parent.parent
 
 
@@ -172,6 +176,101 @@ def test_a_control_fails_for_its_reason_and_not_before_its_event() -> None:
     assert not controlled((bad,), lost=9.0)
 
 
+def test_a_control_is_judged_by_the_claims_it_names_and_by_its_first_loss(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    named, other = at_most("named", 2.0, 1.0), at_most("other", 2.0, 1.0)
+    losses = iter((math.inf, 12.0, 14.0))
+    monkeypatch.setattr(figure, "lost", lambda result, since: (next(losses), "angle"))
+    runs = [*(object.__new__(Result) for _ in range(3)), "an open loop"]
+    control = figure.Control("left out", lambda runs: runs, ("named",), event=10.0)
+    experiment = replace(registry.experiments()["19"], check=lambda *results: [named, other], control=control)
+    judged = experiment.judge_control(runs)
+    assert (judged.expected, judged.lost, judged.event, judged.ok) == ((named,), 12.0, 10.0, True)
+    # What fails is not what it is there for.
+    good = replace(experiment, check=lambda *results: [replace(named, value=0.5), other])
+    assert not good.judge_control(runs[3:]).ok
+
+
+def test_a_control_differs_from_its_experiment() -> None:
+    for experiment in registry.experiments().values():
+        if experiment.control is None:
+            continue
+        for machine in experiment.machines:
+            plain, control = (experiment.runs(machine, role=role) for role in ("published", "control"))
+            # The runs of a chain differ in what each begins with.
+            assert experiment.chained or plain != control, (experiment.name, machine)
+
+
+def test_a_chain_takes_the_memory_along_but_for_its_control(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[object] = []
+    stored = sf.Drive(sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW"), scheme="paper").memory()
+
+    def simulated(run: sf.Scenario) -> object:
+        begun.append(run.memory)
+        return SimpleNamespace(memory=stored)
+
+    monkeypatch.setattr(figure, "simulate", simulated)
+    experiment = registry.experiments()["16"]
+    assert experiment.chained
+    experiment.simulate("2.2kW")
+    assert [m is None for m in begun] == [True, *[False] * (len(begun) - 1)]
+    assert len(begun) > 1
+    begun.clear()
+    experiment.simulate("2.2kW", role="control")
+    assert begun == [None] * len(begun)
+
+
+# Seeds.
+
+
+def test_every_closed_loop_runs_under_at_least_five_seeds() -> None:
+    for experiment in registry.experiments().values():
+        for machine in filter(experiment.noisy, experiment.machines):
+            seeds = {
+                run.plant["seed"]
+                for realisation in experiment.realisations(machine)
+                for run in experiment.runs(machine, seed=realisation)[:1]
+            }
+            assert len(seeds) >= 5, (experiment.name, machine)
+            found = [job for job in reproduce.jobs([experiment.name], [machine]) if job[3] == "published"]
+            assert len(found) == len(experiment.realisations(machine))
+            controls = [job for job in reproduce.jobs([experiment.name], [machine]) if job[3] == "control"]
+            assert len(controls) == (2 if experiment.control else 0)
+    for target in registry.targets().values():
+        made = beyond.cases([target.name], ["2.2kW"], SCHEMES[1:])
+        every: dict[tuple[str, str, str], set[int]] = {}
+        for case in made:
+            group = every.setdefault((case.machine, case.scheme, "" if target.map else case.label), set())
+            group.add(case.scenario.plant["seed"])
+        assert every
+        assert min(map(len, every.values())) >= 5, target.name
+
+
+def test_operations_run_under_five_seeds_and_the_worst_counts() -> None:
+    def made(
+        function: object, jobs: list[tuple[str, str, str, int]], *common: str, **_: object
+    ) -> list[operate.Performed]:
+        assert common == ("f32",)
+        found = []
+        for name, machine, scheme, seed in jobs:
+            claims = [at_most("x", 0.1 * seed, 0.25), holds("kept", seed != 3)]
+            without = [at_least("without: y", 5.0 - seed, 2.0)]
+            claims, without = ([replace(claim, seed=seed) for claim in of] for of in (claims, without))
+            found.append(operate.Performed(name, machine, scheme, claims, without, {}))
+        return found
+
+    names = ["speed-step", "hoist"]
+    runs = operate.perform_all(names, ["2.2kW", "11kW"], ["enhanced"], "f32", runner=made)  # type: ignore[arg-type]
+    assert len(runs) == 2 * 2 * len(SEEDS) == 20
+    worst = operate.worst(runs)
+    assert [(x.name, x.machine) for x in worst] == [(n, m) for n in names for m in ("2.2kW", "11kW")]
+    for x in worst:
+        assert [(c.value, c.seed, c.ok) for c in x.claims] == [(0.4, 4, False), (0.0, 3, False)]
+        assert [(c.value, c.seed, c.ok) for c in x.without] == [(1.0, 4, False)]
+        assert not x.ok
+
+
 def test_every_experiment_has_a_control_or_says_why_not() -> None:
     for experiment in registry.experiments().values():
         assert (experiment.control is None) == bool(experiment.no_control), experiment.name
@@ -255,6 +354,51 @@ def test_a_changed_line_changes_the_document() -> None:
         documents.rendered("<!-- table: none -->\n<!-- end -->", table)
     with pytest.raises(KeyError, match="no line"):
         documents.rendered("<!-- value: figure, 9, 2.2kW, paper: nothing --><!-- end -->", table)
+
+
+def test_a_document_calls_nothing_reproduced_whose_claim_or_control_does_not_hold() -> None:
+    text = "<!-- table: verdicts -->\n<!-- end -->\n<!-- table: limits -->\n<!-- end -->"
+    good = [replace(x, ok="yes") for x in Table.read(ROOT / "tests" / "metrics.csv").lines]
+
+    def verdicts(lines: list[Line]) -> tuple[dict[str, str], str]:
+        found = documents.rendered(text, Table(lines))
+        rows = [row.split(" | ") for row in found.splitlines() if row.startswith("| **")]
+        return {row[0].strip("|* "): row[-1].strip("|* ") for row in rows}, found
+
+    shown, found = verdicts(good)
+    assert set(shown) == set(registry.figures())
+    assert set(shown.values()) == {"reproduced"}
+    assert "every claim holds at both machines" in found
+    for kind in ("figure", "control"):
+        group = (kind, "19", "11kW", "paper")
+        shown, found = verdicts([replace(x, ok="no") if x.group == group else x for x in good])
+        assert [name for name, verdict in shown.items() if verdict == "FAILED"] == ["19"], kind
+        assert "every claim holds" not in found
+        assert (
+            f"**Fig. 19** fails without a documented reason: 11kW, {'control' if kind != 'figure' else ''}"
+            in found
+        )
+        shown, _ = verdicts([x for x in good if x.group != group])
+        assert shown["19"] not in ("reproduced", "limit"), "not measured"
+    # With the other scheme beside it the published one is judged.
+    shown, _ = verdicts([replace(x, ok="no") if x.scheme == "enhanced" else x for x in good])
+    assert set(shown.values()) == {"reproduced"}
+
+
+def test_a_limit_covers_what_it_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = Table.read(ROOT / "tests" / "metrics.csv").lines
+    first, second = [x for x in lines if x.group == ("figure", "19", "11kW", "paper")][:2]
+    limit = figure.Limit((first.quantity,), "it cannot be")
+    of_19 = replace(registry.experiments()["19"], limits={"11kW": limit})
+    monkeypatch.setattr(documents, "experiments", lambda: {**registry.experiments(), "19": of_19})
+    text = "<!-- table: verdicts -->\n<!-- end -->\n<!-- table: limits -->\n<!-- end -->"
+    for bad, verdict in (((first,), "limit"), ((first, second), "FAILED")):
+        table = Table([replace(x, ok="no" if x in bad else "yes") for x in lines])
+        found = documents.rendered(text, table)
+        (row,) = (row for row in found.splitlines() if row.startswith("| **19**"))
+        assert row.split(" | ")[-1].strip("|* ") == verdict
+        assert "**Fig. 19.** it cannot be" in found
+        assert ("fails without a documented reason" in found) == (verdict == "FAILED")
 
 
 def test_rows_of_the_readme_name_tests_that_exist() -> None:

@@ -13,11 +13,12 @@ import pytest
 import stillflux as sf
 from stillflux.cli import main
 from stillflux.evidence import consistency, tolerance
+from stillflux.evidence.claims import Claim, at_least, at_most
 from stillflux.evidence.consistency import REGIONS, Consistency, Sample, rank_correlation
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.draws import CUT, DELAY, RIPPLE, capacitance_range, drawn, ripple
 from stillflux.evidence.drives import DRIVES, pull_out
-from stillflux.evidence.table import Table, of_consistency, of_rate, order
+from stillflux.evidence.table import Group, Line, Table, line_of, of_consistency, of_rate, order
 
 METRICS = Path(__file__).parent / "metrics.csv"
 DRIVE = pytest.mark.parametrize("machine", DRIVES)
@@ -187,6 +188,21 @@ def test_an_estimate_that_knows_its_error_is_consistent() -> None:
     for other, direction in ((boastful, "at most"), (careful, "at least")):
         failing = {(c.quantity, c.direction) for c in other.claims if not c.ok}
         assert failing == {(f"NEES, {name}", direction) for name in REGIONS}
+    surprised = Consistency("2.2kW", [replace(sample, nis=1.1 * sample.nis)])
+    failing = {(c.quantity, c.direction) for c in surprised.claims if not c.ok}
+    assert failing == {(f"NIS, {name}", "at most") for name in REGIONS}
+
+
+def test_a_sample_ends_with_the_loss_of_control(kept: tuple[tolerance.Outcome, sf.Result]) -> None:
+    _, result = kept
+    whole = consistency.sampled("2.2kW", 0, result)
+    begin = tolerance.start_up(result.scenario.motor, result.scenario.inverter)
+    lost = np.where(result.t >= begin + 2.0, math.radians(31), 0.0)
+    cut = consistency.sampled("2.2kW", 0, replace(result, data={**result.data, "angle_error": lost}))
+    assert (whole.lost, cut.lost) == ("", "angle")
+    # Once every 0.1 s, up to the loss.
+    assert len(cut.error) < len(whole.error)
+    assert np.count_nonzero(cut.error) <= 1
 
 
 # Commands.
@@ -248,13 +264,49 @@ def test_no_draw_is_lost_where_the_committed_table_has_no_loss(machine: str) -> 
     assert [tolerance.rerun(x.machine, x.course, x.draw, x.scheme) for x in found if x.why] == []
 
 
+def is_no_worse(line: Line, fresh: Claim) -> bool:
+    """Whether a fresh claim holds where the committed one does, and misses its bound by no more than a third
+    beyond where that does not."""
+    if line.holds:
+        return fresh.ok
+    number, bound = line.number, fresh.bound
+    if fresh.direction == "at most":
+        return fresh.value <= number + max(0.3 * abs(number), 0.05 * abs(bound))
+    return fresh.value >= number - max(0.3 * abs(number), 0.05 * abs(bound))
+
+
+def test_a_bound_that_is_missed_does_not_excuse_a_larger_miss() -> None:
+    group: Group = ("consistency", "consistency", "2.2kW", "enhanced")
+    for make, held, missed, worse in ((at_most, 1.5, 3.0, 4.0), (at_least, 2.5, 1.0, 0.6)):
+        line = line_of(group, make("x", held, 2.0))
+        assert is_no_worse(line, make("x", held, 2.0))
+        assert not is_no_worse(line, make("x", missed, 2.0))
+        line = line_of(group, make("x", missed, 2.0))
+        assert is_no_worse(line, make("x", missed, 2.0))
+        assert is_no_worse(line, make("x", held, 2.0))
+        assert not is_no_worse(line, make("x", worse, 2.0))
+
+
+@DRIVE
+def test_the_consistency_of_every_drive_is_in_the_table(machine: str) -> None:
+    """By region, over at least ten draws, with its bounds on both sides."""
+    lines = Table.read(METRICS).find("consistency", "consistency", machine, "enhanced")
+    by = {(line.quantity, line.direction): line for line in lines}
+    assert by["draws", "reported"].number >= 10
+    for name in REGIONS:
+        assert by[f"NEES, {name}", "at most"].bound == "2"
+        assert by[f"NEES, {name}", "at least"].bound == "0.5"
+        assert by[f"NIS, {name}", "at most"].bound == "1"
+        # Innovations nowhere exceed what the filter assumes.
+        assert by[f"NIS, {name}", "at most"].holds
+
+
 @pytest.mark.slow
 @DRIVE
 def test_estimate_is_as_consistent_as_in_the_committed_table(machine: str) -> None:
-    table = Table.read(METRICS)
-    lines = table.find("consistency", "consistency", machine, "enhanced")
-    assert lines
-    held = {(line.quantity, line.direction) for line in lines if line.holds}
+    lines = Table.read(METRICS).find("consistency", "consistency", machine, "enhanced")
+    known = {(line.quantity, line.direction): line for line in lines}
     (found,) = consistency.judged(consistency.run_all([machine], range(consistency.DRAWS)))
-    failing = [f"{c.text}: {c.measured}" for c in found.claims if not c.ok and c.key in held]
-    assert failing == []
+    bounded = [c for c in found.claims if c.direction != "reported"]
+    assert bounded
+    assert [f"{c.text}: {c.measured}" for c in bounded if not is_no_worse(known[c.key], c)] == []

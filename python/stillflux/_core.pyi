@@ -538,7 +538,13 @@ class CommissioningCore:
     """A commissioning, one control period at a time."""
 
     def __new__(
-        cls, plate: Nameplate, inverter: Inverter, shaft: str, arithmetic: str, only: str | None
+        cls,
+        plate: Nameplate,
+        inverter: Inverter,
+        shaft: str,
+        arithmetic: str,
+        only: str | None,
+        current_sensors: int,
     ) -> CommissioningCore: ...
     def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
         """One control period."""
@@ -573,6 +579,7 @@ class CommissioningRun:
         shaft: str,
         arithmetic: str,
         only: str | None,
+        current_sensors: int,
         plant_motor: Motor,
         plant_inverter: Inverter,
         channels: tuple[int, int, int] | None,

@@ -34,7 +34,7 @@ Shaft = Literal["locked", "free"]
 """Whether the shaft may turn: "free" adds a run to three tenths of rated speed, for J."""
 
 
-Procedure = Literal["wiring", "bridge", "leakage", "magnetising", "inertia"]
+Procedure = Literal["wiring", "legs", "bridge", "leakage", "magnetising", "inertia"]
 """A procedure that can be run alone, after the check of the wiring."""
 PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
 """All of them, in the order in which they are run."""
@@ -47,10 +47,11 @@ class Commissioned:
     motor: Motor
     """The motor, with its saturation curve if that was found."""
     inverter: Inverter
-    """The inverter with its curve: u_th, dead_time and c_out."""
+    """The inverter with its curve: u_th, dead_time and c_out, and with what its legs differ: leg_delay."""
     deviation: Mapping[str, float]
     """Relative standard deviation of R_s (with r_d), R_R, L_sigma, L_M, J, of the loss of the bridge
-    ("loss": threshold and dead time) and of c_out."""
+    ("loss": threshold and dead time) and of c_out; and the standard deviation of each leg_delay in s, if the
+    legs were compared."""
     warnings: tuple[str, ...] = ()
     """What should be looked at, in words."""
     status: str = "done"
@@ -122,9 +123,13 @@ class Commissioning:
     arithmetic
         "f32", "f64" or "q".
     only
-        One procedure alone, after the check of the wiring: "wiring" (that check and nothing else), "bridge",
-        "leakage", "magnetising", or, with a free shaft, "inertia". The values of the others are those of
+        One procedure alone, after the check of the wiring: "wiring" (that check and nothing else), "legs",
+        "bridge", "leakage", "magnetising", or, with a free shaft, "inertia". The values of the others are those of
         nameplate and data sheet. None: all of them.
+    current_sensors
+        3, or 2 with sensors in phases a and b: the third reading is not looked at, every impedance has the
+        gain of phase a, and of `leg_delay` only the part is found that does not change its sign with the
+        current. A drive for the result wants the setting `current_sensors=2`, too.
 
     Raises ValueError for a value outside its range. Bad wiring does not raise, see `status`.
     """
@@ -137,8 +142,9 @@ class Commissioning:
         arithmetic: str = "f32",
         *,
         only: Procedure | None = None,
+        current_sensors: int = 3,
     ) -> None:
-        self._core = CommissioningCore(plate, inverter, shaft, arithmetic, only)
+        self._core = CommissioningCore(plate, inverter, shaft, arithmetic, only, current_sensors)
 
     def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
         """One control period: phase currents in A (three numbers), dc-link voltage in V; returns the duties
@@ -162,8 +168,8 @@ class Commissioning:
 
     @property
     def stage(self) -> str:
-        """Procedure under way or in which it ended: "wiring", "bridge", "leakage", "magnetising", "inertia",
-        "complete"."""
+        """Procedure under way or in which it ended: "wiring", "legs", "bridge", "leakage", "magnetising",
+        "inertia", "complete"."""
         return self._core.stage
 
     @property
@@ -197,6 +203,7 @@ def commission(
     shaft: Shaft = "locked",
     arithmetic: str = "f32",
     only: Procedure | None = None,
+    current_sensors: int = 3,
     channels: tuple[int, int, int] | None = None,
     channel_factor: tuple[float, float, float] | None = None,
     progress: Callable[[float, str], object] | None = None,
@@ -206,7 +213,7 @@ def commission(
 
     Parameters
     ----------
-    plate, inverter, shaft, arithmetic, only
+    plate, inverter, shaft, arithmetic, only, current_sensors
         As of `Commissioning`.
     plant_motor, plant_inverter
         The real ones; `plant_inverter` is `inverter` if it is not given.
@@ -223,7 +230,17 @@ def commission(
     """
     real = inverter if plant_inverter is None else plant_inverter
     run = CommissioningRun(
-        plate, inverter, shaft, arithmetic, only, plant_motor, real, channels, channel_factor, dict(plant)
+        plate,
+        inverter,
+        shaft,
+        arithmetic,
+        only,
+        current_sensors,
+        plant_motor,
+        real,
+        channels,
+        channel_factor,
+        dict(plant),
     )
 
     def show() -> None:

@@ -39,10 +39,11 @@ pub fn answer<R: Real>(control: &CountsCommissioning<R>, command: &Command) -> [
     };
     let stage = match c.stage() {
         Stage::Wiring => 0,
-        Stage::Bridge => 1,
-        Stage::Leakage => 2,
-        Stage::Magnetising => 3,
-        Stage::Complete => 4,
+        Stage::Legs => 1,
+        Stage::Bridge => 2,
+        Stage::Leakage => 3,
+        Stage::Magnetising => 4,
+        Stage::Complete => 5,
     };
     let [a, b, e] = command.compare;
     let words = [a, b, e, status | stage << 16 | u32::from(command.gates_on) << 31];

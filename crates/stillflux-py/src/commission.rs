@@ -117,6 +117,7 @@ fn only(name: Option<&str>, shaft: Shaft) -> PyResult<Option<Stage>> {
         None => return Ok(None),
         Some("wiring") => Stage::Wiring,
         Some("bridge") => Stage::Bridge,
+        Some("legs") => Stage::Legs,
         Some("leakage") => Stage::Leakage,
         Some("magnetising") => Stage::Magnetising,
         Some("inertia") if shaft == Shaft::Free => Stage::Complete,
@@ -125,7 +126,7 @@ fn only(name: Option<&str>, shaft: Shaft) -> PyResult<Option<Stage>> {
         }
         Some(other) => {
             return Err(PyValueError::new_err(format!(
-                "only = {other:?} is not one of 'wiring', 'bridge', 'leakage', 'magnetising', 'inertia'"
+                "only = {other:?} is not one of 'wiring', 'legs', 'bridge', 'leakage', 'magnetising', 'inertia'"
             )));
         }
     }))
@@ -135,7 +136,11 @@ fn only(name: Option<&str>, shaft: Shaft) -> PyResult<Option<Stage>> {
 fn warnings(w: &Warnings) -> Vec<&'static str> {
     [
         (w.incomplete, "not all procedures were completed: other values are the nameplate's"),
-        (w.bridge_fit, "the curve of the bridge fits poorly: its legs differ or its capacitance is not constant"),
+        (
+            w.bridge_fit,
+            "the curve of the bridge fits poorly: its legs differ by more than is compensated, or its capacitance is not \
+             constant",
+        ),
         (w.magnetising_fit, "the magnetising curve fits poorly"),
         (w.flux_not_reached, "rated flux was not reached: L_M is extrapolated"),
         (w.far_from_nameplate, "a value is far from the nameplate's: check plate and connection (star or delta)"),
@@ -155,6 +160,9 @@ fn found_dict<'py>(py: Python<'py>, c: &SiCommissioning) -> PyResult<Bound<'py, 
     let deviation = deviation_dict(py, &found.deviation)?;
     deviation.set_item("loss", found.deviation_inverter[0])?;
     deviation.set_item("c_out", found.deviation_inverter[1])?;
+    if let Some(delay) = found.deviation_legs {
+        deviation.set_item("leg_delay", delay)?;
+    }
     dict.set_item("deviation", deviation)?;
     dict.set_item("warnings", warnings(&found.warnings))?;
     dict.set_item("friction", found.friction)?;
@@ -187,12 +195,21 @@ pub struct CommissioningCore {
 #[pymethods]
 impl CommissioningCore {
     #[new]
-    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only))]
-    fn new(plate: Nameplate, inverter: Inverter, shaft: &str, arithmetic: &str, only: Option<&str>) -> PyResult<Self> {
+    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only, current_sensors))]
+    fn new(
+        plate: Nameplate,
+        inverter: Inverter,
+        shaft: &str,
+        arithmetic: &str,
+        only: Option<&str>,
+        current_sensors: u32,
+    ) -> PyResult<Self> {
         let inverter = inverter.params()?;
         let (shaft, arithmetic) = (self::shaft(shaft)?, self::arithmetic(arithmetic)?);
         let only = self::only(only, shaft)?;
-        let inner = SiCommissioning::new(&plate.plate(), &inverter, shaft, arithmetic).map_err(value_error)?;
+        let inner = SiCommissioning::new(&plate.plate(), &inverter, shaft, arithmetic)
+            .and_then(|inner| inner.current_sensors(current_sensors))
+            .map_err(value_error)?;
         let inner = match only {
             Some(stage) => inner.only(stage),
             None => inner,
@@ -260,13 +277,14 @@ pub struct CommissioningRun {
 impl CommissioningRun {
     #[new]
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only, plant_motor, plant_inverter, channels, gain, options))]
+    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only, current_sensors, plant_motor, plant_inverter, channels, gain, options))]
     fn new(
         plate: Nameplate,
         inverter: Inverter,
         shaft: &str,
         arithmetic: &str,
         only: Option<&str>,
+        current_sensors: u32,
         plant_motor: Motor,
         plant_inverter: Inverter,
         channels: Option<[usize; 3]>,
@@ -282,6 +300,7 @@ impl CommissioningRun {
         let only = self::only(only, shaft)?;
         let wiring = Wiring { channels, gain };
         let run = sim::CommissioningRun::new(&plate.plate(), &inverter, shaft, arithmetic, plant, wiring)
+            .and_then(|run| run.current_sensors(current_sensors))
             .map_err(value_error)?;
         let run = match only {
             Some(stage) => run.only(stage),

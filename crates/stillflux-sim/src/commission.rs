@@ -59,6 +59,14 @@ impl CommissioningRun {
         Ok(Self { commissioning, plant, wiring, measured, rated_peak, pole_pairs, current: 0.0, turned: 0.0 })
     }
 
+    /// Number of current sensors, 2 or 3, before the first period.
+    ///
+    /// # Errors
+    /// Another number.
+    pub fn current_sensors(self, number: u32) -> Result<Self, ParamError> {
+        Ok(Self { commissioning: self.commissioning.current_sensors(number)?, ..self })
+    }
+
     /// One procedure alone, before the first period.
     #[must_use]
     pub fn only(self, stage: Stage) -> Self {

@@ -19,6 +19,7 @@
 //! Validity: `u` changes by little in a period.
 #![allow(non_snake_case)]
 
+use crate::link_energy::LinkEnergy;
 use crate::rectifier::{Grid, Rectifier};
 use stillflux::params::{ParamError, check};
 
@@ -40,23 +41,6 @@ impl DcLink {
         check("dc_link R_supply", self.R_supply, 1e-4, 1e3, "ohm")?;
         check("dc_link R_chopper", self.R_chopper, 1e-3, f64::INFINITY, "ohm")
     }
-}
-
-/// Energies of the link since the plant was made, J.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct LinkEnergy {
-    /// From the supply into the capacitor.
-    pub supply: f64,
-    /// Into the bridge.
-    pub bridge: f64,
-    /// Into the chopper's resistor.
-    pub chopper: f64,
-    /// From the grid, or the source of a smooth supply.
-    pub grid: f64,
-    /// Into the supply's resistance.
-    pub loss: f64,
-    /// Now stored in the grid's inductances.
-    pub inductance: f64,
 }
 
 /// State of a link.

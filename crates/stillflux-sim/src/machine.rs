@@ -15,78 +15,20 @@
 
 mod energy;
 mod gap;
+mod state;
 mod steps;
+mod tangent;
+mod vector;
 
 pub use self::energy::Energy;
 use self::gap::Gap;
+pub(crate) use self::state::{BRANCHED, FULL, Field, LINEAR, SATURATING, State};
 pub(crate) use self::steps::{Series, Step};
+use self::tangent::Tangent;
+pub(crate) use self::vector::{AXIS, V2, axpy, dot, phases, space_vector, turned};
 use crate::branches::{Branch, DeepBar, IronLoss};
 use crate::slots::{LeakageSaturation, SlotRipple};
 use stillflux::params::Machine;
-use stillflux::space::AlphaBeta;
-
-pub(crate) type V2 = [f64; 2];
-
-/// What the compiler may leave out: a circuit without saturation, with it, with further branches, with all of them and
-/// saturating leakage and slots.
-pub(crate) const LINEAR: u8 = 0;
-pub(crate) const SATURATING: u8 = 1;
-pub(crate) const BRANCHED: u8 = 2;
-pub(crate) const FULL: u8 = 3;
-
-#[inline(always)]
-pub(crate) fn dot(a: V2, b: V2) -> f64 {
-    a[0] * b[0] + a[1] * b[1]
-}
-
-/// `x + k y`
-#[inline(always)]
-pub(crate) fn axpy(x: V2, k: f64, y: V2) -> V2 {
-    [x[0] + k * y[0], x[1] + k * y[1]]
-}
-
-/// `v` turned by the angle `d`; a small one by the series, whose next terms are 1e-14.
-#[inline(always)]
-pub(crate) fn turned(v: V2, d: f64) -> V2 {
-    let (sin, cos) = if d.abs() < 0.3 {
-        let x = d * d;
-        let sin = 1.0 - x * (1.0 / 6.0) * (1.0 - x * 0.05 * (1.0 - x * (1.0 / 42.0) * (1.0 - x * (1.0 / 72.0))));
-        let late = 1.0 - x * (1.0 / 30.0) * (1.0 - x * (1.0 / 56.0) * (1.0 - x * (1.0 / 90.0)));
-        (d * sin, 1.0 - x * 0.5 * (1.0 - x * (1.0 / 12.0) * late))
-    } else {
-        libm::sincos(d)
-    };
-    [v[0] * cos - v[1] * sin, v[0] * sin + v[1] * cos]
-}
-
-const S3: f64 = 0.866_025_403_784_438_6;
-/// Unit vectors of the three phase axes.
-pub(crate) const AXIS: [V2; 3] = [[1.0, 0.0], [-0.5, S3], [-0.5, -S3]];
-
-/// Phase quantities of a space vector.
-#[inline(always)]
-pub(crate) fn phases(v: V2) -> [f64; 3] {
-    AlphaBeta::from(v).to_phases()
-}
-
-/// Space vector of three leg potentials; the common part drops out.
-#[inline(always)]
-pub(crate) fn space_vector(v: [f64; 3]) -> V2 {
-    AlphaBeta::from_phases(v).into()
-}
-
-/// What is integrated: Γ-form fluxes in V·s, mechanical speed in rad/s and angle in rad.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct State {
-    pub psi_s: V2,
-    pub psi_r: V2,
-    /// Flux of the further branches: iron, bar.
-    pub psi_x: [V2; 2],
-    pub omega: f64,
-    pub theta: f64,
-    /// `e^{j Z theta}` of the slots, where there are any.
-    pub slot: V2,
-}
 
 /// What a machine consists of beyond its data; `None`: left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -95,25 +37,6 @@ pub(crate) struct Extras {
     pub bar: Option<DeepBar>,
     pub leakage: Option<LeakageSaturation>,
     pub slots: Option<SlotRipple>,
-}
-
-/// `∂i_s/∂psi_s = b + q psi psi^T + gap`, the last (αα, αβ, ββ) in [`FULL`] alone.
-pub(crate) struct Tangent {
-    b: f64,
-    q: f64,
-    psi: V2,
-    gap: [f64; 3],
-}
-
-/// What follows from a state alone, whatever the terminal voltage.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Field {
-    /// `1/L_s(|psi_s|) + 1/L_l` of small leakage currents
-    pub b: f64,
-    pub i: V2,
-    pub dpsi_r: V2,
-    pub dpsi_x: [V2; 2],
-    pub torque: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -364,7 +287,7 @@ impl Circuit {
 
     #[inline(always)]
     fn gap_of<const KIND: u8>(&self, x: &State) -> [f64; 3] {
-        if KIND == FULL { self.gap_tangent(x, &self.gap.leak(x)) } else { [0.0; 3] }
+        if KIND == FULL { self.gap.tangent(x, &self.gap.leak(x)) } else { [0.0; 3] }
     }
 
     /// What the short-circuited windings and the slots take from `i_s'`, whatever `psi_s'`.

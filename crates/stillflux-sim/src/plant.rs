@@ -4,13 +4,15 @@
 
 mod events;
 mod period;
+mod tolerance;
 
-use self::events::Tolerance;
+use self::tolerance::Tolerance;
 use crate::adc::{Adc, ChannelFault, Converter};
 use crate::branches::{DeepBar, IronLoss};
 use crate::bridge::{Bridge, Feed, GateDelays};
-use crate::dclink::{DcLink, Link, LinkEnergy};
+use crate::dclink::{DcLink, Link};
 use crate::encoder::{Counter, Encoder, EncoderFault};
+use crate::link_energy::LinkEnergy;
 use crate::machine::{BRANCHED, Circuit, Energy, Extras, FULL, Field, LINEAR, SATURATING, State, V2, dot, phases};
 use crate::mechanics::{Mechanics, Shaft};
 use crate::nodes::Nodes;

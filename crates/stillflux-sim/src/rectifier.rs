@@ -19,7 +19,7 @@
 //! capacitor charges to the peak, `π E/3`. Step 100 µs: the error of the phase is `(ω h)²/12`, 8e-5 at 50 Hz.
 #![allow(non_snake_case)]
 
-use crate::dclink::LinkEnergy;
+use crate::link_energy::LinkEnergy;
 use crate::machine::{AXIS, V2, axpy, dot, turned};
 use std::f64::consts::{PI, TAU};
 use stillflux::params::{ParamError, check};

@@ -26,7 +26,7 @@ use stillflux::space::{AlphaBeta, Dq, Rotator};
 /// Time constant of the current at which the inverter model is evaluated, s.
 const SMOOTHING: f64 = 1e-3;
 /// Time after a start without flux in which the filter corrects nothing, s: as in a drive.
-const BLIND_TIME: f64 = 0.01;
+const INTEGRATING_TIME: f64 = 0.01;
 
 /// One row of a record, SI.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -113,7 +113,7 @@ pub struct Replay {
     i_s: AlphaBeta<f64>,
     u_s: AlphaBeta<f64>,
     period: u32,
-    blind: u32,
+    integrating: u32,
 }
 
 impl Replay {
@@ -150,7 +150,7 @@ impl Replay {
             i_s: AlphaBeta::default(),
             u_s: AlphaBeta::default(),
             period: 0,
-            blind: 0,
+            integrating: 0,
             config,
         })
     }
@@ -160,7 +160,7 @@ impl Replay {
     pub fn start(&mut self, at: &Start, row: &Row) {
         let b = self.base;
         let (psi_s, i_s) = (vector(at.psi_s, b.psi), vector(row.i_s, b.i));
-        self.blind = if at.deviation > 0.0 { 0 } else { (BLIND_TIME * self.f_s) as u32 };
+        self.integrating = if at.deviation > 0.0 { 0 } else { (INTEGRATING_TIME * self.f_s) as u32 };
         match &mut self.estimators {
             Estimators::Enhanced { filter, .. } => {
                 let c = self.config.filter_config();
@@ -238,8 +238,8 @@ impl Replay {
                 }
                 let i_m = balance.remove(&i_m);
                 let input = Input { u_s, loss: &loss, i_m, i_ref: self.i_slow, omega_s };
-                let i_dq = filter.step(c.filter_config(), &input, self.blind > 0);
-                self.blind = self.blind.saturating_sub(1);
+                let i_dq = filter.step(c.filter_config(), &input, self.integrating > 0);
+                self.integrating = self.integrating.saturating_sub(1);
                 if slow_due {
                     filter.confine(c.filter_config());
                     self.knee = c.inverter_model().knee(filter.knee());

@@ -4,8 +4,8 @@ use stillflux::commission::si::Shaft;
 use stillflux::commission::{Cause, Deviation, Nameplate, Stage, Status};
 use stillflux::params::{Inverter, Machine, Saturation};
 use stillflux::si::Arithmetic;
-use stillflux_sim::PlantParams;
 use stillflux_sim::commission::{CommissioningRun, Wiring};
+use stillflux_sim::{Mechanics, PlantParams};
 
 /// A machine with impedances larger by `factor` than its plate says: 3 in star instead of delta, 1/3 the other way.
 fn connected(factor: f64) -> (Nameplate, Inverter, PlantParams) {
@@ -51,7 +51,7 @@ fn found(run: &CommissioningRun) -> (Deviation, bool) {
 fn it_can_be_stopped_in_any_period_and_keeps_what_the_stages_before_have_found() {
     let mut run = begin(1.0, Arithmetic::F32);
     let plate = found(&run).0;
-    let order = ["wiring", "bridge", "leakage", "magnetising", "complete"];
+    let order = ["wiring", "legs", "bridge", "leakage", "magnetising", "complete"];
     let mut more = true;
     let mut periods = 0_u32;
     while more {
@@ -66,18 +66,53 @@ fn it_can_be_stopped_in_any_period_and_keeps_what_the_stages_before_have_found()
         let (deviation, incomplete) = found(&stopped);
         let at = order.iter().position(|name| *name == stage).unwrap();
         assert_eq!(incomplete, more, "{stage}");
-        assert_eq!(deviation.L_sigma < plate.L_sigma, at > 2, "{stage}");
-        if at < 3 {
+        assert_eq!(deviation.L_sigma < plate.L_sigma, at > 3, "{stage}");
+        if at < 4 {
             assert_eq!((deviation.R_s, deviation.R_R, deviation.L_M), (plate.R_s, plate.R_R, plate.L_M), "{stage}");
         }
-        if at == 4 {
+        if at == 5 {
             assert!(deviation.R_s < 0.02 && deviation.R_R < 0.05 && deviation.L_M < 0.1);
         }
         let bridge = stopped.commissioning().bridge_readings().iter().flatten().count();
-        assert_eq!(bridge, if at > 1 { 12 } else { 0 }, "{stage}");
+        assert_eq!(bridge, if at > 2 { 12 } else { 0 }, "{stage}");
     }
     assert_eq!(run.commissioning().status(), Status::Done);
     assert!(periods > 20);
+}
+
+/// Legs whose delays differ by some tens of nanoseconds, on a free shaft with the friction of its bearings: how far it
+/// has turned, and the errors of the delays in s and of `R_R`, of what was found.
+fn with_unequal_legs(delays: [[f64; 2]; 3], arithmetic: Arithmetic) -> (f64, f64, f64) {
+    let (plate, sheet, plant) = connected(1.0);
+    let real = Inverter { leg_delay: delays, ..sheet };
+    let mechanics = Mechanics { coulomb: 0.002 * plant.machine.T_N, ..plant.mechanics };
+    let plant = PlantParams { inverter: real, mechanics, ..plant };
+    let run = CommissioningRun::new(&plate, &sheet, Shaft::Locked, arithmetic, plant, Wiring::default());
+    let mut run = run.unwrap();
+    while run.advance(10_000) {}
+    assert_eq!(run.commissioning().status(), Status::Done);
+    let found = run.commissioning().result().unwrap();
+    let common = [0, 1].map(|k| delays.iter().map(|leg| leg[k]).sum::<f64>() / 3.0);
+    let error = found
+        .inverter
+        .leg_delay
+        .iter()
+        .zip(delays)
+        .flat_map(|(got, leg)| [0, 1].map(|k| (got[k] - (leg[k] - common[k])).abs()));
+    assert!(found.deviation_legs.is_some_and(|deviation| (1e-9..1e-8).contains(&deviation)));
+    (run.extremes().1.to_degrees(), error.fold(0.0, f64::max), (found.machine.R_R / plant.machine.R_R - 1.0).abs())
+}
+
+#[test]
+fn legs_that_differ_are_found_and_do_not_turn_a_free_shaft() {
+    for arithmetic in [Arithmetic::F32, Arithmetic::Q] {
+        for delays in [[[0.0; 2]; 3], [[60e-9, -20e-9], [-70e-9, 50e-9], [30e-9, -40e-9]]] {
+            let (turned, error, r_r) = with_unequal_legs(delays, arithmetic);
+            assert!(turned < 1.0, "{arithmetic:?}: {turned}");
+            assert!(error < 4e-9, "{arithmetic:?}: {error:e}");
+            assert!(r_r < 0.02, "{arithmetic:?}: {r_r}");
+        }
+    }
 }
 
 #[test]
@@ -87,7 +122,7 @@ fn a_procedure_alone_finds_its_values_and_leaves_the_others_as_they_were_known()
     let plant = PlantParams { inverter: real, ..plant };
     let machine = plant.machine;
     let (told, of_plate) = plate.machine().unwrap();
-    for stage in [Stage::Bridge, Stage::Leakage, Stage::Magnetising] {
+    for stage in [Stage::Legs, Stage::Bridge, Stage::Leakage, Stage::Magnetising] {
         let run = CommissioningRun::new(&plate, &sheet, Shaft::Free, Arithmetic::F32, plant, Wiring::default());
         let mut run = run.unwrap().only(stage);
         while run.advance(10_000) {}
@@ -97,7 +132,9 @@ fn a_procedure_alone_finds_its_values_and_leaves_the_others_as_they_were_known()
         let off = |x: f64, y: f64| (x / y - 1.0).abs();
         let (of_bridge, of_leakage) = (stage == Stage::Bridge, stage == Stage::Leakage);
         assert_eq!(off(found.inverter.c_out, real.c_out) < 0.3, of_bridge, "{stage}");
-        assert_eq!(found.machine.L_sigma == told.L_sigma, of_bridge, "{stage}");
+        let of_legs = stage == Stage::Legs;
+        assert_eq!(found.machine.L_sigma == told.L_sigma, of_bridge || of_legs, "{stage}");
+        assert_eq!(found.deviation_legs.is_some(), of_legs, "{stage}");
         assert!(!of_leakage || off(found.machine.L_sigma, machine.L_sigma) < 0.05, "{}", found.machine.L_sigma);
         if stage == Stage::Magnetising {
             let [r_s, r_r, l_m] = [

@@ -128,6 +128,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) low_confidence: LowConfidence,
     /// From a sample to the middle of the period in which its duties act.
     pub(crate) t_ahead: R,
+    /// Part of the deviation of the current from its reference that is corrected within that time.
+    pub(crate) part_ahead: R,
     pub(crate) i_range: R,
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.
     pub(crate) i_plain_sq: R,
@@ -183,7 +185,7 @@ words! {
     scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, i_range, i_plain_sq,
+    speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, part_ahead, i_range, i_plain_sq,
     i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "supervision")] realign_calls,
     #[cfg(feature = "dclink")] dclink,
@@ -492,6 +494,7 @@ impl<R: Real> DriveConfig<R> {
             },
             low_confidence: p.low_confidence,
             t_ahead: r(1.5 * t_s),
+            part_ahead: r((1.5 * t_s * pu.hz(p.current_bandwidth)).min(1.0)),
             i_range: r(i_range),
             i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
             i_trip: r(i_trip),

@@ -44,7 +44,7 @@ use crate::control::modulator::zero_duty;
 use crate::control::shunt::Pulses;
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
-use crate::supervision::{Course, Currents, Supervision};
+use crate::supervision::{Currents, Supervision, Tracking};
 use control::Control;
 use estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use scheme::{SchemeEstimators, with_estimators};
@@ -323,7 +323,7 @@ impl<R: Real> Common<R> {
         }
         if action == Action::Ready {
             estimators.begin(c, self.sequence.pause(c));
-            self.control.begin();
+            self.control.begin(c);
             self.supervision.begin();
         }
         estimators.idle(&i_s);
@@ -438,7 +438,7 @@ impl<R: Real> Common<R> {
                 _ => R::ZERO,
             };
             let realigning = control.is_realigning(c);
-            let course = Course {
+            let tracking = Tracking {
                 psi_deviation: x.psi_s - control.psi_ref,
                 omega_m,
                 omega_s,
@@ -447,7 +447,7 @@ impl<R: Real> Common<R> {
                 torque_limited: (!realigning).then_some(control.limited != R::ZERO),
             };
             let confidence = || control.confidence(|| estimators.confidence());
-            trip = trip.or_else(|| self.supervision.course(&c.supervision, &course, confidence));
+            trip = trip.or_else(|| self.supervision.tracking(&c.supervision, &tracking, confidence));
             #[cfg(feature = "encoder")]
             {
                 trip = trip.or_else(|| control.hand_over.trip(&c.hand_over));

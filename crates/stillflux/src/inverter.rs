@@ -122,8 +122,8 @@ impl<R: Real> Legs<R> {
     #[must_use]
     pub fn new(of_period: &[[f64; 2]; 3]) -> Self {
         let part = |sign: f64| {
-            let [a, b, c] = of_period.map(|[plus, minus]| 0.5 * (plus + sign * minus));
-            AlphaBeta::new(rounded((2.0 * a - b - c) / 3.0), rounded((b - c) / libm::sqrt(3.0)))
+            let of = AlphaBeta::<f64>::from_phases(of_period.map(|[plus, minus]| 0.5 * (plus + sign * minus)));
+            AlphaBeta::new(rounded(of.re()), rounded(of.im()))
         };
         Self { even: part(1.0), odd: part(-1.0) }
     }
@@ -264,6 +264,12 @@ impl<R: Real> Knee<R> {
         let (plus, minus) = (self.delay(leg, 0), self.delay(leg, 1));
         let (even, odd) = ((plus + minus).half(), (plus - minus).half());
         even + odd * (i * self.inv_width * R::from_f64(SCALE)).limit(R::ONE)
+    }
+
+    /// Whether both edges of a leg with this current are told apart.
+    #[inline(always)]
+    pub(crate) fn is_near_zero(&self, i: R) -> bool {
+        i.within(self.width * R::from_f64(NEAR))
     }
 
     /// Loss of a leg by its dead time, relative to that far from current zero.
@@ -468,12 +474,12 @@ impl<R: Real> InverterModel<R> {
     }
 
     /// What the loss `first` of [`InverterModel::distortion`] lacks in leg `k` (0 to 2) near current zero, in a period in
-    /// which the machine is to have the phase voltages `u`.
+    /// which the machine is to have the phase currents `phases` and voltages `u`.
     #[inline(never)]
-    pub fn ripple(&self, knee: &Knee<R>, k: usize, (i_s, u): (&AlphaBeta<R>, &[R; 3]), first: &Distortion<R>) -> R {
-        let (literal, g, phases) = (R::from_f64, self.parameters.ripple, i_s.to_phases());
+    pub fn ripple(&self, knee: &Knee<R>, k: usize, (phases, u): (&[R; 3], &[R; 3]), first: &Distortion<R>) -> R {
+        let (literal, g) = (R::from_f64, self.parameters.ripple);
         let i = phases[k % 3];
-        if !i.within(knee.width * literal(NEAR)) {
+        if !knee.is_near_zero(i) {
             return R::ZERO;
         }
         let dead = first.full - first.least;
@@ -546,6 +552,19 @@ mod tests {
         let (m, inv) = (Machine::preset_2k2(), Inverter { c_out: 1e-9, ..Inverter::preset_2k2() });
         let pu = PerUnit::new(&m, &inv).unwrap();
         (InverterModel::new(&pu), pu.u_dc, 0.27 / pu.base.i)
+    }
+
+    #[test]
+    fn with_double_update_the_loss_has_no_shift_of_the_sampled_current() {
+        let at = |half_periods: u32, i: f64| {
+            let inverter = Inverter { c_out: 1e-9, half_periods, ..Inverter::preset_2k2() };
+            let pu = PerUnit::new(&Machine::preset_2k2(), &inverter).unwrap();
+            let model = InverterModel::<f64>::new(&pu);
+            model.distortion(model.nominal(), &AlphaBeta::new(i, 0.0), pu.u_dc, 1.0).phases[0]
+        };
+        let i = 0.02;
+        assert!((at(1, i) + at(1, -i)).abs() < 1e-12 && at(1, i) > 1e-3);
+        assert!((at(2, i) + at(2, -i)).abs() > 1e-3, "with one update a period it has");
     }
 
     /// The sampled current at which that at the edges is `x` times the knee, by the first approximation.
@@ -735,7 +754,7 @@ mod tests {
             let i_s = AlphaBeta::from_phases(i);
             let loss = model.distortion(&knee, &i_s, pu.u_dc, 1.0);
             let first = loss.phases;
-            let both = [0, 1, 2].map(|k| first[k] + model.ripple(&knee, k, (&i_s, &u), &loss));
+            let both = [0, 1, 2].map(|k| first[k] + model.ripple(&knee, k, (&i_s.to_phases(), &u), &loss));
             [first, both].map(|loss| {
                 let phases = [0, 1, 2].map(|k| u[k] + loss[k]);
                 let duty = modulate(phases, 1.0 / pu.u_dc, None);

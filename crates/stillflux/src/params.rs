@@ -293,6 +293,11 @@ impl Inverter {
         2.0 * self.f_s / f64::from(self.half_periods)
     }
 
+    /// Largest admissible delay of [`Inverter::leg_delay`], s.
+    pub(crate) fn leg_delay_max(&self) -> f64 {
+        if cfg!(feature = "legs") { (0.005 / self.f_s).min(1e-6) } else { 0.0 }
+    }
+
     /// Control periods in a time, s, to the nearest.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub(crate) fn periods(&self, time: f64) -> u32 {
@@ -316,10 +321,9 @@ impl Inverter {
         }
         check("c_out", self.c_out, 0.0, 10e-9, "F")?;
         for delay in self.leg_delay.into_iter().flatten() {
-            let built = cfg!(feature = "legs");
-            let most = if built { (0.005 / self.f_s).min(1e-6) } else { 0.0 };
+            let most = self.leg_delay_max();
             check("leg_delay", delay, -most, most, "s")
-                .map_err(|e| if built { e } else { e.with_note("needs the feature `legs`") })?;
+                .map_err(|e| if cfg!(feature = "legs") { e } else { e.with_note("needs the feature `legs`") })?;
         }
         check("half_periods", f64::from(self.half_periods), 1.0, 16.0, "")?;
         if self.half_periods != 1 && !self.half_periods.is_multiple_of(2) {

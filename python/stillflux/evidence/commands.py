@@ -410,6 +410,7 @@ def _operations(options: argparse.Namespace) -> int:
         found = operate.perform_all(names, _drives(options), schemes, options.arithmetic, None, runner)
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
+    found = operate.worst(found)
     print(operations.table(found))
     if options.metrics and not stopped:
         update(options.metrics, map(of_operation, found))

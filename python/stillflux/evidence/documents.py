@@ -180,14 +180,25 @@ def _verdicts(table: Table) -> str:
     for name in figures():
         experiment = experiments()[name]
         found = _lines(table, "figure", name, SCHEMES)
-        published = [lines[:count] for _, lines in found]
-        failing = any(line is not None and not line.holds for lines in published for line in lines)
-        verdict = "limit" if failing else "reproduced" if found else _UNKNOWN
-        rows.append([f"**{name}**", f"*{experiment.title}*", *[""] * (2 * count), verdict])
+        rows.append([f"**{name}**", f"*{experiment.title}*", *[""] * (2 * count), _verdict(table, name)])
         rows += [["", claim(line), *map(judged, lines), ""] for line, lines in found]
         rows.append(["", *_control(table, name), *[""] * (count + 1)])
     beside = [f"{machine} {SCHEMES[1]}" for machine in MACHINES]
     return markdown(["fig.", "must show", *MACHINES, *beside, "verdict"], rows)
+
+
+def _verdict(table: Table, name: str) -> str:
+    """As `reproduce.judge` has it, at the machine where it is worst: a claim that fails without a documented
+    reason, or a negative control that does not fail as it must, leaves nothing reproduced."""
+    experiment = experiments()[name]
+    for machine in filter(experiment.at, MACHINES):
+        control = table.find("control", name, machine)
+        if not table.find("figure", name, machine) or bool(control) != (experiment.control is not None):
+            return _UNKNOWN
+    if _unexplained(table, name):
+        return "**FAILED**"
+    failing = any(not line.holds for m in MACHINES for line in table.find("figure", name, m))
+    return "limit" if failing else "reproduced"
 
 
 def _control(table: Table, name: str) -> list[str]:
@@ -209,13 +220,29 @@ def _failure(table: Table, name: str, machine: str) -> str:
 
 
 def _limits(table: Table) -> str:
-    """Why claims are not met."""
-    del table
+    """Why claims are not met, and which fail without a documented reason."""
     texts = []
     for name in figures():
-        for machine_reason in dict.fromkeys(limit.reason for limit in experiments()[name].limits.values()):
-            texts.append(f"**Fig. {name}.** {machine_reason}")
+        experiment = experiments()[name]
+        for reason in dict.fromkeys(limit.reason for limit in experiment.limits.values()):
+            texts.append(f"**Fig. {name}.** {reason}")
+        unexplained = _unexplained(table, name)
+        if unexplained:
+            where = "; ".join(
+                f"{x.machine}, {'control, ' * (x.kind == 'control')}{claim(x)}" for x in unexplained
+            )
+            texts.append(f"**Fig. {name}** fails without a documented reason: {where}.")
     return "\n\n".join(texts) or "None: every claim holds at both machines, under each realisation."
+
+
+def _unexplained(table: Table, name: str) -> list[Line]:
+    """Claims of a figure that fail and that no limit explains, and negative controls that do not fail as they
+    must."""
+    limits = experiments()[name].limits
+    excused = {(machine, quantity) for machine, limit in limits.items() for quantity in limit.quantities}
+    failing = [line for m in MACHINES for line in table.find("figure", name, m) if not line.holds]
+    controls = [line for m in MACHINES for line in table.find("control", name, m) if not line.holds]
+    return [line for line in failing if (line.machine, line.quantity) not in excused] + controls
 
 
 def _margins(machine: str, table: Table) -> str:

@@ -2,7 +2,9 @@
 //! torque. `e^{j Z theta}` is carried as [`State::slot`] and turned by each step's small angle.
 #![allow(non_snake_case)]
 
-use super::{Circuit, FULL, State, Tangent, V2, axpy, dot, turned};
+use super::state::State;
+use super::tangent::apply;
+use super::vector::{V2, axpy, dot, turned};
 use crate::slots::{LeakageSaturation, SlotRipple};
 use stillflux::params::Machine;
 
@@ -30,11 +32,6 @@ pub(crate) struct Leak {
     pub i: V2,
     /// Its tangent (αα, αβ, ββ).
     tangent: [f64; 3],
-}
-
-#[inline(always)]
-fn apply(m: &[f64; 3], v: V2) -> V2 {
-    [m[0] * v[0] + m[1] * v[1], m[1] * v[0] + m[2] * v[1]]
 }
 
 /// `e^{jx} v*`
@@ -176,57 +173,11 @@ impl Gap {
         let main = axpy([2.0 * e1[0] * ds[0], 2.0 * e1[0] * ds[1]], e2[0], x.psi_s);
         (leakage, axpy(leakage, self.main, main))
     }
-}
 
-impl Circuit {
     /// `∂i_s/∂psi_s` beyond that of a linear leakage.
     #[inline(always)]
-    pub(super) fn gap_tangent(&self, x: &State, leak: &Leak) -> [f64; 3] {
-        let (g, t) = (self.gap.main * x.slot[0], leak.tangent);
+    pub fn tangent(&self, x: &State, leak: &Leak) -> [f64; 3] {
+        let (g, t) = (self.main * x.slot[0], leak.tangent);
         [t[0] + g, t[1], t[2] + g]
-    }
-}
-
-impl Tangent {
-    /// `∂i_s/∂psi_s` times `v`.
-    #[inline(always)]
-    pub fn apply<const KIND: u8>(&self, v: V2) -> V2 {
-        let mut y = [self.b * v[0], self.b * v[1]];
-        if KIND != super::LINEAR {
-            y = axpy(y, self.q * dot(self.psi, v), self.psi);
-        }
-        if KIND == FULL {
-            y = axpy(y, 1.0, apply(&self.gap, v));
-        }
-        y
-    }
-
-    /// `e^T ∂i_s/∂psi_s e` of a unit vector.
-    #[inline(always)]
-    pub fn along<const KIND: u8>(&self, e: V2) -> f64 {
-        let p = dot(self.psi, e);
-        let y = self.b + self.q * p * p;
-        if KIND == FULL { y + dot(apply(&self.gap, e), e) } else { y }
-    }
-
-    /// No less than its largest eigenvalue.
-    #[inline(always)]
-    pub fn largest<const KIND: u8>(&self) -> f64 {
-        let y = self.b + self.q * dot(self.psi, self.psi);
-        if KIND == FULL { y + self.gap[0].max(self.gap[2]) + self.gap[1].abs() } else { y }
-    }
-
-    /// Its inverse times `w`; without [`FULL`] by Sherman-Morrison.
-    #[inline(always)]
-    pub fn solve<const KIND: u8>(&self, w: V2) -> V2 {
-        if KIND == FULL {
-            let (p, q, g) = (self.psi, self.q, self.gap);
-            let m = [self.b + q * p[0] * p[0] + g[0], q * p[0] * p[1] + g[1], self.b + q * p[1] * p[1] + g[2]];
-            let d = 1.0 / (m[0] * m[2] - m[1] * m[1]);
-            return [d * (m[2] * w[0] - m[1] * w[1]), d * (m[0] * w[1] - m[1] * w[0])];
-        }
-        let k = -self.q * dot(self.psi, w) / (self.b + self.q * dot(self.psi, self.psi));
-        let v = axpy(w, k, self.psi);
-        [v[0] / self.b, v[1] / self.b]
     }
 }

@@ -25,10 +25,10 @@
 //! which is half way, in logarithms, to both; a plate tells `R'` better than `L_σ`, which is assumed. No level above
 //! 0.45 pu is set before.
 //!
-//! **Assumes** equal legs.
+//! **Legs** that differ ([`super::legs`]) are in the loss as known.
 
-use super::Cause;
 use super::excitation::{Command, Sample};
+use super::status::Cause;
 use crate::base::{PerUnit, rounded};
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};
@@ -198,15 +198,19 @@ pub(super) fn fit(
     // For one knee: cost, R', 1 + t, 1 + v, variance of v, largest residual.
     let solve = |x: f64| -> Result<[f64; 6], ParamError> {
         let whole = BridgeCurve::loss(&with(base * libm::exp(x)), machine)?;
-        let dead = BridgeCurve::loss(&Inverter { u_th: 0.0, ..with(base * libm::exp(x)) }, machine)?;
-        let row = |i: f64| Vector3::new(i, whole(i) - dead(i), dead(i));
+        let equal = Inverter { leg_delay: [[0.0; 2]; 3], ..with(base * libm::exp(x)) };
+        let both = BridgeCurve::loss(&equal, machine)?;
+        let dead = BridgeCurve::loss(&Inverter { u_th: 0.0, ..equal }, machine)?;
+        let row = |i: f64| Vector3::new(i, both(i) - dead(i), dead(i));
+        // Of legs that differ, in a mean over both directions of the current.
+        let legs = |i: f64| 0.5 * (whole(i) - whole(-i)) - 0.5 * (both(i) - both(-i));
         let w = 1.0 / (SIGMA_U * SIGMA_U);
         let prior = Vector3::new(0.0, 1.0 / (PRIOR_T * PRIOR_T), 1.0 / (PRIOR_V * PRIOR_V));
         let (mut a, mut b) = (Matrix3::from_diagonal(&prior), prior);
         for k in 0..n {
             let h = row(i[k]);
             a += h * h.transpose() * w;
-            b += h * (w * u[k]);
+            b += h * (w * (u[k] - legs(i[k])));
         }
         let inverse = a.try_inverse().unwrap_or_else(Matrix3::zeros);
         let p = inverse * b;
@@ -214,7 +218,7 @@ pub(super) fn fit(
         let mut cost = prior[1] * t * t + prior[2] * v * v + x * x / (PRIOR_KNEE * PRIOR_KNEE);
         let mut largest = 0.0f64;
         for k in 0..n {
-            let e = u[k] - p.dot(&row(i[k]));
+            let e = u[k] - legs(i[k]) - p.dot(&row(i[k]));
             cost += w * e * e;
             largest = largest.max(e.abs());
         }

@@ -4,7 +4,7 @@
 //! procedure after the other, each in a file of its own:
 //!
 //! ```text
-//! wiring → bridge → leakage → magnetising            every current along one axis: no torque, the shaft stays
+//! wiring → legs → bridge → leakage → magnetising     every current along one axis at a time: no torque, the shaft stays
 //! inertia                                             with a free shaft, by the drive that was found ([`si`] joins both)
 //! ```
 //!
@@ -22,10 +22,13 @@ mod bridge;
 mod excitation;
 pub mod inertia;
 mod leakage;
+#[cfg(feature = "legs")]
+mod legs;
 mod magnetising;
 pub mod nameplate;
 mod result;
 pub mod si;
+mod status;
 mod wiring;
 
 pub use bridge::{BridgeCurve, LEVELS as BRIDGE_LEVELS};
@@ -33,18 +36,20 @@ pub use leakage::RAMP;
 pub use magnetising::{LEVELS as MAGNETISING_LEVELS, MagnetisingCurve, WINDOWS, levels as magnetising_levels};
 pub use nameplate::{Deviation, Nameplate};
 pub use result::{Found, Warnings, priors};
-
-use core::fmt;
+pub use status::{Cause, Stage, Status};
 
 use crate::base::{PerUnit, rounded};
 use crate::control::modulator::zero_duty;
 use crate::drive::{Measurement, Output};
+use crate::error::check;
 use crate::inverter::InverterModel;
 use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Real, Timer};
 use bridge::{Bridge, BridgeConfig};
-use excitation::{Command, Excitation, ExcitationConfig};
+use excitation::{Command, Excitation, ExcitationConfig, Sample};
 use leakage::Leakage;
+#[cfg(feature = "legs")]
+use legs::{Comparison, ComparisonConfig};
 use magnetising::{Magnetising, MagnetisingConfig};
 use wiring::{Wiring, WiringConfig};
 
@@ -55,7 +60,10 @@ const U_DC: (f64, f64) = (0.6, 1.45);
 /// Bandwidth of current control relative to the switching frequency, for the nameplate's leakage inductance.
 const BANDWIDTH: f64 = 0.012;
 /// Periods in which the current goes from one value to the next.
-const RISE: f64 = 50.0;
+const RISE: u32 = 50;
+/// Periods from a command to the sample that shows it.
+#[cfg(feature = "legs")]
+const DELAY: u32 = 2;
 /// Time for which a current settles, in rotor time constants of the nameplate.
 const SETTLE: f64 = 0.2;
 /// Periods for which the voltage may be at its limit.
@@ -63,134 +71,6 @@ const LIMITED: u32 = 400;
 /// Duration of a level of the magnetising curve in rotor time constants of the nameplate, and its limit, s.
 const LEVEL: f64 = 5.0;
 const LEVEL_MAX: f64 = 6.5;
-
-/// Why a commissioning has been stopped. The numbers are stable.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[repr(u8)]
-pub enum Cause {
-    /// [`Commissioning::abort`] was called.
-    Aborted = 1,
-    /// A measurement is not finite or beyond full scale.
-    Measurement = 2,
-    /// dc-link voltage outside 0.6 to 1.45 times the rated one.
-    DcLink = 3,
-    /// Current above its limit.
-    OverCurrent = 4,
-    /// Offset of a current channel beyond what a healthy sensor shows.
-    CurrentOffset = 5,
-    /// A short pulse at a fraction of the expected voltage makes a large current.
-    ShortCircuit = 6,
-    /// No current in any channel.
-    NoMotor = 7,
-    /// One phase carries no current.
-    OpenPhase = 8,
-    /// One channel does not answer, although its phase carries current.
-    DeadChannel = 9,
-    /// Current channels belong to other legs.
-    SwappedChannels = 10,
-    /// A current channel has the wrong sign.
-    InvertedChannel = 11,
-    /// Gains of the channels (or impedances of the phases) differ by more than 15 %.
-    ChannelGain = 12,
-    /// The machine is far from its nameplate.
-    WrongMotor = 13,
-}
-
-impl Cause {
-    /// All causes.
-    pub const ALL: [Self; 13] = [
-        Self::Aborted,
-        Self::Measurement,
-        Self::DcLink,
-        Self::OverCurrent,
-        Self::CurrentOffset,
-        Self::ShortCircuit,
-        Self::NoMotor,
-        Self::OpenPhase,
-        Self::DeadChannel,
-        Self::SwappedChannels,
-        Self::InvertedChannel,
-        Self::ChannelGain,
-        Self::WrongMotor,
-    ];
-
-    /// Its number, 1 to 13.
-    #[must_use]
-    pub fn code(self) -> u32 {
-        self as u32
-    }
-}
-
-impl fmt::Display for Cause {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Aborted => "aborted",
-            Self::Measurement => "measurement",
-            Self::DcLink => "dc-link voltage",
-            Self::OverCurrent => "over-current",
-            Self::CurrentOffset => "current offset",
-            Self::ShortCircuit => "short circuit",
-            Self::NoMotor => "no motor connected",
-            Self::OpenPhase => "open phase",
-            Self::DeadChannel => "dead current channel",
-            Self::SwappedChannels => "swapped current channels",
-            Self::InvertedChannel => "inverted current channel",
-            Self::ChannelGain => "gains of the current channels",
-            Self::WrongMotor => "motor far from its nameplate",
-        })
-    }
-}
-
-/// Procedure under way.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Stage {
-    /// Offsets, sensors and wiring.
-    Wiring,
-    /// Curve of the bridge.
-    Bridge,
-    /// Leakage inductance.
-    Leakage,
-    /// Magnetising curve and resistances.
-    Magnetising,
-    /// All done.
-    Complete,
-}
-
-impl Stage {
-    /// The procedures after the check of the wiring.
-    const PROCEDURES: [Self; 3] = [Self::Bridge, Self::Leakage, Self::Magnetising];
-}
-
-impl fmt::Display for Stage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Wiring => "wiring",
-            Self::Bridge => "bridge",
-            Self::Leakage => "leakage",
-            Self::Magnetising => "magnetising",
-            Self::Complete => "complete",
-        })
-    }
-}
-
-/// State of a commissioning.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Status {
-    /// Under way.
-    Running,
-    /// All procedures are done.
-    Done,
-    /// Stopped in a period, counted from the start.
-    Faulted {
-        /// Why.
-        cause: Cause,
-        /// When.
-        period: u32,
-    },
-}
 
 /// Constants of a commissioning: what the nameplate and the inverter's data sheet say.
 #[derive(Clone, Copy, Debug)]
@@ -205,14 +85,18 @@ pub struct CommissioningConfig<R: Real> {
     /// Periods for which a current settles.
     settle: u32,
     bridge: BridgeConfig<R>,
+    #[cfg(feature = "legs")]
+    legs: ComparisonConfig<R>,
     leakage_weight: R,
     /// Amplitude of the square voltage for the nameplate's leakage inductance, and its limit.
     u_square: R,
     u_square_max: R,
     u_dc: (R, R),
     trip: R,
+    /// Phase c has a sensor.
+    third: bool,
     /// Whether each stage after the wiring is run.
-    runs: [bool; 3],
+    runs: [bool; 4],
 }
 
 impl<R: Real> CommissioningConfig<R> {
@@ -246,7 +130,7 @@ impl<R: Real> CommissioningConfig<R> {
                 r: r(pu.r_s + pu.r_r),
                 l: r(pu.sigma_l_s / pu.t_s),
                 u_max: r(u_max),
-                inv_rise: r(1.0 / RISE),
+                inv_rise: r(1.0 / f64::from(RISE)),
             },
             wiring: WiringConfig {
                 offset_periods,
@@ -266,12 +150,15 @@ impl<R: Real> CommissioningConfig<R> {
             },
             settle,
             bridge: BridgeConfig::new(&machine, sheet, &pu, settle)?,
+            #[cfg(feature = "legs")]
+            legs: ComparisonConfig::new(&pu, (0.1 * tau_r * f_s).min(200.0) as u32, RISE / 2 + DELAY),
             leakage_weight: Leakage::weight(settle),
             u_square: r(leakage::SWING * pu.sigma_l_s / (f64::from(RAMP) * pu.t_s)),
             u_square_max: r(0.3 * u_max),
             u_dc: (r(U_DC.0 * pu.u_dc), r(U_DC.1 * pu.u_dc)),
             trip: r(TRIP),
-            runs: [true; 3],
+            third: true,
+            runs: [cfg!(feature = "legs"), true, true, true],
             machine,
             deviation,
             sheet: *sheet,
@@ -279,11 +166,30 @@ impl<R: Real> CommissioningConfig<R> {
         })
     }
 
+    /// With 3 current sensors, or with 2, in phases a and b: every impedance has the gain of phase a then, and of the
+    /// differences of the legs only the part is found that does not change its sign with the current.
+    ///
+    /// # Errors
+    /// Another number: a single shunt wants shifted pulses, which a commissioning does not make.
+    pub fn current_sensors(self, number: u32) -> Result<Self, ParamError> {
+        check("current_sensors", f64::from(number), 2.0, 3.0, "")
+            .map_err(|e| e.with_note("a commissioning reads the phase currents"))?;
+        let third = number == 3;
+        Ok(Self {
+            third,
+            #[cfg(feature = "legs")]
+            legs: self.legs.with_odd(third),
+            ..self
+        })
+    }
+
     /// One procedure alone, after the check of the wiring: the values of the others are those of nameplate and data sheet.
     /// [`Stage::Wiring`] and [`Stage::Complete`]: nothing but that check.
     #[must_use]
     pub fn only(self, stage: Stage) -> Self {
-        Self { runs: Stage::PROCEDURES.map(|of| of == stage), ..self }
+        let mut runs = Stage::PROCEDURES.map(|of| of == stage);
+        runs[0] &= cfg!(feature = "legs");
+        Self { runs, ..self }
     }
 
     /// The stage after one.
@@ -312,7 +218,12 @@ impl<R: Real> CommissioningConfig<R> {
     /// Periods of all procedures that are run, roughly.
     #[must_use]
     pub fn duration(&self) -> u32 {
-        let each = [bridge::duration(self.settle), leakage::duration(self.settle), self.magnetising.duration()];
+        #[cfg(feature = "legs")]
+        let legs = self.legs.duration();
+        #[cfg(not(feature = "legs"))]
+        let legs = 0;
+        let (bridge, leakage) = (bridge::duration(self.settle), leakage::duration(self.settle));
+        let each = [legs, bridge, leakage, self.magnetising.duration()];
         let run = each.into_iter().zip(self.runs).filter_map(|(periods, runs)| runs.then_some(periods));
         self.wiring.offset_periods + run.sum::<u32>()
     }
@@ -334,6 +245,8 @@ struct State<R: Real> {
     excitation: Excitation<R>,
     wiring: Wiring<R>,
     bridge: Bridge<R>,
+    #[cfg(feature = "legs")]
+    legs: Comparison<R>,
     leakage: Leakage<R>,
     magnetising: Magnetising<R>,
 }
@@ -346,9 +259,11 @@ impl<R: Real> Commissioning<R> {
             status: Status::Running,
             stage: Stage::Wiring,
             period: 0,
-            excitation: Excitation::new(),
+            excitation: Excitation::new(&config.excitation),
             wiring: Wiring::new(&config.wiring),
             bridge: Bridge::new(),
+            #[cfg(feature = "legs")]
+            legs: Comparison::new(),
             leakage: Leakage::new(),
             magnetising: Magnetising::new(),
         };
@@ -386,14 +301,13 @@ impl<R: Real> Commissioning<R> {
     /// One control period.
     pub fn step(&mut self, measured: &Measurement<R>) -> Output<R> {
         let Self { config: c, state } = self;
-        let u_dc = measured.u_dc;
         if state.status == Status::Running {
             state.period = state.period.wrapping_add(1);
             match state.procedure(c, measured) {
                 Ok((Command::Blocked, _)) => {}
-                Ok((command, i)) => {
+                Ok((command, x)) => {
                     let gain = if state.stage > Stage::Wiring { state.wiring.leakage } else { R::ONE };
-                    let duty = state.excitation.duties(&c.excitation, gain, &command, i, u_dc);
+                    let duty = state.excitation.duties(&c.excitation, gain, &command, &x);
                     if state.excitation.limited() < LIMITED {
                         return Output { duty, gates_on: true };
                     }
@@ -415,16 +329,19 @@ impl<R: Real> State<R> {
         }
     }
 
-    /// Checks the measurement and runs the procedure of the stage: its command and the current along the a-axis.
-    fn procedure(&mut self, c: &CommissioningConfig<R>, m: &Measurement<R>) -> Result<(Command<R>, R), Cause> {
+    /// Checks the measurement and runs the procedure of the stage: its command and the sample.
+    fn procedure(&mut self, c: &CommissioningConfig<R>, m: &Measurement<R>) -> Result<(Command<R>, Sample<R>), Cause> {
+        let mut i_abc = m.i_abc;
+        if !c.third {
+            i_abc[2] = -i_abc[0] - i_abc[1];
+        }
         // Written so that NaN fails the comparisons.
-        if !m.i_abc.iter().all(|i| i.within(R::from_f64(4.0))) || !m.u_dc.within(R::from_f64(100.0)) {
+        if !i_abc.iter().all(|i| i.within(R::from_f64(4.0))) || !m.u_dc.within(R::from_f64(100.0)) {
             return Err(Cause::Measurement);
         }
         if !(m.u_dc >= c.u_dc.0 && m.u_dc <= c.u_dc.1) {
             return Err(Cause::DcLink);
         }
-        let mut i_abc = m.i_abc;
         if self.stage > Stage::Wiring {
             for (i, o) in i_abc.iter_mut().zip(self.wiring.offset()) {
                 *i -= o;
@@ -439,6 +356,16 @@ impl<R: Real> State<R> {
         let command = match self.stage {
             Stage::Wiring => self.wiring.step(&c.wiring, &x)?,
             Stage::Bridge => self.bridge.step(&c.bridge, self.wiring.leakage, &x)?,
+            #[cfg(feature = "legs")]
+            Stage::Legs => {
+                let (next, complete) = self.legs.step(&c.legs, &x);
+                if complete {
+                    self.excitation.knee.set_legs(&self.legs.legs, x.u_dc);
+                }
+                next
+            }
+            #[cfg(not(feature = "legs"))]
+            Stage::Legs => None,
             Stage::Leakage => {
                 let u = (c.u_square * self.wiring.leakage).min(c.u_square_max);
                 self.leakage.step(c.settle, c.leakage_weight, u, &x)
@@ -450,10 +377,10 @@ impl<R: Real> State<R> {
             self.stage = c.after(self.stage);
             if self.stage == Stage::Complete {
                 self.status = Status::Done;
-                return Ok((Command::Blocked, x.i));
+                return Ok((Command::Blocked, x));
             }
         }
-        Ok((command.unwrap_or(zero), x.i))
+        Ok((command.unwrap_or(zero), x))
     }
 }
 
@@ -470,7 +397,7 @@ mod tests {
     fn survives<R: Real>(skip: usize, readings: &[(f64, f64, f64, f64)]) {
         let sheet = Inverter { f_clk: 0.0, ..Inverter::preset_2k2() };
         let mut x = Commissioning::new(CommissioningConfig::<R>::new(&PLATE, &sheet).unwrap());
-        x.state.stage = [Stage::Wiring, Stage::Bridge, Stage::Leakage, Stage::Magnetising][skip];
+        x.state.stage = [Stage::Wiring, Stage::Legs, Stage::Bridge, Stage::Leakage, Stage::Magnetising][skip];
         for &(a, b, c, u) in readings {
             let out = x.step(&Measurement { i_abc: [a, b, c].map(R::from_f64), u_dc: R::from_f64(u) });
             assert!(out.duty.iter().all(|d| *d >= R::ZERO && *d <= R::ONE));
@@ -486,7 +413,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
         fn no_measurement_makes_a_step_panic_or_a_duty_leave_its_range(
-            skip in 0..4usize,
+            skip in 0..5usize,
             readings in proptest::collection::vec(
                 prop_oneof![
                     4 => (-1.4..1.4, -1.4..1.4, -1.4..1.4, 1.0..2.3),

@@ -22,8 +22,8 @@ use crate::params::{Gamma, Inverter, Machine, ParamError, Rating, Saturation};
 use crate::scalar::Real;
 use crate::si::MemorySi;
 
-/// Relative standard deviation that the gains of the current sensors add to every impedance: three channels of 1 %.
-const DEVIATION_GAIN: f64 = 0.006;
+/// Relative standard deviation that the gains of the current sensors add to every impedance: three channels of 1 %, or one.
+const DEVIATION_GAIN: [f64; 2] = [0.006, 0.01];
 /// Model error of the leakage inductance: frequency, iron loss.
 const DEVIATION_LEAKAGE: f64 = 0.02;
 /// Model error of rotor resistance and magnetising inductance.
@@ -78,6 +78,8 @@ pub struct Found {
     pub deviation: Deviation,
     /// Standard deviation of the factor of threshold and dead time, and relative one of the knee.
     pub deviation_inverter: [f64; 2],
+    /// Standard deviation of each of `leg_delay` of the inverter, s, if the legs were compared.
+    pub deviation_legs: Option<f64>,
     /// Mean friction torque at low speed, N·m, if the shaft was free.
     pub friction: Option<f64>,
     /// The fits, where there are any.
@@ -148,6 +150,7 @@ impl<R: Real> Commissioning<R> {
             inverter: c.sheet,
             deviation: c.deviation,
             deviation_inverter: [0.15, 0.7],
+            deviation_legs: None,
             friction: None,
             bridge: None,
             magnetising: None,
@@ -156,26 +159,37 @@ impl<R: Real> Commissioning<R> {
         let done = |procedure| c.completed(procedure, s.stage);
         found.warnings.incomplete = !Stage::PROCEDURES.into_iter().all(done);
         let (u, i) = (s.bridge.u.map(R::to_f64), s.bridge.i.map(R::to_f64));
-        // The leakage inductance moves the sampled current against that at the edges: fit, inductance, fit.
-        let fit = |machine: &Machine| match done(Stage::Bridge) {
-            true => bridge::fit(machine, &c.sheet, &u, &i, s.bridge.level),
+        // The leakage inductance moves the sampled current against that at the edges: fit, inductance, fit. The differences
+        // of the legs need the resistance, and move it by less than a thousandth.
+        #[cfg_attr(not(feature = "legs"), allow(unused_mut))]
+        let mut sheet = c.sheet;
+        let fit = |machine: &Machine, sheet: &Inverter| match done(Stage::Bridge) {
+            true => bridge::fit(machine, sheet, &u, &i, s.bridge.level),
             false => {
-                let (inverter, deviation) = (c.sheet, found.deviation_inverter);
+                let (inverter, deviation) = (*sheet, found.deviation_inverter);
                 Ok(BridgeCurve { inverter, r: pu.r_s + pu.r_r, deviation, residual: 0.0 })
             }
         };
-        let mut curve = fit(&machine)?;
+        let mut curve = fit(&machine, &sheet)?;
         if done(Stage::Leakage) {
             let l = s.leakage.inductance(curve.r, pu.t_s);
             machine.L_sigma = l * pu.base.l;
             machine.validate()?;
-            curve = fit(&machine)?;
-            found.deviation.L_sigma = libm::hypot(DEVIATION_LEAKAGE, DEVIATION_GAIN);
+            curve = fit(&machine, &sheet)?;
+            found.deviation.L_sigma = libm::hypot(DEVIATION_LEAKAGE, DEVIATION_GAIN[usize::from(!c.third)]);
+        }
+        #[cfg(feature = "legs")]
+        if done(Stage::Legs) {
+            let limited;
+            (sheet.leg_delay, limited) = self.leg_delay();
+            found.warnings.bridge_fit |= limited;
+            curve = fit(&machine, &sheet)?;
+            found.deviation_legs = Some(super::legs::deviation(&curve.inverter, &machine)?);
         }
         found.machine = machine;
         found.inverter = curve.inverter;
         found.deviation_inverter = curve.deviation;
-        found.warnings.bridge_fit = curve.residual > 0.1 * (pu.u_th + pu.dead_time * pu.u_dc);
+        found.warnings.bridge_fit |= curve.residual > 0.1 * (pu.u_th + pu.dead_time * pu.u_dc);
         found.bridge = done(Stage::Bridge).then_some(curve);
         let levels = s.magnetising.level;
         if levels < 2 {
@@ -183,6 +197,16 @@ impl<R: Real> Commissioning<R> {
         }
         self.magnetising(&mut found, curve.r, levels)?;
         Ok(found)
+    }
+
+    /// Differences of the legs in s, and whether one is beyond its range.
+    #[cfg(feature = "legs")]
+    fn leg_delay(&self) -> ([[f64; 2]; 3], bool) {
+        let c = &self.config;
+        let most = c.sheet.leg_delay_max();
+        let found = self.state.legs.legs.of_period().map(|leg| leg.map(|x| x / c.sheet.f_s));
+        let within = found.map(|leg| leg.map(|x| x.clamp(-most, most)));
+        (within, within != found)
     }
 
     #[allow(non_snake_case)]
@@ -222,7 +246,7 @@ impl<R: Real> Commissioning<R> {
             S: fit.s,
         });
         machine.validate()?;
-        let gain = |x: f64| libm::hypot(x, DEVIATION_GAIN);
+        let gain = |x: f64| libm::hypot(x, DEVIATION_GAIN[usize::from(!c.third)]);
         let model = |x: f64| libm::hypot(gain(x), DEVIATION_MODEL);
         let d = &c.deviation;
         let far = |x: f64, y: f64, d: f64| libm::fabs(libm::log(x / y)) > 4.0 * d;

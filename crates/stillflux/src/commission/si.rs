@@ -10,6 +10,9 @@ use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Q, Real};
 use crate::si::{Arithmetic, MeasurementSi, ReferenceSi, SiDrive, SiUnits};
 
+/// Standard deviation of the inertia by the error of the estimated torque: what drawn machines show.
+const TORQUE_ERROR: f64 = 0.06;
+
 /// Whether the shaft may turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Shaft {
@@ -57,6 +60,7 @@ pub struct SiCommissioning {
     units: SiUnits,
     arithmetic: Arithmetic,
     shaft: Shaft,
+    sensors: u32,
     standstill: Standstill,
     run: Option<FreeRun>,
     /// The run could not be begun: what was found is no machine that a drive accepts.
@@ -80,7 +84,16 @@ impl SiCommissioning {
             Arithmetic::Q => Standstill::Q(Commissioning::new(CommissioningConfig::new(plate, inverter)?)),
         };
         let units = with!(&standstill, x => SiUnits::new(&x.config().machine, &x.config().sheet));
-        Ok(Self { units, arithmetic, shaft, standstill, run: None, refused: false })
+        Ok(Self { units, arithmetic, shaft, sensors: 3, standstill, run: None, refused: false })
+    }
+
+    /// Number of current sensors ([`CommissioningConfig::current_sensors`]), before its first period.
+    ///
+    /// # Errors
+    /// A number other than 2 and 3.
+    pub fn current_sensors(mut self, sensors: u32) -> Result<Self, ParamError> {
+        with!(&mut self.standstill, x => *x = Commissioning::new(x.config().current_sensors(sensors)?));
+        Ok(Self { sensors, ..self })
     }
 
     /// One procedure alone ([`CommissioningConfig::only`]), before its first period; [`Stage::Complete`]: that of the free
@@ -120,7 +133,8 @@ impl SiCommissioning {
         let found = self.at_standstill().ok()?;
         let (m, inv) = (&found.machine, &found.inverter);
         let pu = PerUnit::new(m, inv).ok()?;
-        let drive = SiDrive::new(m, inv, &DriveParams::new(m, inv), self.arithmetic).ok()?;
+        let params = DriveParams { current_sensors: self.sensors, ..DriveParams::new(m, inv) };
+        let drive = SiDrive::new(m, inv, &params, self.arithmetic).ok()?;
         let b = pu.base;
         Some(FreeRun {
             drive,
@@ -165,6 +179,7 @@ impl SiCommissioning {
         match with!(&self.standstill, x => x.stage()) {
             Stage::Wiring => "wiring",
             Stage::Bridge => "bridge",
+            Stage::Legs => "legs",
             Stage::Leakage => "leakage",
             Stage::Magnetising => "magnetising",
             Stage::Complete if self.status() == Status::Running => "inertia",
@@ -205,7 +220,7 @@ impl SiCommissioning {
                 Some(x) => {
                     found.machine.J = x.j * run.bases[2];
                     found.friction = Some(x.friction * run.bases[1]);
-                    found.deviation.J = libm::hypot(0.03, found.deviation.L_M);
+                    found.deviation.J = libm::hypot(TORQUE_ERROR, found.deviation.L_M);
                     found.machine.validate()?;
                 }
                 None => found.warnings.no_inertia = run.over,

@@ -114,10 +114,12 @@ impl<R: Real> EnhancedConfig<R> {
             search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
             #[cfg(feature = "legs")]
             legs: {
-                let half =
-                    if p.compares_legs(machine) { inverter.periods(half_plateau(p.current_bandwidth)) } else { 0 };
-                // One shunt has one gain. With two sensors a difference of their gains looks like the odd part.
-                LegsConfig::new(pu, half, p.current_sensors != 2)
+                let half = if p.compares_legs(machine) {
+                    inverter.periods(half_plateau(machine.L_M / machine.R_R, p.current_bandwidth))
+                } else {
+                    0
+                };
+                LegsConfig::new(pu, half)
             },
             #[cfg(feature = "modes")]
             pair_weight: if p.current_sensors == 2 {

@@ -72,6 +72,7 @@ impl<R: Real> PaperConfig<R> {
                 noise_min: r(noise.0),
                 noise_max: r(noise.1),
                 noise_regeneration: r(if p.paper.noise_compensator { p.paper.noise_regeneration } else { 0.0 }),
+                half_interval: r(0.5 * t_speed),
                 offset: p.paper.offset_estimator.then_some(offset),
                 #[cfg(feature = "variants")]
                 replaced: p.paper.limiter || p.paper.low_pass > 0.0,

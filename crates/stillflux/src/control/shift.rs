@@ -185,6 +185,24 @@ mod tests {
         settled(&mut behind, -SLIP - 3.0 * A, 1.0);
         assert!(settled(&mut ahead, -SLIP - 0.7 * A, 1.0).1 > 0.5 * A);
         assert_eq!(settled(&mut behind, -SLIP - 0.7 * A, 1.0).0, 1.0);
+        // Each once on the other side, away from the line.
+        settled(&mut ahead, -SLIP - 3.0 * A, 1.0);
+        settled(&mut behind, -SLIP + 3.0 * A, 1.0);
+        assert_eq!(settled(&mut ahead, -SLIP - 0.7 * A, 1.0).0, 1.0);
+        assert!(settled(&mut behind, -SLIP - 0.7 * A, 1.0).1 > 0.5 * A);
+    }
+
+    #[test]
+    fn the_slip_is_that_of_the_rotor_at_its_temperature() {
+        for rotor in [0.8, 1.3] {
+            let mut shift = FluxShift::default();
+            let omega_m = -SLIP * rotor;
+            for _ in 0..1000 {
+                shift.step(&CONFIG, omega_m, 1.0, [1.0, rotor]);
+            }
+            let omega_s = omega_m + SLIP * rotor / (shift.factor() * shift.factor());
+            assert!((omega_s - A).abs() < 1e-9, "{omega_s} at {rotor}");
+        }
     }
 
     #[test]

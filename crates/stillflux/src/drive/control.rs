@@ -100,15 +100,15 @@ impl<R: Real> Control<R> {
         }
     }
 
-    /// A start-up begins: the current controller starts.
-    pub fn begin(&mut self) {
+    /// A start-up begins, to rated flux: the current controller starts.
+    pub fn begin(&mut self, c: &DriveConfig<R>) {
         self.current.start();
+        self.psi_weak = c.flux_control.psi_rated;
     }
 
     /// The start-up is complete: flux and speed controllers start.
     pub fn start(&mut self, c: &DriveConfig<R>, omega_m: R) {
         self.psi_ref = c.flux_control.psi_rated;
-        self.psi_weak = c.flux_control.psi_rated;
         self.flux.start();
         self.weakening = Weakening::default();
         self.i_q_room = c.i_q_max;
@@ -207,10 +207,23 @@ impl<R: Real> Control<R> {
         let i_ref = self.i_dq_ref;
         // The duties act from one to two periods after the sample: references are turned to the middle of that.
         let ahead = x.field.ahead(x.omega_s * c.t_ahead);
-        let i_ahead = ahead.to_stator(&i_ref);
+        let i_ahead = ahead.to_stator(&self.current_ahead(c, &i_ref));
         let u_ff = Dq::new(i_ref.re() * x.r_s, i_ref.im() * x.r_s + x.omega_s * x.psi_s);
         let u = self.current.step(&c.current, &i_ref, &self.i_dq, &u_ff, u_dc * c.u_limit);
         self.voltage.command(c, period, &ahead.to_stator(&u), &i_ahead, u_dc, inverter)
+    }
+
+    /// Current in the middle of the period in which the duties act, by which the inverter model takes its loss: the reference,
+    /// which is free of noise. In field weakening the current without load is small, so that its deviation from a reference
+    /// that swings turns it by tens of degrees. The loss of the bridge, which has the direction of the current, is then wrong
+    /// by a voltage that swings with it, and the flux estimate, whose error makes the reference swing, integrates that. The
+    /// current itself does without noise there; within the delay current control corrects a part of its deviation.
+    #[inline(always)]
+    fn current_ahead(&self, c: &DriveConfig<R>, i_ref: &Dq<R>) -> Dq<R> {
+        if likely(self.psi_weak == c.flux_control.psi_rated) {
+            return *i_ref;
+        }
+        self.i_dq + (*i_ref - self.i_dq) * c.part_ahead
     }
 
     /// References: flux, torque, i_q* within current limit and pull-out, i_d* of (12).

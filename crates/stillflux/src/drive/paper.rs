@@ -229,9 +229,10 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         (psi_ref, weight_by_frequency(self.speed.omega_s))
     }
 
+    /// `|ψ̂_s|` as far as it is known by its frequency.
     #[inline(always)]
     fn pull_out_flux(&self, psi: R) -> R {
-        psi
+        psi + (self.flux.magnitude() - psi) * weight_by_frequency(self.speed.omega_s)
     }
 
     #[inline(always)]

@@ -128,7 +128,9 @@ impl<R: Real> Voltage<R> {
     }
 
     /// Ripple of the next leg; at larger voltages, where it does not count, the currents would have turned away before it is
-    /// the leg's turn again.
+    /// the leg's turn again. Where a step of the reference takes the currents away from their zeros it ends in all legs at
+    /// once: what is common to them is no voltage, but with one after the other the difference is up to `U` for eight
+    /// periods.
     #[inline(never)]
     fn follow_ripple(
         &mut self,
@@ -142,14 +144,19 @@ impl<R: Real> Voltage<R> {
             return;
         }
         self.leg = if self.leg < 2 { self.leg + 1 } else { 0 };
-        let k = usize::from(self.leg);
-        self.ripple[k % 3] = c.inverter.ripple(knee, k, (i_ref, u), &self.loss);
+        let (k, phases) = (usize::from(self.leg), i_ref.to_phases());
+        for (ripple, i) in self.ripple.iter_mut().zip(phases) {
+            if !knee.is_near_zero(i) {
+                *ripple = R::ZERO;
+            }
+        }
+        self.ripple[k % 3] = c.inverter.ripple(knee, k, (&phases, u), &self.loss);
     }
 
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
-    /// will flow then: it is free from noise. Its loss is computed in every second period, an even one, and holds for two:
-    /// in one period a field of rated frequency turns by 2° at 10 kHz, and what is compensated is what the estimators
-    /// take as lost. `gain` and `knee`: estimated factor and curve of the model; `ripple`: whether it is this period's turn
+    /// will flow then: it is free from noise. From 8 kHz on its loss is computed in every second period, an even one, and holds
+    /// for two: in one period a field of rated frequency turns by 2° at 10 kHz, and what is compensated is what the
+    /// estimators take as lost. `gain` and `knee`: estimated factor and curve of the model; `ripple`: whether it is this period's turn
     /// to compute the ripple of a leg.
     #[inline(always)]
     pub fn command(
@@ -163,7 +170,7 @@ impl<R: Real> Voltage<R> {
     ) -> Duty<R> {
         let (u, mut clamped) = (u_ref.to_phases(), None);
         // A leg that is held at a rail changes the loss that is kept.
-        if period & 1 == 0 || !likely(c.discontinuous_sq().is_none()) {
+        if period & (c.slow_mask >> 2) == 0 || !likely(c.discontinuous_sq().is_none()) {
             self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
             if ripple {
                 self.follow_ripple(c, u_ref, (i_ref, &u), knee);
@@ -197,5 +204,36 @@ impl<R: Real> Voltage<R> {
         }
         self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: AlphaBeta::from_phases(e) };
         duty
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::DriveParams;
+    use crate::params::{Inverter, Machine};
+
+    /// Currents that begin from zero at once: nothing of the ripple that was computed at zero current, one leg after the
+    /// other, is a voltage of the machine, in no period after the step.
+    #[test]
+    fn a_step_of_the_current_leaves_no_ripple_of_before_behind() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let params = DriveParams::new(&machine, &inverter);
+        let c = DriveConfig::<f64>::new(&machine, &inverter, &params).unwrap();
+        let (knee, u_dc) = (c.inverter.knee(1.0), 1.65);
+        for step in 24..36 {
+            let mut voltage = Voltage::new();
+            for period in 0..60 {
+                let at = |period: u32| AlphaBeta::new(if period < step { 0.0 } else { 0.5 }, 0.0);
+                let i_ref = at(period);
+                voltage.applied(period, u_dc);
+                voltage.command(&c, (period, period % 4 == 2), &AlphaBeta::default(), &i_ref, u_dc, (1.0, &knee));
+                // The loss of an even period holds for two.
+                let first = c.inverter.distortion(&knee, &at(period & !1), u_dc, 1.0);
+                let added = (voltage.loss.vector() - first.vector()).norm_sq().sqrt();
+                assert!(added < 1e-12 || period < 12, "step in {step}, period {period}: {added}");
+                assert!(voltage.loss.phases != first.phases || period < 12 || period >= step, "none at zero current");
+            }
+        }
     }
 }

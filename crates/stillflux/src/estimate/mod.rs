@@ -14,7 +14,8 @@ pub mod encoder;
 pub mod flux;
 pub mod integral;
 pub mod kalman;
-#[cfg(all(feature = "enhanced", feature = "legs"))]
+#[cfg(all(feature = "legs", any(feature = "enhanced", feature = "commission")))]
+#[cfg_attr(not(feature = "enhanced"), allow(dead_code))]
 pub(crate) mod legs;
 #[cfg(feature = "variants")]
 pub mod light_load;

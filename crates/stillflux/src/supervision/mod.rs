@@ -86,7 +86,7 @@ pub(crate) struct Currents<'a, R: Real> {
 /// Estimate and references of a period under control.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(not(feature = "supervision"), allow(dead_code, reason = "for the monitors of the feature"))]
-pub(crate) struct Course<R: Real> {
+pub(crate) struct Tracking<R: Real> {
     /// `|ψ̂_s| - ψ*`.
     pub psi_deviation: R,
     pub omega_m: R,
@@ -165,10 +165,10 @@ impl<R: Real> Supervision<R> {
 
     /// Estimate and speed under control; `confidence` is asked for if it counts.
     #[inline(always)]
-    pub fn course(
+    pub fn tracking(
         &mut self,
         c: &SupervisionConfig<R>,
-        x: &Course<R>,
+        x: &Tracking<R>,
         confidence: impl FnOnce() -> R,
     ) -> Option<Trip<R>> {
         let trip = self.plausibility.step(&c.plausibility, x.psi_deviation, x.omega_m, confidence);

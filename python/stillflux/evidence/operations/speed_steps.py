@@ -134,7 +134,7 @@ OPERATIONS = (
             partial(_scenario, sign=sign),
             _check,
             Control("field weakening", lambda s: s.with_settings(field_weakening=False), _stays),
-            schemes=("enhanced", "paper") if sign > 0 else ("enhanced",),
+            schemes=("enhanced", "paper"),
         )
         for sign in (1.0, -1.0)
     ),

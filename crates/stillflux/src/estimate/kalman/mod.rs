@@ -82,47 +82,36 @@
 //! * Every identified state is limited to a range; a standard deviation of the angle above `SIGMA_LOST` initialises
 //!   the covariance anew.
 
+mod config;
 mod covariance;
+mod intermediate;
+mod learned;
 mod model;
 mod noise;
 #[cfg(test)]
 mod reference;
+#[cfg(test)]
+mod robustness;
 mod schedule;
 mod start;
 
+pub use config::FilterConfig;
+pub use learned::Learned;
 pub use noise::Identified;
 
-#[cfg(test)]
-use self::covariance::N;
-use self::covariance::{Column, Covariance};
+use self::covariance::Covariance;
+use self::intermediate::{Gain, Intermediate};
+use self::learned::Initial;
 use self::model::{
     BlockMeans, C_MAX, Model, OperatingPoint, PSI, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI,
-    SCALE_R, SCALE_V, Saturated,
+    SCALE_R, SCALE_V,
 };
-use self::noise::Noise;
-use self::schedule::{Holds, SLOT_BITS_MAX, SLOTS};
-use self::start::Initial;
 use super::confidence::SIGMA_HALF;
 use super::flux::FluxEstimate;
 use super::integral::FluxIntegral;
-use crate::base::{PerUnit, rounded};
-use crate::estimate::priors::Priors;
-use crate::estimate::temperature::{Temperature, TemperatureConfig};
 use crate::inverter::Distortion;
-use crate::params::{Inverter, Machine};
-#[cfg(feature = "enhanced")]
-use crate::params::{ParamError, check};
 use crate::scalar::{Integrator, Real, likely};
 use crate::space::{AlphaBeta, Dq, Rotator};
-use crate::words::words;
-
-/// Largest duration of a block of more than `SLOTS` periods: in s, in turns of the rated field, and in rotor time
-/// constants. In a block the direction of the field is one, and the current model is integrated in one step.
-const BLOCK_TIME: f64 = 2.5e-3;
-const BLOCK_TURN: f64 = 0.13;
-const BLOCK_DECAY: f64 = 0.05;
-/// Least duration of the block for which noise is stated, s.
-const STATED_BLOCK_TIME: f64 = 1e-3;
 
 /// Largest magnitude of the rotor flux, per unit.
 const M_MAX: f64 = 3.0;
@@ -147,101 +136,6 @@ const NIS_CORNER: f64 = 0.05;
 const NIS_THRESHOLD: f64 = 0.3;
 /// Standard deviation of the angle, rad, above which the covariance is initialised anew: any angle is possible then.
 const SIGMA_LOST: f64 = 3.0;
-
-/// Settings of the filter.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub struct FilterConfig<R: Real> {
-    /// Control period, normalised time.
-    t_s: R,
-    /// Control periods in a block, and the reciprocal.
-    block: u8,
-    inv_block: R,
-    /// Control periods in a slot, a power of two, less one, and its binary logarithm.
-    slot_mask: u8,
-    slot_bits: u8,
-    model: Model<R>,
-    noise: Noise<R>,
-    /// Prior of `c`, the saturated part of the magnetising current.
-    saturation: R,
-    /// Whether the innovation corrects anything.
-    correct: bool,
-    temperature: TemperatureConfig<R>,
-}
-words!(FilterConfig: t_s, block, inv_block, slot_mask, slot_bits, model, noise, saturation, correct, temperature);
-
-impl<R: Real> FilterConfig<R> {
-    /// Settings for validated parameters at a flux reference `psi_ref`; `calibrated`: the offsets of the
-    /// current sensors are read before each start.
-    #[must_use]
-    pub fn new(
-        machine: &Machine,
-        inverter: &Inverter,
-        pu: &PerUnit,
-        psi_ref: f64,
-        calibrated: bool,
-        identified: Identified,
-    ) -> Self {
-        let (slot_bits, seconds) = Self::block(machine, inverter);
-        let block = SLOTS << slot_bits;
-        let part = f64::from(SLOTS).max(STATED_BLOCK_TIME * inverter.f_c()) / f64::from(block);
-        let saturated = Saturated::of(machine);
-        Self {
-            t_s: rounded(pu.t_s),
-            block: block as u8,
-            inv_block: rounded(1.0 / f64::from(block)),
-            slot_mask: (1 << slot_bits) - 1,
-            slot_bits,
-            model: Model::new(machine, pu, psi_ref, seconds),
-            noise: Noise::new(pu, (seconds, part), calibrated, saturated.known, identified),
-            saturation: rounded(saturated.c),
-            correct: identified.flux,
-            temperature: TemperatureConfig::new(machine, pu, None, seconds),
-        }
-    }
-
-    /// Whether the rotor resistance follows the temperature.
-    #[cfg(feature = "enhanced")]
-    #[inline(always)]
-    pub(crate) fn follows_temperature(&self) -> bool {
-        self.temperature.follows()
-    }
-
-    /// Binary logarithm of the periods in a slot, and duration of a block, s.
-    fn block(machine: &Machine, inverter: &Inverter) -> (u8, f64) {
-        let seconds = |bits: u8| f64::from(SLOTS << bits) / inverter.f_c();
-        let turn = BLOCK_TURN / machine.f_N;
-        let longest = BLOCK_TIME.min(turn).min(BLOCK_DECAY * machine.L_M / machine.R_R);
-        let bits = (1..=SLOT_BITS_MAX).rev().find(|&bits| seconds(bits) <= longest).unwrap_or(0);
-        (bits, seconds(bits))
-    }
-
-    /// Checks that the current model, integrated once a block, is stable: blocks of a tenth of the rotor time constant
-    /// at the most.
-    ///
-    /// # Errors
-    /// A rotor resistance too large for that.
-    #[cfg(feature = "enhanced")]
-    pub(crate) fn check(machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
-        // In blocks of the fewest periods: more are taken only where the time constant is longer still.
-        let most = 0.1 * machine.L_M * inverter.f_c() / f64::from(SLOTS);
-        check("R_R", machine.R_R, 0.0, most, "ohm")
-            .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
-    }
-
-    /// The same with what is known of the temperatures.
-    #[must_use]
-    pub fn with_temperature(self, machine: &Machine, inverter: &Inverter, pu: &PerUnit, known: &Temperature) -> Self {
-        Self { temperature: TemperatureConfig::new(machine, pu, Some(known), Self::block(machine, inverter).1), ..self }
-    }
-
-    /// The same with other standard deviations of the parameters at the start.
-    #[must_use]
-    pub fn with_priors(self, priors: &Priors) -> Self {
-        Self { noise: self.noise.with_priors(priors), ..self }
-    }
-}
 
 /// Inputs of the filter in one period, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -282,9 +176,8 @@ pub struct Filter<R: Real> {
     period: u8,
     point: OperatingPoint<R>,
     p: Covariance<R>,
-    /// Intermediate result between two slots; `holds` says which.
-    column: Column<R>,
-    holds: Holds,
+    /// Result that passes from slot to slot.
+    intermediate: Intermediate<R>,
     /// `1/S` of the last block, `S` the innovation variance (scaled).
     inv_s: R,
     /// Innovation of the last block over its variance.
@@ -293,7 +186,7 @@ pub struct Filter<R: Real> {
     innovation: R,
     nis: R,
     /// Blocks left in which the NIS is not evaluated (NIS hold-off).
-    trial: u8,
+    hold_off: u8,
     /// The rotor flux at the operating point is above `M_MIN`.
     valid: bool,
     /// Standard deviation of the field angle, rad.
@@ -305,10 +198,10 @@ pub struct Filter<R: Real> {
 }
 
 impl<R: Real> Filter<R> {
-    /// One period; returns the current of its sample in field coordinates. With `blind` nothing is corrected: the
+    /// One period; returns the current of its sample in field coordinates. With `integrate_only` nothing is corrected: the
     /// machine has no flux yet.
     #[inline(always)]
-    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, blind: bool) -> Dq<R> {
+    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, integrate_only: bool) -> Dq<R> {
         let i_s = x.i_m - self.b();
         self.u_i = x.u_s - (self.i_s + i_s) * self.r_s().half();
         self.i_s = i_s;
@@ -320,14 +213,14 @@ impl<R: Real> Filter<R> {
             self.work(c);
         } else {
             self.period = 0;
-            self.close(c, &x.i_ref, x.loss, x.omega_s, blind);
+            self.close(c, &x.i_ref, x.loss, x.omega_s, integrate_only);
         }
         i_dq
     }
 
     /// End of a block: current model, innovation, correction, and the next operating point.
     #[inline(never)]
-    fn close(&mut self, c: &FilterConfig<R>, i_ref: &Dq<R>, loss: &Distortion<R>, omega_s: R, blind: bool) {
+    fn close(&mut self, c: &FilterConfig<R>, i_ref: &Dq<R>, loss: &Distortion<R>, omega_s: R, integrate_only: bool) {
         let model = &c.model;
         let i_dq = self.sum * c.inv_block;
         self.sum = Dq::default();
@@ -335,7 +228,7 @@ impl<R: Real> Filter<R> {
         let sigma_l_s = self.sigma_l_s(c);
         let psi_r = psi_s - self.i_s * sigma_l_s;
         let (n, psi_r, inv) = Rotator::near(&psi_r, self.point.inv_psi_r);
-        let valid = !blind && psi_r > R::from_f64(M_MIN);
+        let valid = !integrate_only && psi_r > R::from_f64(M_MIN);
         let inv = inv.min(R::from_f64(1.0 / M_MIN));
 
         // The mean current seen from the rotor flux: ψ_R·i = ψ_s i_d - σl_s i², ψ_R×i = ψ_s i_q.
@@ -359,17 +252,17 @@ impl<R: Real> Filter<R> {
         self.point = point;
         if !valid {
             self.m.set(psi_r);
-            self.holds = Holds::Nothing;
+            self.intermediate = Intermediate::Nothing;
             return;
         }
         let m = self.m.add(R::ONE, increment);
         let z = Model::innovation(m, psi_r);
         self.innovation = z;
-        if self.trial == 0 {
+        if self.hold_off == 0 {
             let nis = (z * z * self.inv_s * c.noise.part).min(R::from_f64(9.0));
             self.nis += c.noise.nis_corner * (nis - self.nis);
         } else {
-            self.trial -= 1;
+            self.hold_off -= 1;
         }
         if self.point.held() {
             self.turn_gain(&before);
@@ -382,10 +275,10 @@ impl<R: Real> Filter<R> {
     #[cold]
     #[inline(never)]
     fn turn_gain(&mut self, before: &Rotator<R>) {
-        if self.holds == Holds::Innovation {
-            let old = AlphaBeta::new(self.column[PSI], self.column[PSI + 1]);
+        if let Intermediate::Gain(Gain { ph }) = &mut self.intermediate {
+            let old = AlphaBeta::new(ph[PSI], ph[PSI + 1]);
             let new = self.point.n.to_stator(&before.to_field(&old));
-            (self.column[PSI], self.column[PSI + 1]) = (new.re(), new.im());
+            (ph[PSI], ph[PSI + 1]) = (new.re(), new.im());
         }
     }
 
@@ -393,15 +286,15 @@ impl<R: Real> Filter<R> {
     #[inline(always)]
     fn correct(&mut self, c: &FilterConfig<R>, z: R) {
         let r = R::from_f64;
-        if self.holds != Holds::Innovation {
+        let Intermediate::Gain(Gain { ph }) = &self.intermediate else {
             // The rotor equation alone; where the curve is steep a block is too long a step for it to be stable.
             self.m.add_clamped(R::ZERO, R::ZERO, R::ZERO, r(M_MAX));
             return;
-        }
+        };
         let z = z * self.inv_s;
         self.weighted = z;
         let (z_psi, z_b) = (z * r(SCALE_PSI), z * r(SCALE_B));
-        let [p_a, p_b, p_m, b_a, b_b, _, _, _, of_leakage, ..] = self.column;
+        let [p_a, p_b, p_m, b_a, b_b, _, _, _, of_leakage, ..] = *ph;
         // δψ_s = δχ + l̂ (i δε_l - δb), with the flux in its scale.
         let (l, leakage, i) = (self.sigma_l_s(c), self.leakage(), self.i_s);
         let (by_l, by_b) = (l * r(SCALE_LEAKAGE / SCALE_PSI) * of_leakage, l * r(SCALE_B / SCALE_PSI));
@@ -417,12 +310,10 @@ impl<R: Real> Filter<R> {
     /// The same for the parameters, in the period after.
     #[inline(never)]
     fn correct_parameters(&mut self, c: &FilterConfig<R>) {
-        if self.holds != Holds::Innovation {
-            return;
-        }
+        let Intermediate::Gain(Gain { ph }) = &self.intermediate else { return };
         let r = R::from_f64;
         let (z, r_s) = (self.weighted, c.model.r_s);
-        let [.., of_r_s, of_v, of_knee, _, of_gamma, of_c] = self.column;
+        let [.., of_r_s, of_v, of_knee, _, of_gamma, of_c] = *ph;
         let held = c.temperature.predicts() && self.point.held();
         let of_r_s = if likely(!held) { of_r_s } else { R::ZERO };
         correct_state(&mut self.r_s, of_r_s, z * (r_s * r(SCALE_R)), r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
@@ -581,30 +472,13 @@ fn correct_state<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
     x.add_clamped(gain, z, lo, hi);
 }
 
-/// Identified parameters of machine, bridge and sensors that a filter keeps over a stop, per unit.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub struct Learned<R: Real> {
-    /// Offset of the current sensors beyond the one read at rest.
-    pub b: AlphaBeta<R>,
-    /// Stator resistance.
-    pub r_s: R,
-    /// Relative error of the inverter model's voltage.
-    pub v: R,
-    /// Knee of the inverter model, relative to that of the parameters.
-    pub knee: R,
-    /// Leakage inductance, relative to that of the parameters.
-    pub leakage: R,
-    /// Reciprocal of the magnetising inductance, relative to that of the parameters.
-    pub gamma: R,
-}
-
 #[cfg(test)]
 mod tests {
-    use super::model::{B, LEAKAGE, RS};
+    use super::model::{B, GAMMA, KNEE, LEAKAGE, RS, V};
     use super::*;
     use crate::base::{Base, PerUnit};
+    use crate::estimate::priors::Priors;
+    use crate::estimate::temperature::Temperature;
     use crate::params::{Inverter, Machine};
 
     /// A linear machine under impressed current, exact in every period, with the filter on it, and the largest part by
@@ -773,6 +647,9 @@ mod tests {
         next.start(&rig.c, &AlphaBeta::default());
         assert_eq!(next.r_s(), rig.filter.r_s());
         let prior = rig.c.noise.prior();
-        assert!(next.p.get(RS, RS) <= prior[RS] / 16.0 && next.p.get(B, B) <= prior[B] / 256.0);
+        for k in [RS, V, KNEE, LEAKAGE, GAMMA] {
+            assert_eq!(next.p.get(k, k), prior[k] / 16.0, "state {k}");
+        }
+        assert_eq!([next.p.get(B, B), next.p.get(B + 1, B + 1)], [prior[B] / 256.0; 2]);
     }
 }

@@ -24,7 +24,7 @@
 //! | `γ` | 0.07 | 1e-4 | `σ_0` physical: tolerance of `L_M`. `σ_w` allowance |
 //! | `c` | 0.05 with a saturation curve, 0.15 without | 1e-4 | allowance |
 //!
-//! What these terms add in a block is that of the *stated* block `T_0` of 1 ms, or of [`super::schedule::SLOTS`] periods if
+//! What these terms add in a block is that of the *stated* block `T_0` of 1 ms, or of [`super::config::SLOTS`] periods if
 //! that is longer. In a block of `T` the terms of `S` are multiplied by `T_0/T` and those of the states by `T/T_0`: they
 //! stand for errors that last longer than a block, whose effect in a second does not depend on how often it is looked at.
 //!
@@ -111,7 +111,7 @@ const STEP_R_S: f64 = 0.02;
 /// 2.2 kW. Allowance.
 pub(super) const FORGOTTEN: f64 = 1.0 / 4096.0;
 /// Blocks after a start in which the NIS is not evaluated (hold-off): initial errors are not steps.
-const TRIAL: f64 = 200.0;
+const HOLD_OFF: f64 = 200.0;
 
 /// Least variance of a scaled state: keeps rounding from making one negative.
 pub(super) const FLOOR: f64 = 1e-7;
@@ -175,10 +175,10 @@ pub(super) struct Noise<R: Real> {
     /// Part of the correlations with the leakage that is left after a block in which it is not corrected.
     pub remembered: R,
     /// Blocks after a start in which the NIS is not evaluated (hold-off).
-    pub trial: u8,
+    pub hold_off: u8,
 }
 words!(Noise: offset, resistance, knee, calibrated, c_known, prior, walk, induced, zero, part, stated, nis_corner,
-    remembered, trial);
+    remembered, hold_off);
 
 impl<R: Real> Noise<R> {
     /// For validated parameters and blocks of `seconds`, of which the stated block is a `part`; `calibrated`: the offsets
@@ -229,7 +229,7 @@ impl<R: Real> Noise<R> {
             stated: r(1.0 / part),
             nis_corner: r(NIS_CORNER / part),
             remembered: r(1.0 - FORGOTTEN / part),
-            trial: (TRIAL * part) as u8,
+            hold_off: (HOLD_OFF * part) as u8,
         }
     }
 

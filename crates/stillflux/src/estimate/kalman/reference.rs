@@ -2,14 +2,16 @@
 //! with dense `f64` matrices of nalgebra, built from [`super::model`] and [`super::noise`], at the end of each block.
 //! The scheduled filter must agree with it, and the derivatives in the model with central differences of its equations.
 
+use super::covariance::N;
+use super::intermediate::{Gain, Intermediate};
 use super::model::{
     B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA,
     SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
 };
-use super::schedule::{Holds, OMEGA_HELD, OMEGA_LEAKAGE_HELD};
+use super::schedule::{OMEGA_HELD, OMEGA_LEAKAGE_HELD};
 use super::{
-    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, N, NIS_THRESHOLD,
-    R_S_RANGE, SIGMA_LOST, V_MAX, noise,
+    B_MAX, Filter, FilterConfig, GAMMA_RANGE, Identified, Input, KNEE_RANGE, LEAKAGE_RANGE, NIS_THRESHOLD, R_S_RANGE,
+    SIGMA_LOST, V_MAX, noise,
 };
 use crate::base::{Base, PerUnit};
 use crate::inverter::Distortion;
@@ -223,7 +225,7 @@ struct Reference {
     sum: Vector2<f64>,
     period: u32,
     nis: f64,
-    trial: u32,
+    hold_off: u32,
     /// Reciprocal magnitudes of `ψ_s` and `ψ_R` for [`Rotator::near`], whose Newton step is part of the filter.
     inv_psi: [f64; 2],
 }
@@ -250,10 +252,9 @@ impl Reference {
                 value(&filter.c),
             ]),
             p: dense(filter),
-            gain: if filter.holds == Holds::Innovation {
-                State::from(filter.column) * filter.inv_s
-            } else {
-                State::zeros()
+            gain: match filter.intermediate {
+                Intermediate::Gain(Gain { ph }) => State::from(ph) * filter.inv_s,
+                _ => State::zeros(),
             },
             pending: None,
             inv_s: filter.inv_s,
@@ -263,7 +264,7 @@ impl Reference {
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),
             period: filter.period.into(),
             nis: filter.nis,
-            trial: filter.trial.into(),
+            hold_off: filter.hold_off.into(),
             inv_psi: [1.0 / filter.magnitude(), filter.point.inv_psi_r],
         }
     }
@@ -322,10 +323,10 @@ impl Reference {
         let (at, increment) = model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma);
         self.x[M] += increment;
         let z = (self.x[M] - magnitude) / SCALE_PSI;
-        if self.trial == 0 {
+        if self.hold_off == 0 {
             self.nis += self.c.noise.nis_corner * ((z * z * self.inv_s * self.c.noise.part).min(9.0) - self.nis);
         } else {
-            self.trial -= 1;
+            self.hold_off -= 1;
         }
         if at.omega_s.abs() > OMEGA_HELD {
             let (cos, sin) = (self.n.dot(&n), self.n.x * n.y - self.n.y * n.x);
@@ -435,9 +436,9 @@ fn dense(filter: &Filter<f64>) -> Matrix {
 
 /// A machine whose current is impressed in the *estimated* field, so that errors of the filter act back on its inputs.
 /// Exact in every period but for the rotor flux, integrated in ten steps.
-struct ClosedLoop {
-    c: FilterConfig<f64>,
-    filter: Filter<f64>,
+pub(super) struct ClosedLoop {
+    pub c: FilterConfig<f64>,
+    pub filter: Filter<f64>,
     psi_r: Vector2<f64>,
     i: Vector2<f64>,
     r_r: f64,
@@ -446,7 +447,7 @@ struct ClosedLoop {
     /// Loss of the inverter model.
     loss: Distortion<f64>,
     /// Resistance and leakage inductance of the winding, relative to the parameters.
-    r_s: f64,
+    pub r_s: f64,
     leakage: f64,
     offset: Vector2<f64>,
 }
@@ -456,8 +457,14 @@ const LOSS: f64 = 0.03;
 const LOSS_ERROR: f64 = 0.1;
 
 impl ClosedLoop {
-    fn new(machine: &Machine, inverter: &Inverter) -> Self {
-        let (c, pu) = config(machine, inverter);
+    pub fn new(machine: &Machine, inverter: &Inverter) -> Self {
+        Self::identifying(machine, inverter, Identified { offset: true, resistance: true, flux: true })
+    }
+
+    /// With a filter that identifies some effects alone.
+    pub fn identifying(machine: &Machine, inverter: &Inverter, identified: Identified) -> Self {
+        let pu = PerUnit::new(machine, inverter).unwrap();
+        let c = FilterConfig::new(machine, inverter, &pu, 1.0, true, identified);
         let b = Base::new(machine);
         let psi = 0.95;
         let i_d = psi / (machine.L_M / b.l);
@@ -481,7 +488,7 @@ impl ClosedLoop {
     }
 
     /// One period at a speed and a torque current; returns the inputs of the filter.
-    fn step(&mut self, omega: f64, i_q: f64) -> Input<'_, f64> {
+    pub fn step(&mut self, omega: f64, i_q: f64) -> Input<'_, f64> {
         let (c, t_s) = (&self.c, self.c.t_s);
         let i_ref = Dq::new(self.i_d, i_q);
         let next = vector(&self.filter.field().to_stator(&i_ref));
@@ -609,6 +616,40 @@ fn the_covariance_stays_positive_after_a_new_beginning_in_any_slot() {
             assert!(least > 0.0, "anew after period {period}, {k} periods on: smallest eigenvalue {least}");
             again.step(0.03, 0.5);
         }
+    }
+}
+
+#[test]
+fn nothing_computed_before_a_new_beginning_acts_after_it() {
+    let [(machine, inverter), ..] = machines();
+    let mut rig = ClosedLoop::new(&machine, &inverter);
+    for _ in 0..3000 {
+        rig.step(0.03, 0.5);
+    }
+    while rig.filter.period != 0 {
+        rig.step(0.03, 0.5);
+    }
+    for slot in 0..10 {
+        // Two filters that differ in their covariance alone, until it begins anew in both.
+        let [one, other] = [1.0, 4.0].map(|factor| {
+            let c = rig.c;
+            let mut again = ClosedLoop { filter: rig.filter, c, ..rig };
+            for i in 0..N {
+                for j in 0..=i {
+                    let x = again.filter.p.get(i, j);
+                    again.filter.p.add_at(i, j, (factor - 1.0) * x);
+                }
+            }
+            for _ in 0..slot {
+                again.step(0.03, 0.5);
+            }
+            again.filter.forget(&c);
+            for _ in 0..40 {
+                again.step(0.03, 0.5);
+            }
+            (Reference::of(&c, &again.filter).x, dense(&again.filter))
+        });
+        assert_eq!(one, other, "anew after slot {slot}");
     }
 }
 

@@ -24,20 +24,16 @@
 //!
 //! The flux is integrated in every period. The gain of a block is one block old, against time constants of many blocks.
 //!
-//! A slot uses only what an earlier slot of the *same* covariance has stored ([`Holds`]): after a re-initialisation
-//! within a block the covariance stays what it was set to, and the block ends without a correction.
+//! A slot uses only what an earlier slot of the *same* covariance has left ([`Intermediate`]): what a re-initialisation
+//! within a block finds of it is dropped, the rows of the flux are not predicted or the block is not corrected.
 
-use super::covariance::{Column, N};
+use super::covariance::N;
+use super::intermediate::{Gain, Intermediate, Regressors};
 use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, SCALE_R, V};
 use super::noise::{FLOOR, MEASUREMENT, SECOND_ORDER, WARMED};
 use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
-
-/// Slots of a block, the closing one included.
-pub(super) const SLOTS: u32 = 10;
-/// Largest binary logarithm of the control periods in a slot: the periods of a block are counted in a byte.
-pub(super) const SLOT_BITS_MAX: u8 = 3;
 
 /// Stator frequency, per unit, above which resistance, inverter error and knee are consider states: their voltage is
 /// smaller than the error of the voltage itself. So is the leakage, which would take their errors for its own: at 4 kW,
@@ -91,22 +87,6 @@ impl Slot {
     }
 }
 
-/// Content of the filter's column, which passes intermediate results from slot to slot.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub(super) enum Holds {
-    /// Nothing that another slot may use.
-    #[default]
-    Nothing,
-    /// The row of `m` that its prediction has added: the prediction of this covariance has begun.
-    Row,
-    /// Current, loss, its derivative by the knee, and change of the leakage flux, as [`OperatingPoint::regressors`] has them.
-    Regressors,
-    /// `P Hᵀ`: with `1/S` the gain of this block's update and of the next correction.
-    Innovation,
-}
-
 impl<R: Real> OperatingPoint<R> {
     /// Whether resistance, inverter error and knee are consider states.
     #[inline(always)]
@@ -123,27 +103,30 @@ impl<R: Real> OperatingPoint<R> {
     /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each,
     /// zero where they are held; `predicted`: but for that of the resistance.
     #[inline(always)]
-    fn regressors(&self, predicted: bool) -> Column<R> {
-        let mut column = Column::default();
+    fn regressors(&self, predicted: bool) -> Regressors<R> {
         if !self.held() {
-            (column[6], column[7]) = (self.d_leakage_flux.re(), self.d_leakage_flux.im());
             // by_knee is -∂u_l/∂ln k.
-            let (i, u_l, u_k) = (self.i_s, self.loss.vector(), -AlphaBeta::from_phases(self.loss.by_knee()));
-            let seen = [i.re(), i.im(), u_l.re(), u_l.im(), u_k.re(), u_k.im()];
-            column[..6].copy_from_slice(&seen);
+            let u_k = -AlphaBeta::from_phases(self.loss.by_knee());
+            Regressors {
+                i_s: self.i_s.into(),
+                u_l: self.loss.vector().into(),
+                u_k: u_k.into(),
+                d_leakage_flux: self.d_leakage_flux.into(),
+            }
         } else if predicted {
-            (column[0], column[1]) = (self.i_s.re(), self.i_s.im());
+            Regressors { i_s: self.i_s.into(), ..Regressors::default() }
+        } else {
+            Regressors::default()
         }
-        column
     }
 }
 
 /// Covariance update of some rows, written out: the positions of all elements are constants then.
 macro_rules! update_rows {
     ($filter:ident, $($row:literal)*) => {
-        if $filter.holds == Holds::Innovation {
+        if let Intermediate::Gain(Gain { ph }) = &$filter.intermediate {
             let (inv_s, floor) = ($filter.inv_s, R::from_f64(FLOOR));
-            $($filter.p.reduce::<$row>(&$filter.column, inv_s, floor);)*
+            $($filter.p.reduce::<$row>(ph, inv_s, floor);)*
         }
     };
 }
@@ -185,9 +168,8 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn magnetise(&mut self, c: &FilterConfig<R>) {
         self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
-        if self.holds == Holds::Row {
-            self.column = self.point.regressors(c.temperature.predicts());
-            self.holds = Holds::Regressors;
+        if matches!(self.intermediate, Intermediate::Begun) {
+            self.intermediate = Intermediate::Transition(self.point.regressors(c.temperature.predicts()));
         }
     }
 
@@ -195,18 +177,16 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn rotor(&mut self, c: &FilterConfig<R>) {
         let terms = c.model.rotor_row(&self.point, self.gamma.value());
-        self.column = self.p.project(&terms);
-        self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &self.column);
-        self.holds = Holds::Row;
+        let row = self.p.project(&terms);
+        self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &row);
+        self.intermediate = Intermediate::Begun;
     }
 
     #[inline(never)]
     fn flux_advance(&mut self, c: &FilterConfig<R>, second: bool) {
-        if self.holds != Holds::Regressors {
-            return;
-        }
-        let of = |k: usize| self.column[k + usize::from(second)];
-        let [by_b, by_r_s, by_v, by_k, by_l] = c.model.flux_row(of(0), of(2), of(4), of(6), self.r_s());
+        let Intermediate::Transition(regressors) = &self.intermediate else { return };
+        let [i, u_l, u_k, d_leakage_flux] = regressors.component(second);
+        let [by_b, by_r_s, by_v, by_k, by_l] = c.model.flux_row(i, u_l, u_k, d_leakage_flux, self.r_s());
         let terms = [(B, by_b), (RS, by_r_s), (V, by_v), (KNEE, by_k), (LEAKAGE, by_l)];
         self.p.advance_pair::<B, 5>(second, &terms);
     }
@@ -279,7 +259,7 @@ impl<R: Real> Filter<R> {
         self.sigma = across.sqrt() * scale * q.inv_psi_r;
 
         if !(self.valid && c.correct) {
-            self.holds = Holds::Nothing;
+            self.intermediate = Intermediate::Nothing;
             return;
         }
         let row = Model::measurement_row(q);
@@ -297,8 +277,7 @@ impl<R: Real> Filter<R> {
             // What the update takes off: it does not correct the resistance.
             self.p.add_at(RS, RS, ph[RS] * (ph[RS] * self.inv_s));
         }
-        self.column = ph;
-        self.holds = Holds::Innovation;
+        self.intermediate = Intermediate::Gain(Gain { ph });
     }
 
     #[inline(never)]
@@ -313,7 +292,9 @@ impl<R: Real> Filter<R> {
         // Schmidt's update: what is not corrected keeps its variance.
         if self.point.leakage_held() {
             self.p.add_at(LEAKAGE, LEAKAGE, before - self.p.get(LEAKAGE, LEAKAGE));
-            self.column[LEAKAGE] = R::ZERO;
+            if let Intermediate::Gain(Gain { ph }) = &mut self.intermediate {
+                ph[LEAKAGE] = R::ZERO;
+            }
         }
     }
 }

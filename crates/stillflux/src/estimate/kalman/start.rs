@@ -11,12 +11,12 @@
 //! for the others. `settle` holds for a machine at standstill whose flux has reached the steady state of its current.
 //! Every initialisation goes through one reset of the covariance.
 
+use super::covariance::{Column, Covariance};
+use super::intermediate::{Gain, Intermediate};
+use super::learned::Learned;
 use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
 use super::noise::SIGMA_AGAIN;
-use super::schedule::Holds;
-use super::{
-    B_MAX, Column, Covariance, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, Learned, R_S_RANGE, V_MAX,
-};
+use super::{B_MAX, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, R_S_RANGE, V_MAX};
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
 
@@ -28,16 +28,6 @@ const SETTLED: f64 = 0.02;
 /// change with temperature, an offset hardly does.
 const fn least_variance(k: usize) -> f64 {
     if k == B || k == B + 1 { 1.0 / 256.0 } else { 1.0 / 16.0 }
-}
-
-/// Values before a start, and their variances: the settled flux initialises from them a second time.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub(super) struct Initial<R: Real> {
-    learned: Learned<R>,
-    /// Scaled variances of `b`, `r_s`, `v`, `k`, `l`, `γ`.
-    variance: [R; 6],
 }
 
 impl<R: Real> Filter<R> {
@@ -65,7 +55,7 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn reset_covariance(&mut self, variance: &Column<R>) {
         self.p.set_diagonal(variance);
-        self.holds = Holds::Nothing;
+        self.intermediate = Intermediate::Nothing;
     }
 
     /// States and covariance at the values before the present start, except the saturation, which stays.
@@ -73,8 +63,8 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn reset_from_initial(&mut self, c: &FilterConfig<R>) {
         // Of the period within the block the lowest bit stays ([`Filter::align`]).
-        let (period, trial) = (self.period & 1, c.noise.trial);
-        *self = Self { initial: self.initial, c: self.c, period, trial, ..Self::default() };
+        let (period, hold_off) = (self.period & 1, c.noise.hold_off);
+        *self = Self { initial: self.initial, c: self.c, period, hold_off, ..Self::default() };
         let Learned { b, r_s, v, knee, leakage, gamma } = self.initial.learned;
         (self.b[0], self.b[1]) = (Integrator::new(b.re()), Integrator::new(b.im()));
         (self.r_s, self.v, self.knee, self.gamma) =
@@ -184,17 +174,17 @@ impl<R: Real> Filter<R> {
         let per_gamma = self.flux_per_gamma(c, psi_s - self.sigma_l_s(c) * self.i_s.re());
         let of_gamma = per_gamma * (self.gamma.value() - self.initial.learned.gamma) * r(1.0 / SCALE_GAMMA);
         let z = (psi_s - self.value().re()) * r(1.0 / SCALE_PSI) - of_gamma;
-        let column = self.p.project(&[(PSI, R::ONE), (GAMMA, per_gamma)]);
-        let s = column[PSI] + per_gamma * column[GAMMA] + r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) });
+        let ph = self.p.project(&[(PSI, R::ONE), (GAMMA, per_gamma)]);
+        let s = ph[PSI] + per_gamma * ph[GAMMA] + r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) });
         let inv_s = s.max(r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) })).recip();
         if z * z * inv_s < r(9.0) {
-            (self.column, self.inv_s, self.holds) = (column, inv_s, Holds::Innovation);
+            (self.intermediate, self.inv_s) = (Intermediate::Gain(Gain { ph }), inv_s);
             self.correct(c, z);
             self.correct_parameters(c);
             self.update_first();
             self.update_last();
         }
-        self.holds = Holds::Nothing;
+        self.intermediate = Intermediate::Nothing;
     }
 
     /// Change of a settled flux `m` per error of the inductance, in the scales of both.
@@ -254,5 +244,52 @@ mod tests {
             assert!((filter.p.get(k, k) - c.noise.prior()[k] - variance).abs() < 1e-9);
         }
         assert_eq!(filter.p.get(RS, RS), c.noise.prior()[RS]);
+    }
+
+    /// A filter at the settled flux of a direct current.
+    fn settled() -> (FilterConfig<f64>, Filter<f64>) {
+        let (machine, inverter) = (Machine::preset_11k(), Inverter::preset_11k());
+        let pu = PerUnit::new(&machine, &inverter).unwrap();
+        let identified = Identified { offset: true, resistance: true, flux: true };
+        let c = FilterConfig::new(&machine, &inverter, &pu, 1.0, true, identified);
+        let mut filter = Filter::new(&c);
+        filter.start(&c, &AlphaBeta::new(0.3, 0.0));
+        filter.settle(&c, 1.0);
+        (c, filter)
+    }
+
+    #[test]
+    fn the_settled_flux_keeps_what_the_transient_has_shown_of_the_saturation() {
+        let (c, mut filter) = settled();
+        let prior = c.noise.prior()[C];
+        for (before, after) in [(prior / 100.0, prior / 25.0), (prior, prior)] {
+            let own = filter.p.get(C, C);
+            filter.p.add_at(C, C, before - own);
+            filter.c.set(0.21);
+            filter.settle(&c, 1.0);
+            assert_eq!(filter.c.value(), 0.21);
+            assert!((filter.p.get(C, C) / after - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_settled_flux_is_a_measurement_unless_it_contradicts_the_filter() {
+        let (c, filter) = settled();
+        // The error of the inductance is common to both fluxes: of their difference the deviation is that of the flux apart
+        // from it, and of the measurement.
+        let mut wide = filter;
+        let variance = (0.05 / SCALE_PSI) * (0.05 / SCALE_PSI);
+        wide.p.add_at(PSI, PSI, variance);
+        let expected = ((0.05 * 0.05 + SETTLED * SETTLED) / (SCALE_PSI * SCALE_PSI) + c.noise.prior()[PSI]).sqrt();
+        for (deviations, taken) in [(2.5, true), (-2.5, true), (4.0, false), (-4.0, false)] {
+            let mut drifted = wide;
+            let off = deviations * expected * SCALE_PSI;
+            drifted.psi_s.set(AlphaBeta::new(1.0 + off, 0.0));
+            drifted.settle_again(&c, 1.0);
+            let left = (drifted.value().re() - 1.0) / off;
+            assert_eq!(left < 0.3, taken, "{deviations}: {left} of it are left");
+            assert_eq!((left - 1.0).abs() < 1e-9, !taken, "{deviations}: {left} of it are left");
+            assert_eq!(drifted.p.get(PSI, PSI) < wide.p.get(PSI, PSI), taken);
+        }
     }
 }

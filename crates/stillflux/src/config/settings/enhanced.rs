@@ -1,0 +1,164 @@
+//! Settings of the enhanced scheme.
+
+use crate::base::Base;
+use crate::estimate::priors::Priors;
+use crate::estimate::temperature::ALUMINIUM;
+#[cfg(feature = "enhanced")]
+use crate::estimate::temperature::Temperature;
+use crate::params::{Machine, ParamError, check};
+
+/// Settings of the enhanced scheme.
+#[allow(non_snake_case)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct EnhancedParams {
+    /// Estimate the offset of the current sensors.
+    pub identify_offset: bool,
+    /// Estimate stator resistance, inverter error and knee.
+    pub identify_resistance: bool,
+    /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), in the first
+    /// 0.2 s of its magnetisation; not without `inverter_model` and `calibrate_offset`, nor with a `current_bandwidth`
+    /// below `12.7 R_R/L_M`, in Hz.
+    pub identify_legs: bool,
+    /// Correct the states by the filter's innovation; without it the flux is a pure integral.
+    pub apply_innovation: bool,
+    /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
+    /// most 30 % ([`crate::control::shift`]). 0: the flux stays. By default 0.4 of the rated slip frequency, which at rated
+    /// load takes a sixth of the flux, and 0.006 of rated frequency at least.
+    pub omega_s_min: f64,
+    /// Relative standard deviation with which the filter begins, at least 0.002: of the stator resistance with its
+    /// temperature, at most 0.5.
+    pub prior_R_s: f64,
+    /// Of threshold and dead time, at most 1.
+    pub prior_loss: f64,
+    /// Of the legs' capacitance, at most 1.
+    pub prior_c_out: f64,
+    /// Of the leakage inductance, at most 1.
+    pub prior_L_sigma: f64,
+    /// Of the magnetising inductance, at most 0.5.
+    pub prior_L_M: f64,
+    /// Temperature of winding and rotor at which `R_s` and `R_R` hold, -40 to 120 °C: the rotor resistance follows the
+    /// stator's ([`crate::estimate::temperature`]). `None`: it is the parameter. The next three with it only.
+    pub winding_temperature: Option<f64>,
+    /// Constant of the cage's material, 200 to 260 K: 225 for aluminium, 235 for copper.
+    pub cage_constant: f64,
+    /// Rise of the rotor's temperature over that of the winding's, 0.3 to 2.
+    pub rotor_rise: f64,
+    /// Rise of the winding's temperature at rated current in K, 5 to 200, and its time constant in s, 1 to 7200: the
+    /// stator resistance is predicted where it is not measured. `None`: it is held there.
+    pub winding_heat: Option<(f64, f64)>,
+}
+
+/// Parts of the rated frequency and of the rated slip.
+const SHIFT_LEAST: f64 = 0.006;
+const SHIFT: f64 = 0.4;
+/// Of rated frequency.
+const SHIFT_MOST: f64 = 0.05;
+
+/// Stator frequency to keep, rad/s. A constant error of the voltage turns the flux by the more, the slower the field turns; the
+/// flux that is given up for it is `1 - √(1/1.4)` at rated load, whatever the slip.
+fn shift(machine: &Machine) -> f64 {
+    let base = Base::new(machine);
+    let psi_r = machine.L_M / machine.L_s();
+    let slip = machine.R_R / base.z * machine.T_N / base.torque / (psi_r * psi_r);
+    // Within its range for machines with an unusual slip.
+    (SHIFT * slip).clamp(SHIFT_LEAST, SHIFT_MOST) * base.omega
+}
+
+impl EnhancedParams {
+    /// Defaults for a machine.
+    #[must_use]
+    pub fn new(machine: &Machine) -> Self {
+        let Priors { r_s, loss, knee, leakage, l_m } = Priors::default();
+        Self {
+            identify_offset: true,
+            identify_resistance: true,
+            identify_legs: cfg!(feature = "legs"),
+            apply_innovation: true,
+            omega_s_min: shift(machine),
+            prior_R_s: r_s,
+            prior_loss: loss,
+            prior_c_out: knee,
+            prior_L_sigma: leakage,
+            prior_L_M: l_m,
+            winding_temperature: None,
+            cage_constant: ALUMINIUM,
+            rotor_rise: 1.0,
+            winding_heat: None,
+        }
+    }
+
+    pub(super) fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
+        check("omega_s_min", self.omega_s_min, 0.0, SHIFT_MOST * machine.omega_sR(), "rad/s")?;
+        self.priors().into_iter().try_for_each(|(name, value, most)| check(name, value, 0.002, most, ""))?;
+        let built = cfg!(feature = "legs");
+        check("identify_legs", f64::from(u8::from(self.identify_legs)), 0.0, f64::from(u8::from(built)), "")
+            .map_err(|e| e.with_note("needs the feature `legs`"))?;
+        self.validate_temperature()
+    }
+
+    fn validate_temperature(&self) -> Result<(), ParamError> {
+        let Some(winding) = self.winding_temperature else {
+            return self.same_temperature(&self.without_temperature(), "with a winding_temperature only");
+        };
+        check("winding_temperature", winding, -40.0, 120.0, "°C")?;
+        check("cage_constant", self.cage_constant, 200.0, 260.0, "K")?;
+        check("rotor_rise", self.rotor_rise, 0.3, 2.0, "")?;
+        if let Some((rise, time)) = self.winding_heat {
+            check("winding_heat[0]", rise, 5.0, 200.0, "K")?;
+            check("winding_heat[1]", time, 1.0, 7200.0, "s")?;
+        }
+        Ok(())
+    }
+
+    /// The same without temperatures.
+    fn without_temperature(self) -> Self {
+        Self { winding_temperature: None, cage_constant: ALUMINIUM, rotor_rise: 1.0, winding_heat: None, ..self }
+    }
+
+    /// An error for the first setting of the temperatures that is not that of `d`.
+    fn same_temperature(&self, d: &Self, why: &'static str) -> Result<(), ParamError> {
+        let same = |field, value, default| check(field, value, default, default, "").map_err(|e| e.with_note(why));
+        let flag = |x: bool| f64::from(u8::from(x));
+        same("winding_temperature", flag(self.winding_temperature.is_some()), flag(d.winding_temperature.is_some()))?;
+        same("cage_constant", self.cage_constant, d.cage_constant)?;
+        same("rotor_rise", self.rotor_rise, d.rotor_rise)?;
+        same("winding_heat", flag(self.winding_heat.is_some()), flag(d.winding_heat.is_some()))
+    }
+
+    /// What is known of the temperatures.
+    #[cfg(feature = "enhanced")]
+    pub(crate) fn temperature(&self) -> Option<Temperature> {
+        let Self { cage_constant: cage, rotor_rise, winding_heat: heat, .. } = *self;
+        self.winding_temperature.map(|winding| Temperature { winding, cage, rotor_rise, heat })
+    }
+
+    /// Name, value and largest admissible value of each prior: its variance, in units of the filter's scale of that
+    /// state, has to fit fixed point.
+    fn priors(&self) -> [(&'static str, f64, f64); 5] {
+        [
+            ("prior_R_s", self.prior_R_s, 0.5),
+            ("prior_loss", self.prior_loss, 1.0),
+            ("prior_c_out", self.prior_c_out, 1.0),
+            ("prior_L_sigma", self.prior_L_sigma, 1.0),
+            ("prior_L_M", self.prior_L_M, 0.5),
+        ]
+    }
+
+    /// An error for the first field that is not at its default.
+    pub(super) fn refuse_changes(&self, machine: &Machine) -> Result<(), ParamError> {
+        const OTHER: &str = "a setting of the enhanced scheme, and the drive runs the published one";
+        let d = Self::new(machine);
+        let same = |field, value, default| check(field, value, default, default, "").map_err(|e| e.with_note(OTHER));
+        let switch = |field, value, default| same(field, f64::from(u8::from(value)), f64::from(u8::from(default)));
+        switch("identify_offset", self.identify_offset, d.identify_offset)?;
+        switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;
+        switch("identify_legs", self.identify_legs, d.identify_legs)?;
+        switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
+        same("omega_s_min", self.omega_s_min, d.omega_s_min)?;
+        let mut priors = self.priors().into_iter().zip(d.priors());
+        priors.try_for_each(|((name, value, _), (_, default, _))| same(name, value, default))?;
+        self.same_temperature(&d, OTHER)
+    }
+}
