@@ -11,7 +11,7 @@
 //! [`InverterModel`]: stillflux::inverter::InverterModel
 
 use stillflux::base::{Base, PerUnit};
-use stillflux::config::{BALANCE_PERIODS, DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+use stillflux::config::{BALANCE_PERIODS, DriveConfig, DriveParams, SPEED_PERIODS, Scheme};
 use stillflux::estimate::balance::Balance;
 use stillflux::estimate::confidence::Confidence;
 use stillflux::estimate::flux::FluxEstimator;
@@ -226,7 +226,7 @@ impl Replay {
         let b = self.base;
         self.period = self.period.wrapping_add(1);
         let speed_due = self.period.is_multiple_of(SPEED_PERIODS);
-        let slow_due = self.period.is_multiple_of(SLOW_PERIODS);
+        let slow_due = self.period.is_multiple_of(self.config.slow_periods());
         let loss = self.loss(row.u_dc / b.u);
         let (u_s, i_m) = (vector(row.u_s, b.u) - loss.vector(), vector(row.i_s, b.i));
         self.u_s = u_s;

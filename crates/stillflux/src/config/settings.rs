@@ -21,11 +21,20 @@ const LEAST_BUILD_UP: f64 = 3.0;
 
 /// Control periods from one run of the speed estimator to the next, and of each slower block.
 pub const SPEED_PERIODS: u32 = 2;
-/// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
-pub const SLOW_PERIODS: u32 = 4;
+/// Control periods from one run to the next of the supervision.
+pub(crate) const SUPERVISION_PERIODS: u32 = 4;
 /// Control periods between two samples of the fit of the current sensors' gains, and between two curves of the inverter
 /// model.
 pub const BALANCE_PERIODS: u32 = 8;
+
+/// Least rate, Hz, of speed and flux control, resistance adaptation and confidence where they run in every eighth period
+/// only: a hundred times the bandwidths of the default settings (docs/gains.md), 5 to 9 Hz.
+const SLOW_RATE: f64 = 1e3;
+
+/// Control periods from one run of these to the next: eight, or four where the control is slow.
+pub(crate) fn slow_periods(inverter: &Inverter) -> u32 {
+    if inverter.f_c() >= 8.0 * SLOW_RATE { 8 } else { 4 }
+}
 
 /// Control periods in one turn of the field that the loops need: current control is lost with 25, not with 30.
 const PERIODS_A_TURN: f64 = 30.0;

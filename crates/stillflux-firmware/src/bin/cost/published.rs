@@ -2,7 +2,7 @@
 
 use super::{Cost, Input};
 use core::hint::black_box;
-use stillflux::config::{DriveConfig, SLOW_PERIODS, SPEED_PERIODS};
+use stillflux::config::{DriveConfig, SPEED_PERIODS};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::{FREQUENCY_HIGH, FluxController, Range, weight_by_frequency};
 use stillflux::control::modulator::{Duty, applied, modulate};
@@ -112,7 +112,7 @@ impl<R: Word> Blocks<R> {
         let c = drive.config();
         let e = drive.estimate();
         // Speed estimator and slow blocks run when the drive runs them.
-        let turn = drive.period() % SLOW_PERIODS;
+        let turn = drive.period() % c.slow_periods();
         let flux_input = FluxInput {
             u_s: e.u_s,
             i_s: *i_s,
@@ -127,7 +127,7 @@ impl<R: Word> Blocks<R> {
             speed = costs.speed_estimator.call(|| speed_estimator(&mut self.speed, c, &flux.psi_s, &e.i_s));
             self.follow = Some(speed.omega_s);
         }
-        if turn == 2 {
+        if 2 * turn == c.slow_periods() {
             let (corner, least) = c.regeneration_config();
             self.flux.set_regenerating(self.regeneration.step(corner, least, &speed));
             if let Some(config) = c.resistance_config() {

@@ -47,12 +47,15 @@
 //!
 //! # Blocks
 //!
-//! The flux is integrated in every control period, the rest runs once per block of 1 ms, or of `SLOTS` periods if
-//! that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
-//! the next one, a part in each period. The gain is therefore one block old; the time constants that it depends on are
-//! many blocks. Above `|ω_s| = 0.2` the gain of the flux is turned by the angle that the rotor flux has passed since:
-//! 36° in 1 ms at 100 Hz, without which the correction of a fast field would be a disturbance. The parameters are
-//! corrected one period after flux, `m`, offset and leakage.
+//! The flux is integrated in every control period, the rest runs once per block of at most 2.5 ms, or of `SLOTS` periods
+//! if that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
+//! the next one, a part in each slot of one, two, four or eight periods ([`FilterConfig`]). The gain is therefore one
+//! block old; the time constants that it depends on are many blocks. Above `|ω_s| = 0.2` the gain of the flux is turned
+//! by the angle that the rotor flux has passed since: 36° in 2 ms at 50 Hz, without which the correction of a fast field
+//! would be a disturbance. The parameters are corrected one slot after flux, `m`, offset and leakage.
+//!
+//! A longer block has the same correction in a second: what is stated for a block in [`noise`] is that of one of 1 ms, or
+//! of `SLOTS` periods if that is longer, and is converted (`Noise::part`).
 //!
 //! # Validity, and what is added to the noise outside it
 //!
@@ -126,7 +129,7 @@ const R_S_RANGE: (f64, f64) = (0.4, 2.0);
 const MAGNITUDE: f64 = 0.03;
 /// Rotor flux, per unit, below which its direction is not used.
 const M_MIN: f64 = 0.1;
-/// Corner of the low-pass of the normalised innovation squared (NIS), per block, and the NIS above which a step is
+/// Corner of the low-pass of the normalised innovation squared (NIS), per stated block, and the NIS above which a step is
 /// assumed. The innovation variance contains allowances (`noise`), so the NIS of an undisturbed drive is far below one
 /// (0.001 to 0.04, docs/tolerance.md) and the threshold below one.
 const NIS_CORNER: f64 = 0.05;
@@ -256,8 +259,8 @@ impl<R: Real> Filter<R> {
         let z = Model::innovation(m, psi_r);
         self.innovation = z;
         if self.hold_off == 0 {
-            let nis = (z * z * self.inv_s).min(R::from_f64(9.0));
-            self.nis += R::from_f64(NIS_CORNER) * (nis - self.nis);
+            let nis = (z * z * self.inv_s * c.noise.part).min(R::from_f64(9.0));
+            self.nis += c.noise.nis_corner * (nis - self.nis);
         } else {
             self.hold_off -= 1;
         }
