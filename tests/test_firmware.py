@@ -252,7 +252,7 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (18_048, 20_480), "ram_drive": (1032, 1112), "stack_step": (416, 424)},
-    "enhanced": {"flash_library": (31_488, 40_832), "ram_drive": (1632, 1696), "stack_step": (504, 480)},
+    "enhanced": {"flash_library": (31_616, 40_960), "ram_drive": (1632, 1696), "stack_step": (504, 480)},
 }
 
 #: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680
@@ -263,7 +263,7 @@ SIZES: dict[str, dict[str, tuple[int, int]]] = {
 BUDGET = {
     "flux_estimator": {"f32": 168, "q": 188},
     "drive_step": {"f32": 662, "q": 990, "f32_worst": 984, "q_worst": 1448},
-    "drive_step_enhanced": {"f32": 719, "q": 1115, "f32_worst": 920, "q_worst": 1388},
+    "drive_step_enhanced": {"f32": 695, "q": 1068, "f32_worst": 920, "q_worst": 1388},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }

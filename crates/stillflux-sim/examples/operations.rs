@@ -8,7 +8,7 @@
 use std::cell::Cell;
 use std::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-use stillflux::config::{DriveConfig, DriveParams, SPEED_PERIODS, Scheme};
+use stillflux::config::{DriveConfig, DriveParams, Scheme};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::{FluxController, Range};
 use stillflux::control::modulator::{applied, modulate};
@@ -261,9 +261,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let table = [
         (
             "flux_estimator",
-            mean(SPEED_PERIODS, || {
+            mean(config.speed_periods(), || {
                 calls += 1;
-                if calls.is_multiple_of(SPEED_PERIODS) {
+                if calls.is_multiple_of(config.speed_periods()) {
                     flux.set_stator_frequency(config.flux_config(), r(0.05));
                 }
                 flux.step(config.flux_config(), &u, &i, r(0.08), r(1.0));

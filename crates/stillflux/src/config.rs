@@ -17,9 +17,7 @@ mod settings;
 pub(crate) use settings::BOOST;
 use settings::SUPERVISION_PERIODS;
 
-pub use settings::{
-    BALANCE_PERIODS, DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, SPEED_PERIODS, Scheme,
-};
+pub use settings::{BALANCE_PERIODS, DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, Scheme};
 
 use crate::base::{PerUnit, rounded};
 use crate::control::current::CurrentConfig;
@@ -202,6 +200,19 @@ impl<R: Real> DriveConfig<R> {
         self.slow_mask + 1
     }
 
+    /// Control periods from one run to the next of the speed estimator.
+    pub fn speed_periods(&self) -> u32 {
+        self.speed_mask() + 1
+    }
+
+    /// These, less one.
+    #[inline(always)]
+    pub(crate) fn speed_mask(&self) -> u32 {
+        // In a build of one scheme it is known.
+        let enhanced = cfg!(feature = "enhanced") && (!cfg!(feature = "paper") || self.scheme == Scheme::Enhanced);
+        if enhanced { self.slow_mask >> 1 } else { 1 }
+    }
+
     /// Settings of the speed estimator, for its use alone.
     pub fn speed_config(&self) -> &SpeedConfig<R> {
         &self.speed
@@ -325,7 +336,8 @@ impl<R: Real> DriveConfig<R> {
         let periods = |t: f64| inverter.periods(t);
 
         let slow_periods = settings::slow_periods(inverter);
-        let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(slow_periods));
+        let (t_speed, t_slow) =
+            (t_s * f64::from(settings::speed_periods(p.scheme, inverter)), t_s * f64::from(slow_periods));
         let supervised = |t: f64| periods(t / f64::from(SUPERVISION_PERIODS));
         #[cfg(feature = "supervision")]
         let watched = |t: f64| if p.supervision { supervised(t) } else { u32::MAX };
@@ -534,10 +546,10 @@ impl<R: Real> DriveConfig<R> {
             hand_over: {
                 // The ripple of one count ([`crate::estimate::encoder`]).
                 let ripple = count_angle(p.encoder_lines.max(1), machine.n_p) * omega_n / core::f64::consts::E;
-                let calls = |t: f64| periods(t / f64::from(SPEED_PERIODS));
+                let calls = |t: f64| periods(t / f64::from(settings::speed_periods(p.scheme, inverter)));
                 HandOverConfig {
                     band: r((p.encoder_deviation / b.omega_m + ripple).min(100.0)),
-                    gain: r(f64::from(SPEED_PERIODS) / inverter.f_c() / handover::FILTER),
+                    gain: r(f64::from(settings::speed_periods(p.scheme, inverter)) / inverter.f_c() / handover::FILTER),
                     calls_apart: calls(handover::APART),
                     calls_return: calls(handover::RETURN),
                     control: p.encoder_mode == EncoderMode::Control,

@@ -7,10 +7,10 @@
 //!
 //! **Timing.** Currents sampled at the start of period *k* give the duties applied during period *k + 1*.
 //!
-//! **Rates.** Estimators, current control and modulator run in every period. The speed estimator runs in every second
-//! one, supervision in every fourth, speed and flux control in every eighth, and so does slow adaptation (in every fourth
-//! with less than 8000 periods a second): each in a period of its own and after the duties are known. Their bandwidths
-//! allow it, and no period has to compute all of them.
+//! **Rates.** Estimators, current control and modulator run in every period; with at least 8000 periods a second the
+//! speed estimator and the supervision in every fourth (the published scheme's speed estimator in every second), speed and
+//! flux control and slow adaptation in every eighth, with fewer in every second, fourth and fourth one: each in a period
+//! of its own and after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
 //!
 //! **Schemes.** The published scheme estimates by Figs. 4, 7 and 12, the enhanced one by one filter
 //! ([`crate::estimate::kalman`]). Each has its own start-up for the stage `Magnetising` of the sequence `Stopped` →
@@ -398,9 +398,11 @@ impl<R: Real> Common<R> {
     ) {
         let period = self.sequence.period();
         if period & 1 == 1 {
-            estimators.update_speed(c);
-            #[cfg(feature = "encoder")]
-            self.control.compare(c, estimators.speed());
+            if period & c.speed_mask() == 1 {
+                estimators.update_speed(c);
+                #[cfg(feature = "encoder")]
+                self.control.compare(c, estimators.speed());
+            }
             return;
         }
         // Speed and flux control, and half of their interval later what is slower.

@@ -1,6 +1,6 @@
 //! Configuration of the published scheme: constants of its estimators, per unit.
 
-use super::settings::{DriveParams, SPEED_PERIODS, Scheme, slow_periods};
+use super::settings::{DriveParams, Scheme, slow_periods, speed_periods};
 use crate::base::{PerUnit, rounded};
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
@@ -53,7 +53,7 @@ impl<R: Real> PaperConfig<R> {
         let r = rounded::<R>;
         let t_s = pu.t_s;
         let slow = f64::from(slow_periods(inverter));
-        let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * slow);
+        let (t_speed, t_slow) = (t_s * f64::from(speed_periods(Scheme::Paper, inverter)), t_s * slow);
         let noise = if p.paper.noise_compensator { p.paper.noise_gain } else { (0.0, 0.0) };
         let r_s_periods = magnetise_periods / 4;
         let offset = OffsetConfig {
