@@ -100,7 +100,7 @@ pub(super) trait Estimators<R: Real> {
     /// A current sample with the bridge blocked.
     fn idle(&mut self, i_s: &AlphaBeta<R>);
 
-    /// Speed estimator, in every fourth period, or every second where the control is slow.
+    /// Speed estimator, as often as [`DriveConfig::speed_periods`] says.
     fn update_speed(&mut self, c: &DriveConfig<R>);
 
     /// Slow adaptation, in every eighth period, or every fourth where the control is slow.
