@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::base::{Base, PerUnit};
-use stillflux::config::{DriveConfig, SPEED_PERIODS};
+use stillflux::config::DriveConfig;
 use stillflux::estimate::flux::FluxEstimator as CoreFlux;
 use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use stillflux::space::AlphaBeta;
@@ -204,7 +204,7 @@ impl FluxEstimator {
             }
             let psi_s = flux.value();
             // As often as in the drive.
-            if k % SPEED_PERIODS as usize == 0 {
+            if k % self.config.speed_periods() as usize == 0 {
                 let c = self.config.speed_config();
                 estimate = speed.step(c, &c.rotor_flux(&psi_s, &i[k]), &i[k]);
                 flux.set_stator_frequency(self.config.flux_config(), omega.map_or(estimate.omega_s, |w| w[k]));

@@ -8,7 +8,7 @@
 use std::cell::Cell;
 use std::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-use stillflux::config::{DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+use stillflux::config::{DriveConfig, DriveParams, Scheme};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::{FluxController, Range};
 use stillflux::control::modulator::{applied, modulate};
@@ -204,7 +204,7 @@ impl Sum<Counted> for f64 {
 type R = Counted;
 
 /// Control periods in a block of the filter at 10 kHz.
-const BLOCK: u32 = 10;
+const BLOCK: u32 = 20;
 
 /// Operations of the second of two calls: the first one settles what the state remembers.
 fn operations<T>(call: impl FnMut() -> T) -> u32 {
@@ -230,7 +230,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         DriveConfig::<R>::new(&machine, &inverter, &params)
     };
     let (config, enhanced) = (of(Scheme::Paper)?, of(Scheme::Enhanced)?);
-    let filter_config = enhanced.filter_config();
+    let (filter_config, slow_periods) = (enhanced.filter_config(), enhanced.slow_periods());
     let r = Counted;
     let v = |x: f64, y: f64| AlphaBeta::new(r(x), r(y));
     let (psi, i, u) = (v(0.7, 0.7), v(0.5, 0.6), v(0.04, 0.05));
@@ -261,9 +261,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let table = [
         (
             "flux_estimator",
-            mean(SPEED_PERIODS, || {
+            mean(config.speed_periods(), || {
                 calls += 1;
-                if calls.is_multiple_of(SPEED_PERIODS) {
+                if calls.is_multiple_of(config.speed_periods()) {
                     flux.set_stator_frequency(config.flux_config(), r(0.05));
                 }
                 flux.step(config.flux_config(), &u, &i, r(0.08), r(1.0));
@@ -296,13 +296,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }),
         ),
         ("modulator", operations(|| applied(&modulate([r(0.1), r(-0.3), r(0.2)], r(0.6), config.timer())))),
-        ("drive_step", mean(SLOW_PERIODS, || drive.step(&measured, &Reference::Speed(r(0.0))))),
+        ("drive_step", mean(slow_periods, || drive.step(&measured, &Reference::Speed(r(0.0))))),
         ("filter", mean(BLOCK, || filter.step(filter_config, &seen, false))),
         ("balance", operations(|| balance.remove(&i))),
         ("balance_fit", operations(|| balance.fit(enhanced.balance_config(), &i, r(0.0)))),
         (
             "drive_step_enhanced",
-            mean(SLOW_PERIODS * BLOCK, || enhanced_drive.step(&measured, &Reference::Speed(r(0.0)))),
+            mean(slow_periods * BLOCK, || enhanced_drive.step(&measured, &Reference::Speed(r(0.0)))),
         ),
     ];
     let fields: Vec<_> = table.iter().map(|(name, n)| format!("\"{name}\": {n}")).collect();

@@ -11,7 +11,7 @@
 //! [`InverterModel`]: stillflux::inverter::InverterModel
 
 use stillflux::base::{Base, PerUnit};
-use stillflux::config::{BALANCE_PERIODS, DriveConfig, DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+use stillflux::config::{BALANCE_PERIODS, DriveConfig, DriveParams, Scheme};
 use stillflux::estimate::balance::Balance;
 use stillflux::estimate::confidence::Confidence;
 use stillflux::estimate::flux::FluxEstimator;
@@ -216,7 +216,7 @@ impl Replay {
             Estimators::Enhanced { filter, .. } => (filter.field(), 1.0 + filter.v()),
             Estimators::Paper { flux, .. } => (flux.field(), 1.0),
         };
-        let half = 0.5 * self.config.speed_config().t_s / f64::from(SPEED_PERIODS);
+        let half = 0.5 * self.config.speed_config().t_s / f64::from(self.config.speed_periods());
         let i_s = field.ahead(self.speed.omega_s * half).to_stator(&self.i_slow);
         self.config.inverter_model().distortion(&self.knee, &i_s, u_dc, gain)
     }
@@ -225,8 +225,8 @@ impl Replay {
     pub fn step(&mut self, row: &Row) {
         let b = self.base;
         self.period = self.period.wrapping_add(1);
-        let speed_due = self.period.is_multiple_of(SPEED_PERIODS);
-        let slow_due = self.period.is_multiple_of(SLOW_PERIODS);
+        let speed_due = self.period.is_multiple_of(self.config.speed_periods());
+        let slow_due = self.period.is_multiple_of(self.config.slow_periods());
         let loss = self.loss(row.u_dc / b.u);
         let (u_s, i_m) = (vector(row.u_s, b.u) - loss.vector(), vector(row.i_s, b.i));
         self.u_s = u_s;

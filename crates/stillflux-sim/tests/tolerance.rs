@@ -174,14 +174,15 @@ fn a_machine_near_pull_out_keeps_its_flux_in_regeneration_with_a_larger_leakage(
     let generating = 0.0694;
     let speed = [(0.0, 0.0), (0.3, 0.0), (0.8, 0.02), (3.0, 0.02), (3.5, generating), (5.5, generating)];
     let load = [(0.0, 0.0), (0.8, 0.0), (1.3, 1.0), (3.0, 1.0), (3.5, -1.0)];
-    // At the limit of its torque: one realisation of the noise in nine or ten ends in a stall, with the field held.
+    // At the limit of its torque: of 400 realisations of the noise 49 end in a stall, with the field held. With that rate
+    // more than 6 of 16 do once in 300 times.
     let held = |seed: &u64| {
         let outcome = run(of_48_v(), x, *seed, (&speed, &load));
         assert!(outcome.angle() < 8.0, "{}°", outcome.angle());
         outcome.status == Status::Running && (outcome.last_speed() - generating).abs() < 0.02
     };
-    let kept = (1..=8).filter(held).count();
-    assert!(kept >= 6, "{kept} of 8");
+    let kept = (1..=16).filter(held).count();
+    assert!(kept >= 10, "{kept} of 16");
 }
 
 /// Everything at once at 15 kW: the rotor time constant 43 % shorter than told.

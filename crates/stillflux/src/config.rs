@@ -15,11 +15,9 @@ mod enhanced;
 mod paper;
 mod settings;
 pub(crate) use settings::BOOST;
+use settings::SUPERVISION_PERIODS;
 
-pub use settings::{
-    BALANCE_PERIODS, DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, SLOW_PERIODS, SPEED_PERIODS,
-    Scheme,
-};
+pub use settings::{BALANCE_PERIODS, DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, Scheme};
 
 use crate::base::{PerUnit, rounded};
 use crate::control::current::CurrentConfig;
@@ -103,6 +101,8 @@ const LOST_FIELD: f64 = 0.04;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct DriveConfig<R: Real> {
     pub(crate) t_s: R,
+    /// Control periods from one run of speed and flux control to the next, a power of two, less one.
+    pub(crate) slow_mask: u32,
     pub(crate) inverter: InverterModel<R>,
     pub(crate) timer: Option<Timer>,
     #[cfg(feature = "modes")]
@@ -175,7 +175,7 @@ pub struct DriveConfig<R: Real> {
 }
 words! {
     DriveConfig:
-    t_s, inverter, timer,
+    t_s, slow_mask, inverter, timer,
     #[cfg(feature = "modes")] double_update,
     #[cfg(feature = "modes")] discontinuous_sq,
     scheme,
@@ -195,6 +195,24 @@ words! {
 }
 
 impl<R: Real> DriveConfig<R> {
+    /// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
+    pub fn slow_periods(&self) -> u32 {
+        self.slow_mask + 1
+    }
+
+    /// Control periods from one run to the next of the speed estimator.
+    pub fn speed_periods(&self) -> u32 {
+        self.speed_mask() + 1
+    }
+
+    /// These, less one.
+    #[inline(always)]
+    pub(crate) fn speed_mask(&self) -> u32 {
+        // In a build of one scheme it is known.
+        let enhanced = cfg!(feature = "enhanced") && (!cfg!(feature = "paper") || self.scheme == Scheme::Enhanced);
+        if enhanced { self.slow_mask >> 1 } else { 1 }
+    }
+
     /// Settings of the speed estimator, for its use alone.
     pub fn speed_config(&self) -> &SpeedConfig<R> {
         &self.speed
@@ -317,10 +335,12 @@ impl<R: Real> DriveConfig<R> {
         let r = rounded::<R>;
         let periods = |t: f64| inverter.periods(t);
 
-        let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));
-        let slow_periods = |t: f64| periods(t / f64::from(SLOW_PERIODS));
+        let slow_periods = settings::slow_periods(inverter);
+        let (t_speed, t_slow) =
+            (t_s * f64::from(settings::speed_periods(p.scheme, inverter)), t_s * f64::from(slow_periods));
+        let supervised = |t: f64| periods(t / f64::from(SUPERVISION_PERIODS));
         #[cfg(feature = "supervision")]
-        let watched = |t: f64| if p.supervision { slow_periods(t) } else { u32::MAX };
+        let watched = |t: f64| if p.supervision { supervised(t) } else { u32::MAX };
         let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
@@ -334,7 +354,7 @@ impl<R: Real> DriveConfig<R> {
         let (torque_least, torque_most) = p.torque_limits.unwrap_or((-p.torque_max, p.torque_max));
         let (omega_least, omega_most) = p.speed_limits.unwrap_or((-p.omega_max, p.omega_max));
         let torque_max = torque_most.max(-torque_least) / b.torque;
-        let slow = f64::from(SLOW_PERIODS) / inverter.f_c();
+        let slow = f64::from(slow_periods) / inverter.f_c();
 
         let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
         let (u_limit, u_use) =
@@ -394,6 +414,7 @@ impl<R: Real> DriveConfig<R> {
 
         let config = Self {
             t_s: r(t_s),
+            slow_mask: slow_periods - 1,
             inverter: if p.inverter_model { InverterModel::new(&pu) } else { InverterModel::ideal() },
             timer: inverter.timer()?,
             #[cfg(feature = "modes")]
@@ -447,7 +468,7 @@ impl<R: Real> DriveConfig<R> {
                 plausibility: PlausibilityConfig {
                     psi_deviation: r(0.4 * p.psi_ref),
                     omega_max: r(1.3 * p.omega_max / b.omega_m),
-                    calls: slow_periods(0.05),
+                    calls: supervised(0.05),
                     confidence: p.low_confidence == LowConfidence::Fault,
                 },
                 #[cfg(feature = "supervision")]
@@ -457,7 +478,7 @@ impl<R: Real> DriveConfig<R> {
                     calls_open: watched(0.004),
                     calls_control: watched(0.25),
                     calls_zero: watched(0.004),
-                    t_s: r(t_slow),
+                    t_s: r(t_s * f64::from(SUPERVISION_PERIODS)),
                 },
                 #[cfg(feature = "supervision")]
                 channels: ChannelConfig {
@@ -467,7 +488,10 @@ impl<R: Real> DriveConfig<R> {
                 },
                 #[cfg(feature = "supervision")]
                 innovation: InnovationConfig {
-                    gain: r(if p.supervision { f64::from(SLOW_PERIODS) / inverter.f_c() / LOST_FIELD } else { 0.0 }),
+                    gain: {
+                        let seconds = f64::from(SUPERVISION_PERIODS) / inverter.f_c();
+                        r(if p.supervision { seconds / LOST_FIELD } else { 0.0 })
+                    },
                 },
                 #[cfg(feature = "supervision")]
                 stall_calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX },
@@ -502,7 +526,7 @@ impl<R: Real> DriveConfig<R> {
                 OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
             }),
             #[cfg(feature = "supervision")]
-            realign_calls: if p.realignment { slow_periods(REALIGN) } else { u32::MAX },
+            realign_calls: if p.realignment { periods(REALIGN / f64::from(slow_periods)) } else { u32::MAX },
             #[cfg(feature = "dclink")]
             dclink: {
                 let u = |volts: Option<f64>, without: f64| volts.map_or(without, |u| u / b.u);
@@ -522,10 +546,10 @@ impl<R: Real> DriveConfig<R> {
             hand_over: {
                 // The ripple of one count ([`crate::estimate::encoder`]).
                 let ripple = count_angle(p.encoder_lines.max(1), machine.n_p) * omega_n / core::f64::consts::E;
-                let calls = |t: f64| periods(t / f64::from(SPEED_PERIODS));
+                let calls = |t: f64| periods(t / f64::from(settings::speed_periods(p.scheme, inverter)));
                 HandOverConfig {
                     band: r((p.encoder_deviation / b.omega_m + ripple).min(100.0)),
-                    gain: r(f64::from(SPEED_PERIODS) / inverter.f_c() / handover::FILTER),
+                    gain: r(f64::from(settings::speed_periods(p.scheme, inverter)) / inverter.f_c() / handover::FILTER),
                     calls_apart: calls(handover::APART),
                     calls_return: calls(handover::RETURN),
                     control: p.encoder_mode == EncoderMode::Control,

@@ -7,9 +7,10 @@
 //!
 //! **Timing.** Currents sampled at the start of period *k* give the duties applied during period *k + 1*.
 //!
-//! **Rates.** Estimators, current control and modulator run in every period. The speed estimator runs in every second
-//! one, speed and flux control in every fourth, slow adaptation and supervision in every fourth: each in a period of
-//! its own and after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
+//! **Rates.** Estimators, current control and modulator run in every period; with at least 8000 periods a second the
+//! speed estimator and the supervision in every fourth (the published scheme's speed estimator in every second), speed and
+//! flux control and slow adaptation in every eighth, with fewer in every second, fourth and fourth one: each in a period
+//! of its own and after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
 //!
 //! **Schemes.** The published scheme estimates by Figs. 4, 7 and 12, the enhanced one by one filter
 //! ([`crate::estimate::kalman`]). Each has its own start-up for the stage `Magnetising` of the sequence `Stopped` →
@@ -263,7 +264,7 @@ impl<R: Real> Common<R> {
         }
         let (period, u_dc) = (self.sequence.period(), measured.u_dc);
         let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, start_up);
-        let ripple = period & 3 == E::RIPPLE;
+        let ripple = period & 3 == 2;
         let duty = self.control.duties(c, &field, (period, ripple), u_dc, estimators.inverter(c));
         let running = start_up.is_none();
         if likely(running) {
@@ -395,14 +396,21 @@ impl<R: Real> Common<R> {
         reference: &Reference<R>,
         u_dc: R,
     ) {
-        match self.sequence.period() & 3 {
-            0 => self.control.set_references(c, estimators, reference, u_dc),
-            2 => self.adapt(c, estimators, u_dc),
-            _ => {
+        let period = self.sequence.period();
+        if period & 1 == 1 {
+            if period & c.speed_mask() == 1 {
                 estimators.update_speed(c);
                 #[cfg(feature = "encoder")]
                 self.control.compare(c, estimators.speed());
             }
+            return;
+        }
+        // Speed and flux control, and half of their interval later what is slower.
+        let turn = period & c.slow_mask;
+        if turn == 0 {
+            self.control.set_references(c, estimators, reference, u_dc);
+        } else if turn + turn == c.slow_mask + 1 {
+            self.adapt(c, estimators, u_dc);
         }
     }
 

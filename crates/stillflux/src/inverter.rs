@@ -43,8 +43,8 @@
 //! three times the knee) the first approximation alone is off by 0.11 V rms with 2 µs and 1 nF, by 0.22 V if the machine
 //! has 30 V in that phase, and by 0.32 V with 4 µs; with both edges 0.02, 0.04 and 0.04 V are left. Beyond three times
 //! the knee, and in the first approximation beyond the knee, `e(i)` is taken. The difference of both is computed for one leg
-//! in every fourth period, up to a voltage of 0.25 pu: where it counts, near zero stator frequency, the currents move slowly. (Sampled in the upper
-//! zero vector the signs change.)
+//! in every fourth period, up to a voltage of 0.25 pu: where it counts, near zero stator frequency, the currents move
+//! slowly. (Sampled in the upper zero vector the signs change.)
 //!
 //! **Double update.** In a half period of the carrier each leg has one edge, a rising one in the half that begins in the
 //! lower zero vector, a falling one in the other. The rising edge loses all of the dead time for `i > 0` and what the node

@@ -1,6 +1,6 @@
 //! Configuration of the published scheme: constants of its estimators, per unit.
 
-use super::settings::{DriveParams, SLOW_PERIODS, SPEED_PERIODS, Scheme};
+use super::settings::{DriveParams, Scheme, slow_periods, speed_periods};
 use crate::base::{PerUnit, rounded};
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
@@ -52,7 +52,8 @@ impl<R: Real> PaperConfig<R> {
     pub fn new(pu: &PerUnit, inverter: &Inverter, p: &DriveParams, magnetise_periods: u32) -> Self {
         let r = rounded::<R>;
         let t_s = pu.t_s;
-        let (t_speed, t_slow) = (t_s * f64::from(SPEED_PERIODS), t_s * f64::from(SLOW_PERIODS));
+        let slow = f64::from(slow_periods(inverter));
+        let (t_speed, t_slow) = (t_s * f64::from(speed_periods(Scheme::Paper, inverter)), t_s * slow);
         let noise = if p.paper.noise_compensator { p.paper.noise_gain } else { (0.0, 0.0) };
         let r_s_periods = magnetise_periods / 4;
         let offset = OffsetConfig {
@@ -89,7 +90,7 @@ impl<R: Real> PaperConfig<R> {
                 omega_max: r(0.1),
                 transient: r(0.05),
                 corner: r(t_slow * pu.hz(2.0)),
-                hold: inverter.periods(0.2 / f64::from(SLOW_PERIODS)),
+                hold: inverter.periods(0.2 / slow),
                 // As fast as the sign law at ω_s = 0.06 and half of rated i_q: faster, the transients of ε count.
                 #[cfg(feature = "variants")]
                 quotient: r(if p.paper.resistance_quotient { 0.5 * pu.torque_rated / p.psi_ref / 0.06 } else { 0.0 }),
@@ -117,7 +118,7 @@ impl<R: Real> PaperConfig<R> {
                 gain: r(t_slow / (10.0 * pu.tau_r) * (pu.l_s / p.psi_ref) * (pu.l_s / p.psi_ref)),
                 half_period: r(0.5 * t_s),
                 // The flux of the machine has settled after a change of load or speed.
-                settle: inverter.periods(5.0 * pu.tau_r / pu.base.omega / f64::from(SLOW_PERIODS)),
+                settle: inverter.periods(5.0 * pu.tau_r / pu.base.omega / slow),
                 omega_min: r(0.03),
                 omega_max: r(0.2),
             }),

@@ -19,13 +19,30 @@ pub(crate) const BOOST: f64 = 1.5;
 /// Least duration of the magnetisation, in rotor time constants.
 const LEAST_BUILD_UP: f64 = 3.0;
 
-/// Control periods from one run of the speed estimator to the next, and of each slower block.
-pub const SPEED_PERIODS: u32 = 2;
-/// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
-pub const SLOW_PERIODS: u32 = 4;
+/// Control periods from one run to the next of the supervision.
+pub(crate) const SUPERVISION_PERIODS: u32 = 4;
 /// Control periods between two samples of the fit of the current sensors' gains, and between two curves of the inverter
 /// model.
 pub const BALANCE_PERIODS: u32 = 8;
+
+/// Least rate, Hz, of speed and flux control, resistance adaptation and confidence where they run in every eighth period
+/// only: a hundred times the bandwidths of the default settings (docs/gains.md), 5 to 9 Hz.
+const SLOW_RATE: f64 = 1e3;
+
+/// Control periods from one run of these to the next: eight, or four where the control is slow.
+pub(crate) fn slow_periods(inverter: &Inverter) -> u32 {
+    if inverter.f_c() >= 8.0 * SLOW_RATE { 8 } else { 4 }
+}
+
+/// Control periods from one run of the speed estimator to the next. In the enhanced scheme at least 80 runs in the reciprocal
+/// of its bandwidth, 25 Hz; in the published one, whose worst period it is not in, gain and clock of the flux estimator
+/// follow it.
+pub(crate) fn speed_periods(scheme: Scheme, inverter: &Inverter) -> u32 {
+    match scheme {
+        Scheme::Paper => 2,
+        Scheme::Enhanced => slow_periods(inverter) / 2,
+    }
+}
 
 /// Control periods in one turn of the field that the loops need: current control is lost with 25, not with 30.
 const PERIODS_A_TURN: f64 = 30.0;
@@ -262,7 +279,7 @@ pub struct DriveParams {
     /// counter is given by [`crate::drive::Drive::set_encoder`].
     pub encoder_lines: u32,
     /// States of the encoder's counter, 65,536 of one of 16 bits; of one that is reset at each turn four times the lines. At
-    /// least 16 times the counts of two control periods at `omega_max`, at most 2^31.
+    /// least 16 times the counts between two runs of the speed estimator at `omega_max`, at most 2^31.
     pub encoder_states: u32,
     /// What the measured speed is used for.
     pub encoder_mode: EncoderMode,
@@ -496,7 +513,8 @@ impl DriveParams {
         };
         check("encoder_lines", if used && !BUILT { lines.max(1.0) } else { lines }, least, most, "")
             .map_err(|e| e.with_note(NOTE))?;
-        let turns = f64::from(SPEED_PERIODS) / inverter.f_c() * self.omega_max / core::f64::consts::TAU;
+        let turns =
+            f64::from(speed_periods(self.scheme, inverter)) / inverter.f_c() * self.omega_max / core::f64::consts::TAU;
         check(
             "encoder_states",
             f64::from(self.encoder_states),
@@ -504,7 +522,9 @@ impl DriveParams {
             f64::from(1_u32 << 31),
             "",
         )
-        .map_err(|e| e.with_note("at least 16 times the counts of two control periods at omega_max"))?;
+        .map_err(|e| {
+            e.with_note("at least 16 times the counts between two runs of the speed estimator at omega_max")
+        })?;
         check("encoder_deviation", self.encoder_deviation, 0.005 * omega_n, 10.0 * omega_n, "rad/s")
     }
 

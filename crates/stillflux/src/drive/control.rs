@@ -127,11 +127,11 @@ impl<R: Real> Control<R> {
         self.ramp.start(omega_m);
     }
 
-    /// The encoder's counter, every second period and in every state of the drive.
+    /// The encoder's counter, as often as the speed estimator runs and in every state of the drive.
     #[cfg(feature = "encoder")]
     #[inline(always)]
     pub fn track(&mut self, c: &DriveConfig<R>, period: u32) {
-        if period & 1 == 1
+        if period & c.speed_mask() == 1
             && let Some(config) = &c.encoder
         {
             self.encoder.step(config, &c.speed);

@@ -131,8 +131,6 @@ impl<R: Real> EnhancedEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
-    const RIPPLE: u32 = 2;
-
     fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>) {
         let r = R::from_f64;
         self.start = pause.map_or(Start::Unknown, |pause| {
@@ -204,12 +202,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let mut i_dq = self.filter.step(&c.enhanced.filter, &input, integrate_only);
         // What follows from quantities that change slowly takes its turn.
         match x.period % BALANCE_PERIODS {
-            2 => {
+            4 => {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             }
             #[cfg(feature = "legs")]
-            4 => self.knee.set_legs(&self.legs, x.u_dc),
+            0 => self.knee.set_legs(&self.legs, x.u_dc),
             6 => {
                 c.inverter.follow(&mut self.knee, self.filter.knee());
                 self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);

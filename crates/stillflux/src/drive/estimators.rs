@@ -83,9 +83,6 @@ pub(super) struct Estimated<R: Real> {
 
 /// Estimators of a scheme, with its start-up sequence.
 pub(super) trait Estimators<R: Real> {
-    /// Period of four in which the ripple of a leg's current is computed: the one with the fewest instructions otherwise.
-    const RIPPLE: u32;
-
     /// A start-up begins with the next period; `pause`: periods since the drive ran last, if what it learned then is
     /// fresh.
     fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>);
@@ -103,13 +100,13 @@ pub(super) trait Estimators<R: Real> {
     /// A current sample with the bridge blocked.
     fn idle(&mut self, i_s: &AlphaBeta<R>);
 
-    /// Speed estimator, every second period.
+    /// Speed estimator, as often as [`DriveConfig::speed_periods`] says.
     fn update_speed(&mut self, c: &DriveConfig<R>);
 
-    /// Slow adaptation, every fourth period.
+    /// Slow adaptation, in every eighth period, or every fourth where the control is slow.
     fn adapt(&mut self, c: &DriveConfig<R>, i_dq: &Dq<R>);
 
-    /// Part of the rated flux that the scheme asks for at a torque reference, every fourth period.
+    /// Part of the rated flux that the scheme asks for at a torque reference, once a run of the speed control.
     fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R;
 
     /// Half of the difference of the gains of two current sensors, as far as it is identified.

@@ -154,8 +154,6 @@ impl<R: Real> PaperEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for PaperEstimators<R> {
-    const RIPPLE: u32 = 3;
-
     fn begin(&mut self, _: &DriveConfig<R>, _: Option<u32>) {
         self.r_s_mean = Integrator::default();
         self.speed = SpeedEstimate::default();

@@ -14,10 +14,11 @@ pub const STEP: &str = "drive_step_enhanced";
 /// Name of the whole interrupt in the report.
 pub const INTERRUPT: &str = "interrupt_enhanced";
 
-/// Control periods in a block of the filter at the preset's 10 kHz.
-const BLOCK: usize = 10;
+/// Slots in a block of the filter, and control periods in a slot at the preset's 10 kHz.
+const SLOTS: usize = 10;
+const PERIODS: usize = 2;
 /// Names of the parts of the filter's work.
-const PARTS: [&str; BLOCK] = [
+const PARTS: [&str; SLOTS] = [
     "filter_close",
     "filter_1",
     "filter_2",
@@ -34,8 +35,8 @@ const PARTS: [&str; BLOCK] = [
 #[derive(Clone, Copy, Default)]
 pub struct Costs {
     filter: Cost,
-    /// The same by period of a block.
-    filter_part: [Cost; BLOCK],
+    /// The same by slot of a block, in the periods in which it has work.
+    filter_part: [Cost; SLOTS],
     balance: Cost,
     /// Its fit, every eighth period.
     balance_fit: Cost,
@@ -95,7 +96,7 @@ impl<R: Word> Blocks<R> {
         let inverter = c.inverter_model();
         let loss = inverter.distortion(inverter.nominal(), &e.i_s, input.measured.u_dc, R::ONE);
         let x = kalman::Input { u_s: e.u_s, loss: &loss, i_m, i_ref: before.i_dq_ref, omega_s: before.speed.omega_s };
-        if drive.period() % BALANCE_PERIODS == 2 {
+        if drive.period() % BALANCE_PERIODS == 4 {
             // The offsets read at rest differ in their sum only, which the fit takes for its constant.
             let [i_a, i_b, i_c] = input.measured.i_abc;
             let sum = i_a + i_b + i_c;
@@ -104,8 +105,10 @@ impl<R: Word> Blocks<R> {
         let n = costs.filter.sum;
         costs.filter.call(|| predict(&mut self.filter, f, &x));
         let n = costs.filter.sum - n;
-        self.part = (self.part + 1) % BLOCK;
-        costs.filter_part[self.part].add(n as u32);
+        self.part = (self.part + 1) % (SLOTS * PERIODS);
+        if self.part.is_multiple_of(PERIODS) {
+            costs.filter_part[self.part / PERIODS].add(n as u32);
+        }
         let apart = self.filter.value() - e.flux.psi_s;
         self.different += u32::from(!apart.norm_sq().within(R::from_f64(0.01)));
     }

@@ -2,7 +2,7 @@
 
 use super::{Cost, Input};
 use core::hint::black_box;
-use stillflux::config::{DriveConfig, SLOW_PERIODS, SPEED_PERIODS};
+use stillflux::config::DriveConfig;
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::{FREQUENCY_HIGH, FluxController, Range, weight_by_frequency};
 use stillflux::control::modulator::{Duty, applied, modulate};
@@ -112,7 +112,7 @@ impl<R: Word> Blocks<R> {
         let c = drive.config();
         let e = drive.estimate();
         // Speed estimator and slow blocks run when the drive runs them.
-        let turn = drive.period() % SLOW_PERIODS;
+        let turn = drive.period() % c.slow_periods();
         let flux_input = FluxInput {
             u_s: e.u_s,
             i_s: *i_s,
@@ -123,11 +123,11 @@ impl<R: Word> Blocks<R> {
         costs.flux_estimator.call(|| flux_estimator(&mut self.flux, c, &flux_input));
         let flux = self.flux.estimate();
         let mut speed = e.speed;
-        if turn % SPEED_PERIODS == 1 {
+        if turn % c.speed_periods() == 1 {
             speed = costs.speed_estimator.call(|| speed_estimator(&mut self.speed, c, &flux.psi_s, &e.i_s));
             self.follow = Some(speed.omega_s);
         }
-        if turn == 2 {
+        if 2 * turn == c.slow_periods() {
             let (corner, least) = c.regeneration_config();
             self.flux.set_regenerating(self.regeneration.step(corner, least, &speed));
             if let Some(config) = c.resistance_config() {
@@ -180,7 +180,7 @@ struct FluxInput<R: Word> {
     i_s: AlphaBeta<R>,
     r_s: R,
     psi_ref: R,
-    /// A stator frequency to follow, every second period.
+    /// A stator frequency to follow, as often as the speed estimator runs.
     omega_s: Option<R>,
 }
 

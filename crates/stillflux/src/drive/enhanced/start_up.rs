@@ -31,7 +31,7 @@
 //! A machine that begins to turn during a pause with its flux left, below 0.06 pu, is not covered.
 
 use super::{EnhancedEstimators, Start};
-use crate::config::{BOOST, DriveConfig, REDUCED, SMALL, SPEED_PERIODS};
+use crate::config::{BOOST, DriveConfig, REDUCED, SMALL};
 #[cfg(any(feature = "legs", feature = "modes"))]
 use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
@@ -166,7 +166,7 @@ impl<R: Real> EnhancedEstimators<R> {
     #[inline(never)]
     pub(super) fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp) -> (Rotator<R>, Dq<R>, bool) {
         let searching = self.start != Start::Caught && self.search.is_searching();
-        if !searching && at.stage.is_multiple_of(SPEED_PERIODS) {
+        if !searching && at.stage.is_multiple_of(c.speed_periods()) {
             self.update_speed(c);
         }
         let i_s = self.filter.i_s();

@@ -12,10 +12,17 @@ use crate::params::{ParamError, check};
 use crate::scalar::Real;
 use crate::words::words;
 
-/// Length of a block, s: long against the control period, short against the rotor time constant.
-const BLOCK_TIME: f64 = 1e-3;
-/// Control periods that the work of a block needs, the closing one included ([`super::schedule`]).
+/// Largest duration of a block of more than `SLOTS` periods: in s, in turns of the rated field, and in rotor time
+/// constants. In a block the direction of the field is one, and the current model is integrated in one step.
+const BLOCK_TIME: f64 = 2.5e-3;
+const BLOCK_TURN: f64 = 0.13;
+const BLOCK_DECAY: f64 = 0.05;
+/// Least duration of the block for which noise is stated, s.
+const STATED_BLOCK_TIME: f64 = 1e-3;
+/// Slots of a block, the closing one included ([`super::schedule`]).
 pub(super) const SLOTS: u32 = 10;
+/// Largest binary logarithm of the control periods in a slot: the periods of a block are counted in a byte.
+const SLOT_BITS_MAX: u8 = 3;
 
 /// Settings of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +34,9 @@ pub struct FilterConfig<R: Real> {
     /// Control periods in a block, and the reciprocal.
     pub(super) block: u8,
     pub(super) inv_block: R,
+    /// Control periods in a slot, a power of two, less one, and its binary logarithm.
+    pub(super) slot_mask: u8,
+    pub(super) slot_bits: u8,
     pub(super) model: Model<R>,
     pub(super) noise: Noise<R>,
     /// Prior of `c`, the saturated part of the magnetising current.
@@ -37,7 +47,7 @@ pub struct FilterConfig<R: Real> {
     pub(super) correct: bool,
     pub(super) temperature: TemperatureConfig<R>,
 }
-words!(FilterConfig: t_s, block, inv_block, model, noise, saturation, load_corner, correct, temperature);
+words!(FilterConfig: t_s, block, inv_block, slot_mask, slot_bits, model, noise, saturation, load_corner, correct, temperature);
 
 impl<R: Real> FilterConfig<R> {
     /// Settings for validated parameters at a flux reference `psi_ref`; `calibrated`: the offsets of the
@@ -51,14 +61,18 @@ impl<R: Real> FilterConfig<R> {
         calibrated: bool,
         identified: Identified,
     ) -> Self {
-        let (block, seconds) = Self::block(inverter);
+        let (slot_bits, seconds) = Self::block(machine, inverter);
+        let block = SLOTS << slot_bits;
+        let part = f64::from(SLOTS).max(STATED_BLOCK_TIME * inverter.f_c()) / f64::from(block);
         let saturated = Saturated::of(machine);
         Self {
             t_s: rounded(pu.t_s),
             block: block as u8,
             inv_block: rounded(1.0 / f64::from(block)),
+            slot_mask: (1 << slot_bits) - 1,
+            slot_bits,
             model: Model::new(machine, pu, psi_ref, seconds),
-            noise: Noise::new(pu, seconds, calibrated, saturated.known, identified),
+            noise: Noise::new(pu, (seconds, part), calibrated, saturated.known, identified),
             saturation: rounded(saturated.c),
             load_corner: rounded(seconds / LOAD_TIME),
             correct: identified.flux,
@@ -66,10 +80,13 @@ impl<R: Real> FilterConfig<R> {
         }
     }
 
-    /// Periods and duration, s, of a block.
-    fn block(inverter: &Inverter) -> (u32, f64) {
-        let block = inverter.periods(BLOCK_TIME).clamp(SLOTS, 64);
-        (block, f64::from(block) / inverter.f_c())
+    /// Binary logarithm of the periods in a slot, and duration of a block, s.
+    fn block(machine: &Machine, inverter: &Inverter) -> (u8, f64) {
+        let seconds = |bits: u8| f64::from(SLOTS << bits) / inverter.f_c();
+        let turn = BLOCK_TURN / machine.f_N;
+        let longest = BLOCK_TIME.min(turn).min(BLOCK_DECAY * machine.L_M / machine.R_R);
+        let bits = (1..=SLOT_BITS_MAX).rev().find(|&bits| seconds(bits) <= longest).unwrap_or(0);
+        (bits, seconds(bits))
     }
 
     /// Checks that the current model, integrated once a block, is stable: blocks of a tenth of the rotor time constant
@@ -79,7 +96,8 @@ impl<R: Real> FilterConfig<R> {
     /// A rotor resistance too large for that.
     #[cfg(feature = "enhanced")]
     pub(crate) fn check(machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
-        let most = 0.1 * machine.L_M / Self::block(inverter).1;
+        // In blocks of the fewest periods: more are taken only where the time constant is longer still.
+        let most = 0.1 * machine.L_M * inverter.f_c() / f64::from(SLOTS);
         check("R_R", machine.R_R, 0.0, most, "ohm")
             .map_err(|e| e.with_note("the rotor time constant must be at least ten blocks of the filter"))
     }
@@ -87,7 +105,7 @@ impl<R: Real> FilterConfig<R> {
     /// The same with what is known of the temperatures.
     #[must_use]
     pub fn with_temperature(self, machine: &Machine, inverter: &Inverter, pu: &PerUnit, known: &Temperature) -> Self {
-        let temperature = TemperatureConfig::new(machine, pu, Some(known), Self::block(inverter).1);
+        let temperature = TemperatureConfig::new(machine, pu, Some(known), Self::block(machine, inverter).1);
         Self { temperature, model: self.model.with_thermometer(), ..self }
     }
 

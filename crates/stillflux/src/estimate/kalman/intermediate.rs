@@ -45,6 +45,8 @@ pub(super) enum Intermediate<R: Real> {
     /// Nothing that another slot may use.
     #[default]
     Nothing,
+    /// That the prediction of this covariance has begun.
+    Begun,
     /// For the prediction of the flux.
     Transition(Regressors<R>),
     /// For update and correction.

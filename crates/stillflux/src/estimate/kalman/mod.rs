@@ -47,12 +47,15 @@
 //!
 //! # Blocks
 //!
-//! The flux is integrated in every control period, the rest runs once per block of 1 ms, or of `SLOTS` periods if
-//! that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
-//! the next one, a part in each period. The gain is therefore one block old; the time constants that it depends on are
-//! many blocks. Above `|ω_s| = 0.2` the gain of the flux is turned by the angle that the rotor flux has passed since:
-//! 36° in 1 ms at 100 Hz, without which the correction of a fast field would be a disturbance. The parameters are
-//! corrected one period after flux, `m`, offset and leakage.
+//! The flux is integrated in every control period, the rest runs once per block of at most 2.5 ms, or of `SLOTS` periods
+//! if that is longer: mean current, one scalar innovation, one correction. The covariance of a block is computed during
+//! the next one, a part in each slot of one, two, four or eight periods ([`FilterConfig`]). The gain is therefore one
+//! block old; the time constants that it depends on are many blocks. Above `|ω_s| = 0.2` the gain of the flux is turned
+//! by the angle that the rotor flux has passed since: 36° in 2 ms at 50 Hz, without which the correction of a fast field
+//! would be a disturbance. The parameters are corrected one slot after flux, `m`, offset and leakage.
+//!
+//! A longer block has the same correction in a second: what is stated for a block in [`noise`] is that of one of 1 ms, or
+//! of `SLOTS` periods if that is longer, and is converted (`Noise::part`).
 //!
 //! # Validity, and what is added to the noise outside it
 //!
@@ -68,7 +71,7 @@
 //!   ([`load`]), and below `|ω_s| = 0.008` the leakage never is. They keep their variances, and the others their correlations
 //!   with them (Schmidt's filter): a load that comes in turns the rotor flux by the error of the leakage, and the gains must
 //!   know. Without the correlations the filter took that for errors of resistance and offset, and large machines lost
-//!   every tenth load step. Those with the leakage fade within some seconds (`REMEMBERED`).
+//!   every tenth load step. Those with the leakage fade within some seconds.
 //! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
 //!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.
 //! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 blocks, means that something has
@@ -128,7 +131,7 @@ const R_S_RANGE: (f64, f64) = (0.4, 2.0);
 const MAGNITUDE: f64 = 0.03;
 /// Rotor flux, per unit, below which its direction is not used.
 const M_MIN: f64 = 0.1;
-/// Corner of the low-pass of the normalised innovation squared (NIS), per block, and the NIS above which a step is
+/// Corner of the low-pass of the normalised innovation squared (NIS), per stated block, and the NIS above which a step is
 /// assumed. The innovation variance contains allowances (`noise`), so the NIS of an undisturbed drive is far below one
 /// (0.001 to 0.04, docs/tolerance.md) and the threshold below one.
 const NIS_CORNER: f64 = 0.05;
@@ -260,8 +263,8 @@ impl<R: Real> Filter<R> {
         let z = Model::innovation(m, psi_r);
         self.innovation = z;
         if self.hold_off == 0 {
-            let nis = (z * z * self.inv_s).min(R::from_f64(9.0));
-            self.nis += R::from_f64(NIS_CORNER) * (nis - self.nis);
+            let nis = (z * z * self.inv_s * c.noise.part).min(R::from_f64(9.0));
+            self.nis += c.noise.nis_corner * (nis - self.nis);
         } else {
             self.hold_off -= 1;
         }

@@ -24,6 +24,10 @@
 //! | `γ` | 0.07 | 1e-4 | `σ_0` physical: tolerance of `L_M`. `σ_w` allowance |
 //! | `c` | 0.05 with a saturation curve, 0.15 without | 1e-4 | allowance |
 //!
+//! What these terms add in a block is that of the *stated* block `T_0` of 1 ms, or of [`super::config::SLOTS`] periods if
+//! that is longer. In a block of `T` the terms of `S` are multiplied by `T_0/T` and those of the states by `T/T_0`: they
+//! stand for errors that last longer than a block, whose effect in a second does not depend on how often it is looked at.
+//!
 //! The `σ_0` of `r_s`, `ε_v`, `ε_k`, `ε_l` and `γ` are defaults ([`Priors`]) and settings of the drive, which a
 //! commissioning gives.
 //!
@@ -39,6 +43,7 @@
 //! | least scaled variance | `FLOOR` 1e-7 | every state |
 //! | angle after a loss | `SIGMA_AGAIN` 0.5 rad | `ψ_s`, instead of `σ_0` |
 
+use super::NIS_CORNER;
 use super::covariance::Column;
 use super::model::{
     B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R,
@@ -100,6 +105,14 @@ const STEP_PSI: f64 = 0.01;
 const STEP_B: f64 = 2e-3;
 const STEP_R_S: f64 = 0.02;
 
+/// Correlations with the leakage that a block takes off while it is not corrected: they fade with 4096 blocks, some seconds.
+/// A change of load is weighed by them; over minutes errors of the bridge near current zero, which
+/// are no noise, went by them into the flux: ten minutes of rated torque at the flux shift's 0.006 turned it by 9° at
+/// 2.2 kW. Allowance.
+pub(super) const FORGOTTEN: f64 = 1.0 / 4096.0;
+/// Blocks after a start in which the NIS is not evaluated (hold-off): initial errors are not steps.
+const HOLD_OFF: f64 = 200.0;
+
 /// Least variance of a scaled state: keeps rounding from making one negative.
 pub(super) const FLOOR: f64 = 1e-7;
 /// Standard deviation of the flux over its magnitude, rad, after a loss of the angle: its scaled variance, 100 at
@@ -154,13 +167,30 @@ pub(super) struct Noise<R: Real> {
     induced: R,
     /// Current of a phase, per unit, below which its voltage is uncertain.
     zero: R,
+    /// `T_0/T`: the stated block as part of the block, and the reciprocal.
+    pub part: R,
+    stated: R,
+    /// Corner of the low-pass of the NIS, per block.
+    pub nis_corner: R,
+    /// Part of the correlations with the leakage that is left after a block in which it is not corrected.
+    pub remembered: R,
+    /// Blocks after a start in which the NIS is not evaluated (hold-off).
+    pub hold_off: u8,
 }
-words!(Noise: offset, resistance, knee, calibrated, c_known, prior, walk, induced, zero);
+words!(Noise: offset, resistance, knee, calibrated, c_known, prior, walk, induced, zero, part, stated, nis_corner,
+    remembered, hold_off);
 
 impl<R: Real> Noise<R> {
-    /// For validated parameters and blocks of `seconds`; `calibrated`: the offsets of the current sensors are read
-    /// before each start; `c_known`: the saturation is that of the machine's curve.
-    pub fn new(pu: &PerUnit, seconds: f64, calibrated: bool, c_known: bool, identified: Identified) -> Self {
+    /// For validated parameters and blocks of `seconds`, of which the stated block is a `part`; `calibrated`: the offsets
+    /// of the current sensors are read before each start; `c_known`: the saturation is that of the machine's curve.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn new(
+        pu: &PerUnit,
+        (seconds, part): (f64, f64),
+        calibrated: bool,
+        c_known: bool,
+        identified: Identified,
+    ) -> Self {
         let r = rounded::<R>;
         let r_s = pu.r_s;
         let scale = by_state([
@@ -195,6 +225,11 @@ impl<R: Real> Noise<R> {
             walk: [PSI, M, B, RS, V, KNEE, LEAKAGE, GAMMA, C].map(variance),
             induced: r(INDUCED * INDUCED * seconds / (SCALE_PSI * SCALE_PSI)),
             zero: r(pu.dead_time_swing.max(ZERO_MIN)),
+            part: r(part),
+            stated: r(1.0 / part),
+            nis_corner: r(NIS_CORNER / part),
+            remembered: r(1.0 - FORGOTTEN / part),
+            hold_off: (HOLD_OFF * part) as u8,
         }
     }
 
@@ -221,6 +256,7 @@ impl<R: Real> Noise<R> {
     /// Variances that each block adds; `excess`: of the NIS over its threshold.
     #[inline(always)]
     pub fn walk(&self, excess: R) -> Column<R> {
+        let excess = excess * self.stated;
         let [psi, m, b, r_s, v, knee, leakage, gamma, c] = self.walk;
         let step = |on: bool, variance: f64| if on { R::from_f64(variance) * excess } else { R::ZERO };
         let of_psi = step(true, const { scaled(STEP_PSI, SCALE_PSI) });
@@ -238,16 +274,17 @@ impl<R: Real> Noise<R> {
     /// Variance added to `m` away from its steady state, for its `decay` in a block and the distance `transient` of
     /// [`super::model::OperatingPoint`].
     #[inline(always)]
-    pub fn lag(decay: R, transient: R) -> R {
+    pub fn lag(&self, decay: R, transient: R) -> R {
         let lag = decay * R::from_f64(LAG / TRANSIENT) * transient;
-        lag * lag
+        // `decay` contains the duration of the block once.
+        lag * lag * self.part
     }
 
     /// Variance added along the axis of a phase whose current is near zero ([`Noise::near_zero`]).
     #[inline(always)]
-    pub fn zero(omega: R) -> R {
+    pub fn zero(&self, omega: R) -> R {
         let slow = (R::ONE - omega * R::from_f64(INV_OMEGA_ZERO)).max(R::ZERO);
-        R::from_f64(const { scaled(ZERO_PU, SCALE_PSI) }) * slow * slow
+        R::from_f64(const { scaled(ZERO_PU, SCALE_PSI) }) * self.stated * slow * slow
     }
 
     /// Whether the voltage along a phase's axis is uncertain at its current.

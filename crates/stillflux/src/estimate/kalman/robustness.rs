@@ -5,8 +5,8 @@ use super::intermediate::{Gain, Intermediate};
 use super::model::{B, BlockMeans, C_MAX, KNEE, PSI, RS, SCALE_PSI, V};
 use super::reference::ClosedLoop;
 use super::{
-    B_MAX, FilterConfig, GAMMA_RANGE, Identified, KNEE_RANGE, LEAKAGE_RANGE, Learned, M_MAX, MAGNITUDE, NIS_CORNER,
-    NIS_THRESHOLD, R_S_RANGE, SIGMA_HALF, SIGMA_LOST, V_MAX,
+    B_MAX, FilterConfig, GAMMA_RANGE, Identified, KNEE_RANGE, LEAKAGE_RANGE, Learned, M_MAX, MAGNITUDE, NIS_THRESHOLD,
+    R_S_RANGE, SIGMA_HALF, SIGMA_LOST, V_MAX,
 };
 use crate::base::PerUnit;
 use crate::estimate::temperature::Temperature;
@@ -27,7 +27,7 @@ fn to_the_end_of_a_block(rig: &mut ClosedLoop, periods: u32) {
     for _ in 0..periods {
         rig.step(0.05, 0.4);
     }
-    while rig.filter.period != 9 {
+    while rig.filter.period != rig.c.block - 1 {
         rig.step(0.05, 0.4);
     }
 }
@@ -40,7 +40,7 @@ fn one_large_innovation_counts_as_one_of_three_standard_deviations() {
     rig.filter.m = Integrator::new(2.0);
     rig.step(0.05, 0.4);
     assert!(rig.filter.innovation().abs() > 0.5);
-    assert!((rig.filter.nis - before - NIS_CORNER * (9.0 - before)).abs() < 1e-9, "{}", rig.filter.nis);
+    assert!((rig.filter.nis - before - rig.c.noise.nis_corner * (9.0 - before)).abs() < 1e-9, "{}", rig.filter.nis);
 }
 
 #[test]
@@ -227,7 +227,7 @@ fn the_weight_of_the_flux_falls_to_one_half_at_the_deviation_of_a_flux_by_curren
     for (deviation, weight) in [(MAGNITUDE, 0.5), (3.0 * MAGNITUDE, 0.1), (0.01 * MAGNITUDE, 1.0)] {
         let mut rig = rig(ALL);
         to_the_end_of_a_block(&mut rig, 5000);
-        while rig.filter.period != 7 {
+        while rig.filter.period + 1 != 7 << rig.c.slot_bits {
             rig.step(0.05, 0.4);
         }
         let mut variance = [1e-6; N];
@@ -263,7 +263,7 @@ fn a_predicted_resistance_keeps_its_correlation_unless_it_is_less_known_than_the
         for _ in 0..200 {
             rig.step(0.35, 0.4);
         }
-        while rig.filter.period != 6 {
+        while rig.filter.period + 1 != 6 << rig.c.slot_bits {
             rig.step(0.35, 0.4);
         }
         let scaled = rig.c.temperature.deviation().unwrap() / super::model::SCALE_R;

@@ -7,24 +7,22 @@
 //! in the scaled states of [`super::model`], with one row of `F` at a time: `m` first, then the two components of the
 //! flux. The other rows are those of the identity.
 //!
-//! | period of the block | work |
+//! | slot of the block | work |
 //! |---|---|
 //! | 0 | closes the block: mean current, innovation, correction, next operating point ([`Filter`]) |
 //! | 1 | correction of the parameters, prediction of the stator resistance ([`crate::estimate::temperature`]) |
 //! | 2 | row and column of `m` |
-//! | 3 | magnetising curve at the estimates after the correction, for the next block |
-//! | 4, 6 | row and column of a flux component each |
-//! | 5 | none |
-//! | 7 | `Q`; decorrelation of consider states |
-//! | 8 | angle deviation, `S`, `P Hᵀ`, update of rows 0 to 7 |
+//! | 3 | magnetising curve at the estimates after the correction, for the next block; regressors of the flux |
+//! | 4, 5 | row and column of a flux component each |
+//! | 6 | `Q`; decorrelation of consider states |
+//! | 7 | angle deviation, `S`, `P Hᵀ` |
+//! | 8 | update of rows 0 to 7 |
 //! | 9 | update of rows 8 to 10 |
-//! | 10 … | none |
 //!
-//! What takes long has an even number. [`Filter::align`] lets these fall on periods in which the drive has little else to
-//! do, in blocks of an even length: the worst period is shorter then.
+//! A slot has one period or a power of two, and its work is in the first of them. [`Filter::align`] lets that fall on odd
+//! periods of the drive, in which the speed estimator runs and nothing else: the worst period is shorter then.
 //!
-//! The flux is integrated in every period. A block has at least [`super::config::SLOTS`] periods; its gain is one block old,
-//! against time constants of many blocks.
+//! The flux is integrated in every period. The gain of a block is one block old, against time constants of many blocks.
 //!
 //! A slot uses only what an earlier slot of the *same* covariance has left ([`Intermediate`]): what a re-initialisation
 //! within a block finds of it is dropped, the rows of the flux are not predicted or the block is not corrected.
@@ -32,7 +30,7 @@
 use super::covariance::N;
 use super::intermediate::{Gain, Intermediate, Regressors};
 use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, SCALE_R, V};
-use super::noise::{FLOOR, MEASUREMENT, Noise, SECOND_ORDER, WARMED};
+use super::noise::{FLOOR, MEASUREMENT, SECOND_ORDER, WARMED};
 use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
@@ -43,15 +41,11 @@ const OMEGA_TURNED: f64 = 0.2;
 /// Stator frequency, per unit, below which the leakage is not corrected even while the load changes: what it adds to the
 /// innovation with the load the resistance adds with the time.
 pub(super) const OMEGA_LEAKAGE_HELD: f64 = 0.008;
-/// Part of the correlations with the leakage that is left after a block in which it is not corrected: they fade with 4096
-/// blocks, some seconds. A change of load is weighed by them; over minutes errors of the bridge near current zero, which
-/// are no noise, went by them into the flux. Allowance.
-pub(super) const REMEMBERED: f64 = 1.0 - 1.0 / 4096.0;
 
 /// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
 const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
 
-/// Work of a control period on the covariance. The closing period of a block has number zero.
+/// Work of a slot on the covariance. The closing one of a block has number zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
     /// Correction of the parameters.
@@ -64,28 +58,28 @@ enum Slot {
     Flux(bool),
     /// Process noise.
     Noise,
-    /// Innovation variance and gain, update of the first rows.
+    /// Innovation variance and gain.
     Gain,
+    /// Update of the first rows.
+    First,
     /// Update of the last rows.
-    Update,
-    /// No work: a block may have more periods than slots.
-    Idle,
+    Last,
 }
 
 impl Slot {
-    /// Slot of a period of the block.
+    /// Slot by its number.
     #[inline(always)]
-    fn of(period: u8) -> Self {
-        match period {
+    fn of(number: u8) -> Self {
+        match number {
             1 => Self::Parameters,
             2 => Self::Rotor,
             3 => Self::Magnetisation,
             4 => Self::Flux(false),
-            6 => Self::Flux(true),
-            7 => Self::Noise,
-            8 => Self::Gain,
-            9 => Self::Update,
-            _ => Self::Idle,
+            5 => Self::Flux(true),
+            6 => Self::Noise,
+            7 => Self::Gain,
+            8 => Self::First,
+            _ => Self::Last,
         }
     }
 }
@@ -147,7 +141,8 @@ macro_rules! update_rows {
 }
 
 impl<R: Real> Filter<R> {
-    /// Lets slots of an even number fall on odd periods of the drive. `period`: the number of the next one.
+    /// Lets slots of an even number, or of several periods, begin in odd periods of the drive. `period`: the number of the
+    /// next one.
     #[inline]
     pub fn align(&mut self, period: u32) {
         self.period = (period & 1) as u8;
@@ -156,7 +151,11 @@ impl<R: Real> Filter<R> {
     /// Executes the slot of this period: a branch to the code of each, which has its own frame on the stack.
     #[inline(always)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
-        match Slot::of(self.period) {
+        if self.period & c.slot_mask != 0 {
+            return;
+        }
+        // The remainder: the compiler sees that it is less than the bits of a byte.
+        match Slot::of(self.period >> (c.slot_bits % 8)) {
             Slot::Parameters => {
                 self.correct_parameters(c);
                 // Where it is known how the current heats the winding.
@@ -168,12 +167,9 @@ impl<R: Real> Filter<R> {
             Slot::Magnetisation => self.magnetise(c),
             Slot::Flux(second) => self.flux_advance(c, second),
             Slot::Noise => self.add_noise(c),
-            Slot::Gain => {
-                self.weigh(c);
-                self.update_first();
-            }
-            Slot::Update => self.update_last(c),
-            Slot::Idle => {}
+            Slot::Gain => self.weigh(c),
+            Slot::First => self.update_first(),
+            Slot::Last => self.update_last(c),
         }
     }
 
@@ -181,6 +177,9 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn magnetise(&mut self, c: &FilterConfig<R>) {
         self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
+        if matches!(self.intermediate, Intermediate::Begun) {
+            self.intermediate = Intermediate::Transition(self.point.regressors(&c.model, c.temperature.predicts()));
+        }
     }
 
     /// Row and column of `m`.
@@ -189,7 +188,7 @@ impl<R: Real> Filter<R> {
         let terms = c.model.rotor_row(&self.point, self.gamma.value());
         let row = self.p.project(&terms);
         self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &row);
-        self.intermediate = Intermediate::Transition(self.point.regressors(&c.model, c.temperature.predicts()));
+        self.intermediate = Intermediate::Begun;
     }
 
     #[inline(never)]
@@ -227,14 +226,14 @@ impl<R: Real> Filter<R> {
         }
         if q.leakage_held(&c.model) {
             walk[LEAKAGE] = R::ZERO;
-            self.p.fade::<LEAKAGE>(R::from_f64(REMEMBERED));
+            self.p.fade::<LEAKAGE>(c.noise.remembered);
         }
-        walk[M] += Noise::lag(c.model.decay, q.transient);
+        walk[M] += c.noise.lag(c.model.decay, q.transient);
         let induced = c.noise.induced(omega);
         walk[PSI] += induced;
         walk[PSI + 1] += induced;
 
-        let zero = Noise::zero(omega);
+        let zero = c.noise.zero(omega);
         // Products of the components of the phase axes: (1, 0), (-1/2, ±√3/2).
         let (three_quarters, mixed) = (R::from_f64(0.75), R::from_f64(0.433_012_701_892_219_3));
         for (k, i) in q.i_s.to_phases().into_iter().enumerate() {
@@ -274,13 +273,14 @@ impl<R: Real> Filter<R> {
         }
         let row = Model::measurement_row(q);
         let ph = p.project(&row);
-        let measurement = R::from_f64(MEASUREMENT);
+        let measurement = R::from_f64(MEASUREMENT) * c.noise.part;
         let second = across * scale * q.inv_psi_r;
         let mut s = R::ZERO;
         for (k, h) in row {
             s += h * ph[k];
         }
-        let s = s + measurement + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
+        let further = q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
+        let s = s + measurement + further * c.noise.part;
         self.inv_s = s.max(measurement).recip();
         if !likely(!q.held(&c.model)) {
             // What the update takes off: it does not correct the resistance.

@@ -20,9 +20,6 @@ use super::{B_MAX, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE,
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
 
-/// Blocks after a start in which the NIS is not evaluated (hold-off): initial errors are not steps.
-const HOLD_OFF: u8 = 200;
-
 /// Standard deviation of the difference of the settled fluxes before and after the reduced currents of a start, per unit:
 /// what an error of 12 % of `r_R` leaves of their transients.
 const SETTLED: f64 = 0.02;
@@ -66,8 +63,8 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn reset_from_initial(&mut self, c: &FilterConfig<R>) {
         // Of the period within the block the lowest bit stays ([`Filter::align`]).
-        *self =
-            Self { initial: self.initial, c: self.c, period: self.period & 1, hold_off: HOLD_OFF, ..Self::default() };
+        let (period, hold_off) = (self.period & 1, c.noise.hold_off);
+        *self = Self { initial: self.initial, c: self.c, period, hold_off, ..Self::default() };
         let Learned { b, r_s, v, knee, leakage, gamma } = self.initial.learned;
         (self.b[0], self.b[1]) = (Integrator::new(b.re()), Integrator::new(b.im()));
         (self.r_s, self.v, self.knee, self.gamma) =
