@@ -95,7 +95,7 @@ const SPEED_GAIN: f64 = 12.0;
 const REALIGN: f64 = 0.12;
 /// Threshold `h` of the test for a lost field, s ([`crate::supervision::innovation`]).
 #[cfg(feature = "supervision")]
-const LOST_FIELD: f64 = 0.04;
+const LOST_FIELD: f64 = 0.02;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]

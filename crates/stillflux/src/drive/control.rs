@@ -56,6 +56,9 @@ pub(super) struct Control<R: Real> {
     pub psi_ref: R,
     /// Flux reference as the voltage allows it.
     psi_weak: R,
+    /// The inverter model takes its loss by the current that flows: in field weakening, and while a current follows a flux
+    /// that builds up.
+    pub loss_by_current: bool,
     /// Torque current for which the current limit leaves room beside `i_d*`.
     i_q_room: R,
     /// Square of the largest current, as the heat of machine and bridge allows it.
@@ -85,6 +88,7 @@ impl<R: Real> Control<R> {
             i_dq_ref: Dq::default(),
             psi_ref: R::ZERO,
             psi_weak: R::ZERO,
+            loss_by_current: false,
             i_q_room: R::ONE,
             i_max_sq: R::ZERO,
             limited: R::ZERO,
@@ -104,12 +108,14 @@ impl<R: Real> Control<R> {
     pub fn begin(&mut self, c: &DriveConfig<R>) {
         self.current.start();
         self.psi_weak = c.flux_control.psi_rated;
+        self.loss_by_current = false;
     }
 
     /// The start-up is complete: flux and speed controllers start.
     pub fn start(&mut self, c: &DriveConfig<R>, omega_m: R) {
         self.psi_ref = c.flux_control.psi_rated;
         self.flux.start();
+        self.loss_by_current = false;
         self.weakening = Weakening::default();
         self.i_q_room = c.i_q_max;
         if self.i_max_sq == R::ZERO {
@@ -218,9 +224,14 @@ impl<R: Real> Control<R> {
     /// that swings turns it by tens of degrees. The loss of the bridge, which has the direction of the current, is then wrong
     /// by a voltage that swings with it, and the flux estimate, whose error makes the reference swing, integrates that. The
     /// current itself does without noise there; within the delay current control corrects a part of its deviation.
+    ///
+    /// So it is while the current of a start follows a flux that turns and builds up. An error `δ` of the flux that stands in
+    /// the stator turns the current by `δ e^(-jωτ)/ψ` against its reference, and the loss `U` of the bridge with it; seen from
+    /// the stator a part `U δ/2ψ` of that is a direct voltage, which lets `δ` grow within `2ψ/U`. At 160 kW and 4 kHz
+    /// (`U` = 0.02) that is 30 ms at a tenth of rated flux.
     #[inline(always)]
     fn current_ahead(&self, c: &DriveConfig<R>, i_ref: &Dq<R>) -> Dq<R> {
-        if likely(self.psi_weak == c.flux_control.psi_rated) {
+        if likely(!self.loss_by_current) {
             return *i_ref;
         }
         self.i_dq + (*i_ref - self.i_dq) * c.part_ahead
@@ -344,6 +355,7 @@ impl<R: Real> Control<R> {
             self.flux.leave_weakening();
         }
         self.psi_weak = psi_weak;
+        self.loss_by_current = psi_weak != c.flux_control.psi_rated;
     }
 
     /// Largest torque current by pull-out, current limit and heat at a flux.

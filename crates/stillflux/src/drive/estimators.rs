@@ -61,8 +61,19 @@ pub(super) struct PeriodOutput<R: Real> {
     pub field: FieldQuantities<R>,
     /// The start-up is complete: speed and flux control begin with the next period.
     pub complete: bool,
-    /// The integrators of current control are reset: at zero current no leg applies the voltage that they would hold.
-    pub reset_current_control: bool,
+    pub current_control: CurrentControl,
+}
+
+/// What a period of a start-up is to current control.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "enhanced"), allow(dead_code, reason = "not every scheme needs all of it"))]
+pub(super) enum CurrentControl {
+    /// Like any other.
+    Continues,
+    /// Its integrators begin anew: at zero current no leg applies the voltage that they would hold.
+    BeginsAnew,
+    /// The current follows a flux that turns while it builds up: its loss in the bridge is computed from what flows.
+    FollowsFlux,
 }
 
 /// Estimates of the latest period.
