@@ -95,7 +95,7 @@ const SPEED_GAIN: f64 = 12.0;
 const REALIGN: f64 = 0.12;
 /// Threshold `h` of the test for a lost field, s ([`crate::supervision::innovation`]).
 #[cfg(feature = "supervision")]
-const LOST_FIELD: f64 = 0.02;
+const LOST_FIELD: f64 = 0.04;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -417,7 +417,8 @@ impl<R: Real> DriveConfig<R> {
                 psi_rated: r(p.psi_ref),
                 inv_psi_rated: r(1.0 / p.psi_ref),
                 l_sum: r(l_s + sigma_l_s),
-                root_psi: r((l_s - sigma_l_s) * (l_s - sigma_l_s)),
+                l_difference: r(l_s - sigma_l_s),
+                l_s: r(l_s),
                 root_i_q: r(4.0 * l_product * l_product),
                 inv_two_l_product: r(inv_two_l_product),
                 k_p: r(flux_gain * tau_r),

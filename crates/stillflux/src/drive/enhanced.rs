@@ -296,11 +296,16 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         (psi_ref + weight * (psi - psi_ref), weight * gain)
     }
 
-    /// `|ψ̂_s|` over the relative leakage. A flux below `psi` counts with its full amount: taken too small it costs
-    /// torque, taken too large the flux collapses.
+    /// `|ψ̂_s|`. A flux below `psi` counts with its full amount: taken too small it costs torque, taken too large the
+    /// flux collapses.
     #[inline(always)]
     fn pull_out_flux(&self, psi: R) -> R {
-        psi.min(self.filter.magnitude()).max(psi.half()) * self.filter.leakage().recip()
+        psi.min(self.filter.magnitude()).max(psi.half())
+    }
+
+    #[inline(always)]
+    fn inv_leakage(&self) -> R {
+        self.filter.leakage().recip()
     }
 
     #[inline(always)]

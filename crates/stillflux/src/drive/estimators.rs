@@ -139,9 +139,14 @@ pub(super) trait Estimators<R: Real> {
     /// scheme takes it as more accurate than the reference. And the weight of flux control, 0 to 1.
     fn present_flux(&self, psi_ref: R) -> (R, R);
 
-    /// Flux that sets the distance to pull-out, for the leakage inductance of the parameters, given that of
-    /// [`Estimators::present_flux`].
+    /// Flux that sets the distance to pull-out, given that of [`Estimators::present_flux`].
     fn pull_out_flux(&self, psi: R) -> R;
+
+    /// Leakage inductance of the parameters over the one that is identified.
+    #[inline(always)]
+    fn inv_leakage(&self) -> R {
+        R::ONE
+    }
 
     /// Factor of the inverter model's voltage, and its curve over the current.
     fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>);
