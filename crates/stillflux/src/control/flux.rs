@@ -119,19 +119,20 @@ impl<R: Real> FluxControlConfig<R> {
     /// `i_d*` of (12) for a flux and a torque current below pull-out.
     #[inline(always)]
     pub fn feedforward(&self, psi_ref: R, i_q: R) -> R {
-        self.solve(psi_ref, self.radicand(psi_ref, i_q, R::ZERO).sqrt(), R::ZERO)
+        self.solve(psi_ref, self.radicand(psi_ref, i_q, self.l_difference).sqrt(), self.l_sum)
     }
 
-    /// Radicand of (12); `more`: `l_s/λ - l_s`.
+    /// Radicand of (12); `l_difference`: `l_s/λ - σl_s`.
     #[inline(always)]
-    fn radicand(&self, psi_ref: R, i_q: R, more: R) -> R {
-        let root = psi_ref * (self.l_difference + more);
+    fn radicand(&self, psi_ref: R, i_q: R, l_difference: R) -> R {
+        let root = psi_ref * l_difference;
         root * root - i_q * i_q * self.root_i_q
     }
 
+    /// Its solution; `l_sum`: `l_s/λ + σl_s`.
     #[inline(always)]
-    fn solve(&self, psi_ref: R, root: R, more: R) -> R {
-        ((self.l_sum + more) * psi_ref - root) * self.inv_two_l_product
+    fn solve(&self, psi_ref: R, root: R, l_sum: R) -> R {
+        (l_sum * psi_ref - root) * self.inv_two_l_product
     }
 }
 
@@ -155,12 +156,12 @@ impl<R: Real> FluxController<R> {
     }
 
     /// One period; returns `i_d*`: that of (12) for a flux `psi` and a leakage of `1/inv_leakage` times that of the
-    /// parameters, and the PI part of an `error` of the flux with a `weight` from 0 to 1.
+    /// parameters (`None`: that of the parameters), and the PI part of an `error` of the flux with a `weight` from 0 to 1.
     #[inline(always)]
     pub fn step(
         &mut self,
         c: &FluxControlConfig<R>,
-        (psi, inv_leakage): (R, R),
+        (psi, inv_leakage): (R, Option<R>),
         error: R,
         i_q: R,
         weight: R,
@@ -175,10 +176,14 @@ impl<R: Real> FluxController<R> {
         // At weight zero the integrator decays with the rate k_i.
         let leak = x * (R::ONE - weight);
         let x = self.x.add_limited(k_i, error * weight - leak, limit);
-        let more = (inv_leakage - R::ONE) * c.l_s;
-        let radicand = c.radicand(psi, i_q, more).max(R::ZERO);
+        let (mut l_sum, mut l_difference) = (c.l_sum, c.l_difference);
+        if let Some(inv_leakage) = inv_leakage {
+            let more = (inv_leakage - R::ONE) * c.l_s;
+            (l_sum, l_difference) = (l_sum + more, l_difference + more);
+        }
+        let radicand = c.radicand(psi, i_q, l_difference).max(R::ZERO);
         self.inv_root = radicand.rsqrt_near(self.inv_root);
-        c.solve(psi, radicand * self.inv_root, more) + (error * k_p * weight + x).limit(limit)
+        c.solve(psi, radicand * self.inv_root, l_sum) + (error * k_p * weight + x).limit(limit)
     }
 }
 
@@ -226,7 +231,7 @@ mod tests {
         let c = config();
         let mut i_d = 0.0;
         for _ in 0..periods {
-            i_d = ctrl.step(&c, (1.0, 1.0), 1.0 - psi_s, 0.3, weight_by_frequency(omega_s), Range::Low);
+            i_d = ctrl.step(&c, (1.0, None), 1.0 - psi_s, 0.3, weight_by_frequency(omega_s), Range::Low);
         }
         i_d - c.feedforward(1.0, 0.3)
     }
@@ -265,7 +270,7 @@ mod tests {
     fn beyond_pull_out_the_current_is_that_of_pull_out() {
         let (c, mut ctrl) = (config(), FluxController::default());
         for i_q in [6.0, -50.0] {
-            let i_d = ctrl.step(&c, (1.0, 1.0), 0.0, i_q, 0.0, Range::Low);
+            let i_d = ctrl.step(&c, (1.0, None), 0.0, i_q, 0.0, Range::Low);
             assert!((i_d - c.l_sum * c.inv_two_l_product).abs() < 1e-6, "{i_d}");
         }
     }
@@ -278,15 +283,15 @@ mod tests {
             let pull_out = 0.8 * (1.0 - s / c.l_s) / (2.0 * s);
             for (psi, part) in [(1.0, 1.0), (1.0, -0.9), (0.7, 0.9), (1.0, 0.0)] {
                 let i_q = psi * part * pull_out;
-                let i_d = FluxController::default().step(&c, (psi, 1.0 / leakage), 0.0, i_q, 0.0, Range::Low);
+                let i_d = FluxController::default().step(&c, (psi, Some(1.0 / leakage)), 0.0, i_q, 0.0, Range::Low);
                 let rhs = (psi * psi + c.l_s * s * (i_d * i_d + i_q * i_q)) / ((c.l_s + s) * psi);
                 assert!((i_d - rhs).abs() < 1e-3, "{leakage}, {psi}, {i_q}: {i_d} and {rhs}");
             }
         }
         // That of the parameters is too little: a tenth of the current at 1.25 of the leakage.
         let i_q = 0.8 * (1.0 - 1.25 * sl / c.l_s) / (2.5 * sl);
-        let with = FluxController::default().step(&c, (1.0, 1.0 / 1.25), 0.0, i_q, 0.0, Range::Low);
-        let without = FluxController::default().step(&c, (1.0, 1.0), 0.0, i_q, 0.0, Range::Low);
+        let with = FluxController::default().step(&c, (1.0, Some(1.0 / 1.25)), 0.0, i_q, 0.0, Range::Low);
+        let without = FluxController::default().step(&c, (1.0, None), 0.0, i_q, 0.0, Range::Low);
         assert!(with > 1.1 * without, "{with} against {without}");
     }
 

@@ -273,7 +273,7 @@ impl<R: Real> Control<R> {
             range = Range::Weakened;
         }
         let inv_leakage = estimators.inv_leakage();
-        let mut i_q_max = self.largest_torque_current(c, estimators.pull_out_flux(psi) * inv_leakage);
+        let mut i_q_max = self.largest_torque_current(c, estimators.pull_out_flux(psi), inv_leakage);
         if !likely(u_sq <= u_max * u_max) {
             i_q_max = i_q_max.min(self.i_q_at_voltage_limit(speed.omega_s));
         }
@@ -351,7 +351,7 @@ impl<R: Real> Control<R> {
         // the estimated speed lags.
         let SpeedEstimate { omega_turn, omega_r, .. } = *estimators.speed();
         let omega = omega_turn - omega_r;
-        let most = self.largest_torque_current(c, estimators.pull_out_flux(self.psi_ref) * estimators.inv_leakage());
+        let most = self.largest_torque_current(c, estimators.pull_out_flux(self.psi_ref), estimators.inv_leakage());
         let i_q = self.speed.demand().limit(c.speed_control.torque_max) * c.flux_control.reciprocal(self.psi_ref);
         let psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), estimators.psi_s(), u_max, u_sq);
         if psi_weak == c.flux_control.psi_rated && self.psi_weak != psi_weak {
@@ -361,10 +361,10 @@ impl<R: Real> Control<R> {
         self.loss_by_current = psi_weak != c.flux_control.psi_rated;
     }
 
-    /// Largest torque current by pull-out, at a flux in units of the relative leakage, by current limit and heat.
+    /// Largest torque current by pull-out, at a flux and a leakage as in [`FluxController::step`], by current limit and heat.
     #[inline(always)]
-    fn largest_torque_current(&self, c: &DriveConfig<R>, psi: R) -> R {
-        (c.pull_out_use * psi).min(self.i_q_room)
+    fn largest_torque_current(&self, c: &DriveConfig<R>, psi: R, inv_leakage: Option<R>) -> R {
+        (c.pull_out_use * inv_leakage.map_or(psi, |x| psi * x)).min(self.i_q_room)
     }
 
     /// Current references within the current limit, with priority for `i_d*`; the next torque reference is limited to

@@ -304,8 +304,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     #[inline(always)]
-    fn inv_leakage(&self) -> R {
-        self.filter.leakage().recip()
+    fn inv_leakage(&self) -> Option<R> {
+        Some(self.filter.leakage().recip())
     }
 
     #[inline(always)]

@@ -142,10 +142,10 @@ pub(super) trait Estimators<R: Real> {
     /// Flux that sets the distance to pull-out, given that of [`Estimators::present_flux`].
     fn pull_out_flux(&self, psi: R) -> R;
 
-    /// Leakage inductance of the parameters over the one that is identified.
+    /// Leakage inductance of the parameters over the one that is identified, if it is.
     #[inline(always)]
-    fn inv_leakage(&self) -> R {
-        R::ONE
+    fn inv_leakage(&self) -> Option<R> {
+        None
     }
 
     /// Factor of the inverter model's voltage, and its curve over the current.
