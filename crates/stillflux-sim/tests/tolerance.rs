@@ -167,22 +167,17 @@ fn a_large_machine_with_a_wrong_leakage_takes_load_steps_at_standstill() {
     }
 }
 
-/// The magnetising current of the nameplate's leakage is too small for rated torque.
+/// The magnetising current of the nameplate's leakage is too small for rated torque: with it in the feedforward one or two of
+/// eight realisations of the noise ended in a stall, with the field held.
 #[test]
 fn a_machine_near_pull_out_keeps_its_flux_in_regeneration_with_a_larger_leakage() {
     let x = Factors { r_s: 0.917, r_r: 1.07, l_sigma: 1.2, l_m: 1.047, u_th: 0.96, dead_time: 0.8, j: 1.38 };
     let generating = 0.0694;
     let speed = [(0.0, 0.0), (0.3, 0.0), (0.8, 0.02), (3.0, 0.02), (3.5, generating), (5.5, generating)];
     let load = [(0.0, 0.0), (0.8, 0.0), (1.3, 1.0), (3.0, 1.0), (3.5, -1.0)];
-    // At the limit of its torque: of 400 realisations of the noise 49 end in a stall, with the field held. With that rate
-    // more than 6 of 16 do once in 300 times.
-    let held = |seed: &u64| {
-        let outcome = run(of_48_v(), x, *seed, (&speed, &load));
-        assert!(outcome.angle() < 8.0, "{}°", outcome.angle());
-        outcome.status == Status::Running && (outcome.last_speed() - generating).abs() < 0.02
-    };
-    let kept = (1..=16).filter(held).count();
-    assert!(kept >= 10, "{kept} of 16");
+    for seed in 1..=8 {
+        run(of_48_v(), x, seed, (&speed, &load)).assert_held(8.0, generating);
+    }
 }
 
 /// Everything at once at 15 kW: the rotor time constant 43 % shorter than told.

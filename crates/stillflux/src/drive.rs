@@ -46,7 +46,7 @@ use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 use crate::supervision::{Currents, Supervision, Tracking};
 use control::Control;
-use estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
+use estimators::{CurrentControl, Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use scheme::{SchemeEstimators, with_estimators};
 use sequence::{Action, Sequence};
 
@@ -344,9 +344,11 @@ impl<R: Real> Common<R> {
         let Control { voltage, i_dq_ref, psi_ref, .. } = &mut self.control;
         let u_s = voltage.applied(period, u_dc);
         let x = PeriodInput { i_abc, i_s, u_s, u_loss: &voltage.loss, u_dc, psi_ref: *psi_ref, period };
-        let PeriodOutput { field, complete, reset_current_control } = estimators.period(c, &x, i_dq_ref, start_up);
-        if reset_current_control {
-            self.control.current.start();
+        let PeriodOutput { field, complete, current_control } = estimators.period(c, &x, i_dq_ref, start_up);
+        match current_control {
+            CurrentControl::Continues => {}
+            CurrentControl::BeginsAnew => self.control.current.start(),
+            CurrentControl::FollowsFlux => self.control.loss_by_current = true,
         }
         if complete {
             self.control.start(c, estimators.speed().omega_m);

@@ -5,7 +5,7 @@
 
 mod start_up;
 
-use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
+use super::estimators::{CurrentControl, Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
 use crate::config::{BALANCE_PERIODS, DriveConfig};
 use crate::control::flux::weight_by_frequency;
@@ -214,7 +214,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
             _ => {}
         }
-        let (mut field, mut complete) = (self.filter.field(), false);
+        let (mut field, mut complete, mut current_control) = (self.filter.field(), false, CurrentControl::Continues);
         if let Some(at) = start_up {
             let catch_periods = self.catch_periods;
             if at.stage <= catch_periods {
@@ -222,11 +222,14 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 return PeriodOutput {
                     field: self.catch_flux(c, &u_s, at.stage),
                     complete: false,
-                    reset_current_control: false,
+                    current_control: CurrentControl::Continues,
                 };
             }
             let i;
-            (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods });
+            (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods }, x.u_dc);
+            if self.follows_flux() {
+                current_control = CurrentControl::FollowsFlux;
+            }
             i_dq = Dq::new(i.re(), i.im());
             #[cfg(feature = "modes")]
             if c.two_sensors() {
@@ -238,11 +241,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
         }
         let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
-        PeriodOutput {
-            field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq },
-            complete,
-            reset_current_control: false,
-        }
+        PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete, current_control }
     }
 
     fn idle(&mut self, i_s: &AlphaBeta<R>) {
@@ -294,11 +293,16 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         (psi_ref + weight * (psi - psi_ref), weight * gain)
     }
 
-    /// `|ψ̂_s|` over the relative leakage. A flux below `psi` counts with its full amount: taken too small it costs
-    /// torque, taken too large the flux collapses.
+    /// `|ψ̂_s|`. A flux below `psi` counts with its full amount: taken too small it costs torque, taken too large the
+    /// flux collapses.
     #[inline(always)]
     fn pull_out_flux(&self, psi: R) -> R {
-        psi.min(self.filter.magnitude()).max(psi.half()) * self.filter.leakage().recip()
+        psi.min(self.filter.magnitude()).max(psi.half())
+    }
+
+    #[inline(always)]
+    fn inv_leakage(&self) -> Option<R> {
+        Some(self.filter.leakage().recip())
     }
 
     #[inline(always)]

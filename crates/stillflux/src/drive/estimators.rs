@@ -61,8 +61,19 @@ pub(super) struct PeriodOutput<R: Real> {
     pub field: FieldQuantities<R>,
     /// The start-up is complete: speed and flux control begin with the next period.
     pub complete: bool,
-    /// The integrators of current control are reset: at zero current no leg applies the voltage that they would hold.
-    pub reset_current_control: bool,
+    pub current_control: CurrentControl,
+}
+
+/// What a period of a start-up is to current control.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "enhanced"), allow(dead_code, reason = "not every scheme needs all of it"))]
+pub(super) enum CurrentControl {
+    /// Like any other.
+    Continues,
+    /// Its integrators begin anew: at zero current no leg applies the voltage that they would hold.
+    BeginsAnew,
+    /// The current follows a flux that turns while it builds up: its loss in the bridge is computed from what flows.
+    FollowsFlux,
 }
 
 /// Estimates of the latest period.
@@ -125,9 +136,14 @@ pub(super) trait Estimators<R: Real> {
     /// scheme takes it as more accurate than the reference. And the weight of flux control, 0 to 1.
     fn present_flux(&self, psi_ref: R) -> (R, R);
 
-    /// Flux that sets the distance to pull-out, for the leakage inductance of the parameters, given that of
-    /// [`Estimators::present_flux`].
+    /// Flux that sets the distance to pull-out, given that of [`Estimators::present_flux`].
     fn pull_out_flux(&self, psi: R) -> R;
+
+    /// Leakage inductance of the parameters over the one that is identified, if it is.
+    #[inline(always)]
+    fn inv_leakage(&self) -> Option<R> {
+        None
+    }
 
     /// Factor of the inverter model's voltage, and its curve over the current.
     fn inverter<'a>(&'a self, c: &'a DriveConfig<R>) -> (R, &'a Knee<R>);

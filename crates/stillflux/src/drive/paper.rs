@@ -3,7 +3,7 @@
 //! **Start-up**, valid at standstill only. A direct current along the a-axis builds up the flux; the mean of
 //! `r̂_s = u_d/i_d*` over the last quarter is the initial resistance. Control begins at `ψ̂_s = ψ̂_1 = ψ_s*∠0`.
 
-use super::estimators::{Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
+use super::estimators::{CurrentControl, Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
 use crate::config::{DriveConfig, PaperConfig};
 use crate::control::flux::weight_by_frequency;
@@ -119,7 +119,7 @@ impl<R: Real> PaperEstimators<R> {
         }
         let i_dq = a_axis.to_field(&x.i_s);
         let field = FieldQuantities { field: a_axis, psi_s: R::ZERO, omega_s: R::ZERO, r_s: c.paper.r_s, i_dq };
-        PeriodOutput { field, complete: left == 0, reset_current_control: false }
+        PeriodOutput { field, complete: left == 0, current_control: CurrentControl::Continues }
     }
 
     /// Where |i_q| is too small for (15): the method of [9] beyond its smallest frequency, the radius at rest.
@@ -175,7 +175,11 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
                 let x = *x;
                 self.magnetise(c, &x, i_dq_ref, at.stage)
             }
-            None => PeriodOutput { field: self.step(&c.paper, x), complete: false, reset_current_control: false },
+            None => PeriodOutput {
+                field: self.step(&c.paper, x),
+                complete: false,
+                current_control: CurrentControl::Continues,
+            },
         }
     }
 

@@ -3,8 +3,8 @@
 //! ```text
 //! |i* - i|² > 0.2² |i*|² + 0.05²         violated
 //! Σ|i_x| < 0.15 Σ|i_x*|                  phase x is open; sums over the violated calls
-//! |i* - i|² > 0.06² |i*|² + 0.02²        and |ω̂_s| > 0.03, |i_x| < 0.03 |i| in every call for 4 ms and 0.1 rad of ω̂_s τ:
-//!                                        phase x is open
+//! |i* - i|² > 0.06² |i*|² + 0.02²        and |ω̂_s| > 0.03 for 4 ms and 0.1 rad of ω̂_s τ, and in every call from the first
+//!                                        to the last of them |i_x| < 0.03 |i|: phase x is open
 //! ```
 //!
 //! An open phase confines the current vector to a line. A rotating reference leaves that line in every turn, and the
@@ -82,6 +82,8 @@ pub struct Phases<R: Real> {
     counter: LeakyCounter,
     /// Calls for which each phase has been at the zero of its current, and by what the field has turned in them, rad.
     zero: [(u32, R); 3],
+    /// One of them is.
+    at_zero: bool,
     /// Sums of `|i_x|` and of `|i_x*|` over the violated calls, scaled.
     measured: [R; 3],
     wanted: [R; 3],
@@ -89,7 +91,13 @@ pub struct Phases<R: Real> {
 
 impl<R: Real> Default for Phases<R> {
     fn default() -> Self {
-        Self { counter: LeakyCounter::default(), zero: [(0, R::ZERO); 3], measured: [R::ZERO; 3], wanted: [R::ZERO; 3] }
+        Self {
+            counter: LeakyCounter::default(),
+            zero: [(0, R::ZERO); 3],
+            at_zero: false,
+            measured: [R::ZERO; 3],
+            wanted: [R::ZERO; 3],
+        }
     }
 }
 
@@ -107,12 +115,28 @@ impl<R: Real> Phases<R> {
     ) -> Option<Trip<R>> {
         let deviation = (*i_ref - *i).norm_sq();
         if likely(deviation <= i_ref.norm_sq() * R::from_f64(SMALL * SMALL) + c.small_floor_sq) {
-            if !likely(self.counter.is_empty()) {
-                self.counter.step(false, 0);
+            if !likely(self.counter.is_empty() && !self.at_zero) {
+                self.follows(i, field);
             }
             return None;
         }
         self.compare(c, i, i_ref, (field, omega_s), deviation)
+    }
+
+    /// A call without a deviation, after some with one.
+    #[cold]
+    #[inline(never)]
+    fn follows(&mut self, i: &Dq<R>, field: &Rotator<R>) {
+        self.counter.step(false, 0);
+        let nothing = i.norm_sq() * R::from_f64(ZERO * ZERO);
+        self.at_zero = false;
+        for (zero, i_x) in self.zero.iter_mut().zip(field.to_stator(i).to_phases()) {
+            // It has left its zero, which an open phase does not.
+            if i_x * i_x >= nothing {
+                *zero = (0, R::ZERO);
+            }
+            self.at_zero |= zero.0 > 0;
+        }
     }
 
     /// A call with a deviation.
@@ -141,6 +165,7 @@ impl<R: Real> Phases<R> {
                 _ => (0, R::ZERO),
             };
             let (calls, angle) = self.zero[k];
+            self.at_zero |= calls > 0;
             if calls > c.calls_zero && angle > r(PASSED) {
                 return open(number);
             }
@@ -187,6 +212,7 @@ impl<R: Real> Phases<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::space::AlphaBeta;
 
     const CALLS: u32 = 16;
     const CONFIG: PhaseConfig<f64> = PhaseConfig {
@@ -235,5 +261,35 @@ mod tests {
         };
         assert_eq!(found(1), Some((100, Fault::CurrentControl)));
         assert_eq!(found(10), None);
+    }
+
+    /// Phase that is found to be open within some turns at `ω_s` = 0.05, if the current deviates by a tenth wherever phase a
+    /// is at the zero of its current, and follows its reference elsewhere; `open`: that phase carries none.
+    fn turning(open: bool) -> Option<f64> {
+        let (mut phases, i_ref, omega_s) = (Phases::default(), Dq::new(0.8, 0.0), 0.05);
+        let c = PhaseConfig { calls_control: u32::MAX, ..CONFIG };
+        (0..10_000).find_map(|k| {
+            let (sin, cos) = (f64::from(k) * omega_s * c.t_s).sin_cos();
+            let field = Rotator { cos, sin };
+            let phase_a = field.to_stator(&i_ref).re();
+            let i = if open {
+                // The field of the estimate follows what is left: the deviation comes and goes.
+                let part = if k % 4 == 0 { 0.99 } else { 0.9 };
+                field.to_field(&AlphaBeta::new(0.0, part * 0.8))
+            } else if phase_a.abs() < 0.03 * 0.8 {
+                Dq::new(0.72, 0.0)
+            } else {
+                i_ref
+            };
+            // An open phase: the reference lies along the line that is left.
+            let i_ref = if open { i * (0.8 / i.norm_sq().sqrt()) } else { i_ref };
+            phases.step(&c, &i, &i_ref, &field, Some(omega_s)).map(|trip| trip.value)
+        })
+    }
+
+    #[test]
+    fn a_phase_that_deviates_at_its_zero_alone_is_not_open_and_one_that_stays_there_is() {
+        assert_eq!(turning(false), None);
+        assert_eq!(turning(true), Some(1.0));
     }
 }

@@ -16,7 +16,7 @@
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
 //!    current on.
 //! 3. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
-//!    flux, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
+//!    flux, or until `|ω_s ψ_s|` is 0.9 of the largest voltage, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
 //! 4. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
 //!    makes torque on a free shaft. After 9/16 of the magnetisation time the filter is initialised at the settled flux.
@@ -35,7 +35,7 @@ use crate::config::{BOOST, DriveConfig, REDUCED, SMALL};
 #[cfg(any(feature = "legs", feature = "modes"))]
 use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
-use crate::drive::estimators::PeriodOutput;
+use crate::drive::estimators::{CurrentControl, PeriodOutput};
 use crate::drive::estimators::{Estimators, FieldQuantities, StartUp};
 use crate::estimate::catch::{BLOCKS, Catch, Found};
 #[cfg(feature = "legs")]
@@ -55,6 +55,9 @@ const PREVAILS: f64 = 0.1;
 const RESIDUAL: f64 = 0.15;
 /// Rotor flux, relative to rated stator flux, with which control begins.
 const BUILT_UP: f64 = 0.85;
+/// Induced voltage, relative to the largest fundamental voltage, with which control begins before that: a tenth is left for
+/// current control.
+const VOLTAGE_USE: f64 = 0.9;
 /// Period of a start-up in which the voltage for the reference of its first one is that applied between the last two samples. A
 /// bridge without current applies none: what was commanded before is no flux.
 const DRIVEN: u32 = 3;
@@ -164,7 +167,7 @@ impl<R: Real> EnhancedEstimators<R> {
     /// flux has built up.
     #[cold]
     #[inline(never)]
-    pub(super) fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp) -> (Rotator<R>, Dq<R>, bool) {
+    pub(super) fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp, u_dc: R) -> (Rotator<R>, Dq<R>, bool) {
         let searching = self.start != Start::Caught && self.search.is_searching();
         if !searching && at.stage.is_multiple_of(c.speed_periods()) {
             self.update_speed(c);
@@ -172,6 +175,9 @@ impl<R: Real> EnhancedEstimators<R> {
         let i_s = self.filter.i_s();
         let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         let (mut field, mut periods) = (Rotator::default(), c.magnetise_periods);
+        // More flux is field weakening's to allow. Without voltage left the current would leave its reference.
+        let induced = self.filter.magnitude() * self.speed.omega_s.abs();
+        let at_limit = self.follows_flux() && induced > u_dc * c.u_use * R::from_f64(VOLTAGE_USE);
         if searching {
             let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
             self.speed.psi_r = psi_r;
@@ -192,7 +198,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
             }
         } else if matches!(self.start, Start::Caught | Start::Empty) {
-            if self.start == Start::Caught || self.search.found_rotation() {
+            if self.follows_flux() {
                 field = Rotator::of(&psi_r).0;
             }
             // That of the rotor: the leakage flux of the largest current, up to a quarter of rated, goes with it.
@@ -204,7 +210,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 self.start = Start::Unknown;
                 return (Rotator::default(), Rotator::default().to_field(&i_s), false);
             }
-            return (field, field.to_field(&i_s), built_up || at.stage >= c.boost_periods);
+            return (field, field.to_field(&i_s), built_up || at_limit || at.stage >= c.boost_periods);
         } else if self.search.found_rotation() {
             field = Rotator::of(&psi_r).0;
             periods = c.boost_periods;
@@ -214,7 +220,12 @@ impl<R: Real> EnhancedEstimators<R> {
                 periods = c.magnetise_periods;
             }
         }
-        (field, field.to_field(&i_s), at.stage >= periods)
+        (field, field.to_field(&i_s), at_limit || at.stage >= periods)
+    }
+
+    /// Whether the current follows the direction of the flux.
+    pub(super) fn follows_flux(&self) -> bool {
+        self.start == Start::Caught || self.search.found_rotation()
     }
 
     /// Gains of two current sensors, in the last three quarters of the magnetisation at standstill; whether this is a
@@ -289,6 +300,8 @@ impl<R: Real> EnhancedEstimators<R> {
             r_s: config.resistance(),
             i_dq: axis.to_field(&i_s),
         };
-        PeriodOutput { field, complete: false, reset_current_control: period + config.settled() >= all }
+        let current_control =
+            if period + config.settled() >= all { CurrentControl::BeginsAnew } else { CurrentControl::Continues };
+        PeriodOutput { field, complete: false, current_control }
     }
 }
