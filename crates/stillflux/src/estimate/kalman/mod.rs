@@ -311,7 +311,7 @@ impl<R: Real> Filter<R> {
         let r = R::from_f64;
         let (z, r_s) = (self.weighted, c.model.r_s);
         let [.., of_r_s, of_v, of_knee, _, of_gamma, of_c] = *ph;
-        let held = c.temperature.predicts() && self.point.held;
+        let held = c.temperature.predicts() && self.point.held(&c.model);
         let of_r_s = if likely(!held) { of_r_s } else { R::ZERO };
         correct_state(&mut self.r_s, of_r_s, z * (r_s * r(SCALE_R)), r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
         // Their errors are logarithmic: the correction acts on the factors 1 + v and k.

@@ -230,8 +230,6 @@ pub(super) struct OperatingPoint<R: Real> {
     /// Distance from the steady state, `l_M (i·n - i_μ)`, times [`TRANSIENT`], scaled as a flux.
     pub transient: R,
     pub omega_s: R,
-    /// Whether resistance, inverter error, knee and leakage are consider states.
-    pub held: bool,
 }
 
 impl<R: Real> Model<R> {
@@ -311,7 +309,6 @@ impl<R: Real> Model<R> {
             magnetisation,
             transient: (x.i_d * self.l_m - m_steady) * R::from_f64(TRANSIENT / SCALE_PSI),
             omega_s: x.omega_s,
-            held: x.omega_s.abs() > self.omega_held,
         };
         (point, self.r_r_block * x.i_d - self.decay * m_steady)
     }

@@ -93,6 +93,12 @@ impl Slot {
 }
 
 impl<R: Real> OperatingPoint<R> {
+    /// Whether resistance, inverter error, knee and leakage are consider states.
+    #[inline(always)]
+    pub(super) fn held(&self, model: &Model<R>) -> bool {
+        self.omega_s.abs() > model.omega_held
+    }
+
     /// Whether the field turns far within a block.
     #[inline(always)]
     pub(super) fn turns(&self) -> bool {
@@ -101,15 +107,15 @@ impl<R: Real> OperatingPoint<R> {
 
     /// Whether the leakage is not corrected.
     #[inline(always)]
-    pub(super) fn leakage_held(&self) -> bool {
-        self.held || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
+    pub(super) fn leakage_held(&self, model: &Model<R>) -> bool {
+        self.held(model) || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
     }
 
     /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each,
     /// zero where they are held; `predicted`: but for that of the resistance.
     #[inline(always)]
-    fn regressors(&self, predicted: bool) -> Regressors<R> {
-        if !self.held {
+    fn regressors(&self, model: &Model<R>, predicted: bool) -> Regressors<R> {
+        if !self.held(model) {
             // by_knee is -∂u_l/∂ln k.
             let u_k = -AlphaBeta::from_phases(self.loss.by_knee());
             Regressors {
@@ -162,7 +168,7 @@ impl<R: Real> Filter<R> {
                 self.weigh(c);
                 self.update_first();
             }
-            Slot::Update => self.update_last(),
+            Slot::Update => self.update_last(c),
             Slot::Idle => {}
         }
     }
@@ -179,7 +185,7 @@ impl<R: Real> Filter<R> {
         let terms = c.model.rotor_row(&self.point, self.gamma.value());
         let row = self.p.project(&terms);
         self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &row);
-        self.intermediate = Intermediate::Transition(self.point.regressors(c.temperature.predicts()));
+        self.intermediate = Intermediate::Transition(self.point.regressors(&c.model, c.temperature.predicts()));
     }
 
     #[inline(never)]
@@ -196,9 +202,9 @@ impl<R: Real> Filter<R> {
     fn add_noise(&mut self, c: &FilterConfig<R>) {
         let q = &self.point;
         let omega = q.omega_s.abs();
-        let excessive = !q.held && self.nis > R::from_f64(NIS_THRESHOLD);
+        let excessive = !q.held(&c.model) && self.nis > R::from_f64(NIS_THRESHOLD);
         let mut walk = c.noise.walk(if excessive { self.nis - R::from_f64(NIS_THRESHOLD) } else { R::ZERO });
-        if q.held {
+        if q.held(&c.model) {
             // Held and decorrelated: the innovation does not change them, and their effect on the flux is part of the
             // noise that grows with frequency. The winding goes on warming or cooling. Where its resistance is predicted,
             // and as well known as the prediction can be, its correlation with the flux stays.
@@ -215,7 +221,7 @@ impl<R: Real> Filter<R> {
             self.p.isolate::<KNEE>();
             self.p.isolate::<LEAKAGE>();
         }
-        if q.leakage_held() {
+        if q.leakage_held(&c.model) {
             walk[LEAKAGE] = R::ZERO;
             self.p.fade::<LEAKAGE>(R::from_f64(REMEMBERED));
         }
@@ -272,7 +278,7 @@ impl<R: Real> Filter<R> {
         }
         let s = s + measurement + q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
         self.inv_s = s.max(measurement).recip();
-        if !likely(!q.held) {
+        if !likely(!q.held(&c.model)) {
             // What the update takes off: it does not correct the resistance.
             self.p.add_at(RS, RS, ph[RS] * (ph[RS] * self.inv_s));
         }
@@ -285,11 +291,11 @@ impl<R: Real> Filter<R> {
     }
 
     #[inline(never)]
-    pub(super) fn update_last(&mut self) {
+    pub(super) fn update_last(&mut self, c: &FilterConfig<R>) {
         let before = self.p.get(LEAKAGE, LEAKAGE);
         update_rows!(self, 8 9 10);
         // Schmidt's update: what is not corrected keeps its variance.
-        if self.point.leakage_held() {
+        if self.point.leakage_held(&c.model) {
             self.p.add_at(LEAKAGE, LEAKAGE, before - self.p.get(LEAKAGE, LEAKAGE));
             if let Intermediate::Gain(Gain { ph }) = &mut self.intermediate {
                 ph[LEAKAGE] = R::ZERO;

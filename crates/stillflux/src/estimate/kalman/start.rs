@@ -185,7 +185,7 @@ impl<R: Real> Filter<R> {
             self.correct(c, z);
             self.correct_parameters(c);
             self.update_first();
-            self.update_last();
+            self.update_last(c);
         }
         self.intermediate = Intermediate::Nothing;
     }
