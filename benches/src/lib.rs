@@ -7,7 +7,7 @@
 use std::hint::black_box;
 
 use stillflux::base::{Base, PerUnit};
-use stillflux::config::{DriveConfig, DriveParams, SPEED_PERIODS, Scheme};
+use stillflux::config::{DriveConfig, DriveParams, Scheme};
 use stillflux::control::current::CurrentController;
 use stillflux::control::flux::{FluxController, Range};
 use stillflux::control::modulator::{applied, modulate};
@@ -98,7 +98,7 @@ pub const BLOCKS: [&str; 11] = [
 /// A block with its state and inputs, ready for a call.
 pub type Call = Box<dyn FnMut()>;
 
-/// One call of each block in an undisturbed period; of the filter, ten periods make a block of its work.
+/// One call of each block in an undisturbed period; of the filter, a slot of a block's work.
 #[must_use]
 pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
     let r = R::from_f64;
@@ -131,7 +131,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
     let calls: [Call; 11] = [
         Box::new(move || {
             period += 1;
-            if period % SPEED_PERIODS == 0 {
+            if period % config.speed_periods() == 0 {
                 flux.set_stator_frequency(config.flux_config(), black_box(r(0.03)));
             }
             flux.step(config.flux_config(), black_box(&u), &i, r(0.08), R::ONE);
