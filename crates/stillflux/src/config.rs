@@ -439,7 +439,6 @@ impl<R: Real> DriveConfig<R> {
                 inv_psi_rated: r(1.0 / p.psi_ref),
                 l_sum: r(l_s + sigma_l_s),
                 l_difference: r(l_s - sigma_l_s),
-                l_s: r(l_s),
                 root_i_q: r(4.0 * l_product * l_product),
                 inv_two_l_product: r(inv_two_l_product),
                 k_p: r(flux_gain * tau_r),

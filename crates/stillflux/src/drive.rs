@@ -348,7 +348,7 @@ impl<R: Real> Common<R> {
         match current_control {
             CurrentControl::Continues => {}
             CurrentControl::BeginsAnew => self.control.current.start(),
-            CurrentControl::FollowsFlux => self.control.loss_by_current = true,
+            CurrentControl::FollowsFlux => self.control.follow_flux(),
         }
         if complete {
             self.control.start(c, estimators.speed().omega_m);

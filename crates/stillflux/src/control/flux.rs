@@ -75,8 +75,6 @@ pub struct FluxControlConfig<R: Real> {
     pub l_sum: R,
     /// `l_s - σl_s`, coefficient of `ψ*` in the radicand of (12).
     pub l_difference: R,
-    /// `l_s`.
-    pub l_s: R,
     /// `(2 l_s σl_s)²`, coefficient of `-i_q²`.
     pub root_i_q: R,
     /// `1 / (2 l_s σl_s)`.
@@ -96,7 +94,7 @@ pub struct FluxControlConfig<R: Real> {
 }
 words! {
     FluxControlConfig:
-    psi_rated, inv_psi_rated, l_sum, l_difference, l_s, root_i_q, inv_two_l_product, k_p, k_i, limit, limit_high, k_p_weak, k_i_weak,
+    psi_rated, inv_psi_rated, l_sum, l_difference, root_i_q, inv_two_l_product, k_p, k_i, limit, limit_high, k_p_weak, k_i_weak,
 }
 
 /// State of the flux controller.
@@ -178,7 +176,7 @@ impl<R: Real> FluxController<R> {
         let x = self.x.add_limited(k_i, error * weight - leak, limit);
         let (mut l_sum, mut l_difference) = (c.l_sum, c.l_difference);
         if let Some(inv_leakage) = inv_leakage {
-            let more = (inv_leakage - R::ONE) * c.l_s;
+            let more = (inv_leakage - R::ONE) * (c.l_sum + c.l_difference).half();
             (l_sum, l_difference) = (l_sum + more, l_difference + more);
         }
         let radicand = c.radicand(psi, i_q, l_difference).max(R::ZERO);
@@ -198,7 +196,6 @@ mod tests {
             inv_psi_rated: 1.0,
             l_sum: l_s + sl,
             l_difference: l_s - sl,
-            l_s,
             root_i_q: 4.0 * (l_s * sl) * (l_s * sl),
             inv_two_l_product: 0.5 / (l_s * sl),
             k_p: 1.0,
@@ -277,19 +274,19 @@ mod tests {
 
     #[test]
     fn the_feedforward_is_that_of_the_leakage_that_is_there() {
-        let (c, sl) = (config(), 0.143);
+        let (c, l_s, sl) = (config(), 1.67, 0.143);
         for leakage in [0.7, 1.0, 1.25] {
             let s = leakage * sl;
-            let pull_out = 0.8 * (1.0 - s / c.l_s) / (2.0 * s);
+            let pull_out = 0.8 * (1.0 - s / l_s) / (2.0 * s);
             for (psi, part) in [(1.0, 1.0), (1.0, -0.9), (0.7, 0.9), (1.0, 0.0)] {
                 let i_q = psi * part * pull_out;
                 let i_d = FluxController::default().step(&c, (psi, Some(1.0 / leakage)), 0.0, i_q, 0.0, Range::Low);
-                let rhs = (psi * psi + c.l_s * s * (i_d * i_d + i_q * i_q)) / ((c.l_s + s) * psi);
+                let rhs = (psi * psi + l_s * s * (i_d * i_d + i_q * i_q)) / ((l_s + s) * psi);
                 assert!((i_d - rhs).abs() < 1e-3, "{leakage}, {psi}, {i_q}: {i_d} and {rhs}");
             }
         }
         // That of the parameters is too little: a tenth of the current at 1.25 of the leakage.
-        let i_q = 0.8 * (1.0 - 1.25 * sl / c.l_s) / (2.5 * sl);
+        let i_q = 0.8 * (1.0 - 1.25 * sl / l_s) / (2.5 * sl);
         let with = FluxController::default().step(&c, (1.0, Some(1.0 / 1.25)), 0.0, i_q, 0.0, Range::Low);
         let without = FluxController::default().step(&c, (1.0, None), 0.0, i_q, 0.0, Range::Low);
         assert!(with > 1.1 * without, "{with} against {without}");

@@ -55,11 +55,8 @@ pub(super) struct Control<R: Real> {
     pub i_dq: Dq<R>,
     pub i_dq_ref: Dq<R>,
     pub psi_ref: R,
-    /// Flux reference as the voltage allows it.
+    /// Flux reference as the voltage allows it; zero while the current of a start follows a flux that builds up.
     psi_weak: R,
-    /// The inverter model takes its loss by the current that flows: in field weakening, and while a current follows a flux
-    /// that builds up.
-    pub loss_by_current: bool,
     /// Torque current for which the current limit leaves room beside `i_d*`.
     i_q_room: R,
     /// Square of the largest current, as the heat of machine and bridge allows it.
@@ -89,7 +86,6 @@ impl<R: Real> Control<R> {
             i_dq_ref: Dq::default(),
             psi_ref: R::ZERO,
             psi_weak: R::ZERO,
-            loss_by_current: false,
             i_q_room: R::ONE,
             i_max_sq: R::ZERO,
             limited: R::ZERO,
@@ -109,14 +105,18 @@ impl<R: Real> Control<R> {
     pub fn begin(&mut self, c: &DriveConfig<R>) {
         self.current.start();
         self.psi_weak = c.flux_control.psi_rated;
-        self.loss_by_current = false;
+    }
+
+    /// The current of a start follows a flux that builds up: the inverter model takes its loss as in field weakening.
+    pub fn follow_flux(&mut self) {
+        self.psi_weak = R::ZERO;
     }
 
     /// The start-up is complete: flux and speed controllers start.
     pub fn start(&mut self, c: &DriveConfig<R>, omega_m: R) {
         self.psi_ref = c.flux_control.psi_rated;
         self.flux.start();
-        self.loss_by_current = false;
+        self.psi_weak = c.flux_control.psi_rated;
         self.weakening = Weakening::default();
         self.i_q_room = c.i_q_max;
         if self.i_max_sq == R::ZERO {
@@ -232,7 +232,7 @@ impl<R: Real> Control<R> {
     /// (`U` = 0.02) that is 30 ms at a tenth of rated flux.
     #[inline(always)]
     fn current_ahead(&self, c: &DriveConfig<R>, i_ref: &Dq<R>) -> Dq<R> {
-        if likely(!self.loss_by_current) {
+        if likely(self.psi_weak == c.flux_control.psi_rated) {
             return *i_ref;
         }
         self.i_dq + (*i_ref - self.i_dq) * c.part_ahead
@@ -358,7 +358,6 @@ impl<R: Real> Control<R> {
             self.flux.leave_weakening();
         }
         self.psi_weak = psi_weak;
-        self.loss_by_current = psi_weak != c.flux_control.psi_rated;
     }
 
     /// Largest torque current by pull-out, at a flux and a leakage as in [`FluxController::step`], by current limit and heat.
