@@ -66,7 +66,10 @@ pub(super) struct PeriodOutput<R: Real> {
 
 /// What a period of a start-up is to current control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(not(feature = "enhanced"), allow(dead_code, reason = "not every scheme needs all of it"))]
+#[cfg_attr(
+    not(all(feature = "enhanced", feature = "legs")),
+    allow(dead_code, reason = "not every scheme needs all of it")
+)]
 pub(super) enum CurrentControl {
     /// Like any other.
     Continues,

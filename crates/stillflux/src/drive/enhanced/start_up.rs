@@ -176,8 +176,9 @@ impl<R: Real> EnhancedEstimators<R> {
         let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         let (mut field, mut periods) = (Rotator::default(), c.magnetise_periods);
         // More flux is field weakening's to allow. Without voltage left the current would leave its reference.
-        let induced = self.filter.magnitude() * self.speed.omega_s.abs();
-        let at_limit = self.follows_flux() && induced > u_dc * c.u_use * R::from_f64(VOLTAGE_USE);
+        let follows = self.follows_flux();
+        let induced = self.filter.magnitude() * self.speed.omega_s;
+        let at_limit = follows && !induced.within(u_dc * c.u_use * R::from_f64(VOLTAGE_USE));
         if searching {
             let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
             self.speed.psi_r = psi_r;
@@ -224,6 +225,8 @@ impl<R: Real> EnhancedEstimators<R> {
     }
 
     /// Whether the current follows the direction of the flux.
+    #[cold]
+    #[inline(never)]
     pub(super) fn follows_flux(&self) -> bool {
         self.start == Start::Caught || self.search.found_rotation()
     }
