@@ -131,10 +131,8 @@ const R_S_RANGE: (f64, f64) = (0.4, 2.0);
 const MAGNITUDE: f64 = 0.03;
 /// Rotor flux, per unit, below which its direction is not used.
 const M_MIN: f64 = 0.1;
-/// Corner of the low-pass of the normalised innovation squared (NIS), per stated block, and the NIS above which a step is
-/// assumed. The innovation variance contains allowances (`noise`), so the NIS of an undisturbed drive is far below one
-/// (0.001 to 0.04, docs/tolerance.md) and the threshold below one.
-const NIS_CORNER: f64 = 0.05;
+/// Normalised innovation squared (NIS) above which a step is assumed. The innovation variance contains allowances (`noise`),
+/// so the NIS of an undisturbed drive is far below one (0.001 to 0.04, docs/tolerance.md) and the threshold below one.
 const NIS_THRESHOLD: f64 = 0.3;
 /// Standard deviation of the angle, rad, above which the covariance is initialised anew: any angle is possible then.
 const SIGMA_LOST: f64 = 3.0;
@@ -248,7 +246,7 @@ impl<R: Real> Filter<R> {
             d_leakage_flux: (i_s - self.point.i_s) * sigma_l_s,
             loss: *loss,
             omega_s,
-            steady: self.load.is_steady(c.load_corner, i_ref.im()),
+            steady: self.load.is_steady(c.load_corner, i_ref.im(), omega_s),
         };
         self.valid = valid;
         let before = self.point.n;

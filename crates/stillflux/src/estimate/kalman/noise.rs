@@ -43,7 +43,6 @@
 //! | least scaled variance | `FLOOR` 1e-7 | every state |
 //! | angle after a loss | `SIGMA_AGAIN` 0.5 rad | `ψ_s`, instead of `σ_0` |
 
-use super::NIS_CORNER;
 use super::covariance::Column;
 use super::model::{
     B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R,
@@ -110,6 +109,8 @@ const STEP_R_S: f64 = 0.02;
 /// are no noise, went by them into the flux: ten minutes of rated torque at the flux shift's 0.006 turned it by 9° at
 /// 2.2 kW. Allowance.
 pub(super) const FORGOTTEN: f64 = 1.0 / 4096.0;
+/// Corner of the low-pass of the normalised innovation squared, per stated block.
+const NIS_CORNER: f64 = 0.05;
 /// Blocks after a start in which the NIS is not evaluated (hold-off): initial errors are not steps.
 const HOLD_OFF: f64 = 200.0;
 

@@ -323,7 +323,7 @@ impl Reference {
             d_leakage_flux: AlphaBeta::new(d_i.x, d_i.y) * leakage,
             loss: *input.loss,
             omega_s: input.omega_s,
-            steady: self.load.is_steady(self.c.load_corner, input.i_ref.im()),
+            steady: self.load.is_steady(self.c.load_corner, input.i_ref.im(), input.omega_s),
         };
         let (at, increment) = model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma);
         self.x[M] += increment;
