@@ -40,8 +40,8 @@ test-slow: test-rust build
 lint: build
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff format --check python tests benches examples docs
-	$(BIN)/ruff check python tests benches examples docs
+	$(BIN)/ruff format --check python tests benches examples docs crates
+	$(BIN)/ruff check python tests benches examples docs crates
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest stillflux._core
 

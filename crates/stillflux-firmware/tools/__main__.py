@@ -1,4 +1,4 @@
-"""`python3 -m tools run|bench|cycles` in the firmware crate: `make firmware`, `make firmware-bench`, cycles."""
+"""`python3 -m tools run|bench|cycles` in the firmware crate: `make firmware`, `firmware-bench`, cycles."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def measure(chain: toolchain.Toolchain) -> dict[str, Any]:
 
 
 def measure_smallest() -> dict[str, Any] | None:
-    """Instructions of the step on a Cortex-M0+ by scheme, mean and worst; `None` without a compiler for it."""
+    """Instructions of the step on a Cortex-M0+ by scheme, mean and worst; `None` without a compiler."""
     chain = toolchain.compiler(toolchain.SMALLEST, "core,compiler_builtins")
     if chain is None:
         return None
@@ -147,7 +147,8 @@ def table(report: dict[str, Any]) -> str:
         b = report[name]
         target = "/".join(map(str, TARGETS[name])) if name in TARGETS else ""
         out.append(
-            f"{name:25}{b['operations'] or '':>10}{b['f32']:>10.1f}{b['f32_worst']:>7}{b['q']:>10.1f}{b['q_worst']:>7}{target:>15}"
+            f"{name:25}{b['operations'] or '':>10}{b['f32']:>10.1f}{b['f32_worst']:>7}"
+            f"{b['q']:>10.1f}{b['q_worst']:>7}{target:>15}"
         )
     for scheme in SCHEMES:
         out += ["", f"{f'bytes, {scheme} scheme':25}{'':>10}{'f32':>10}{'':>7}{'q':>10}{'':>7}{'target':>15}"]

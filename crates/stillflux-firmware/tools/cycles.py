@@ -1,12 +1,12 @@
-"""Cycles of the control interrupt by a timing model of the Cortex-M4, from the instructions that QEMU executes.
+"""Cycles of the control interrupt by a timing model of the Cortex-M4, from the instructions QEMU executes.
 
-The model is the table of instruction times of the processor's reference manual (ARM DDI 0439, 3.3 and 7.2) with
-these assumptions:
+The model is the table of instruction times of the processor's reference manual (ARM DDI 0439, 3.3 and 7.2)
+with these assumptions:
 
-* memory without wait states, code and data on buses of their own: flash accelerators and wait states of a part come
-  on top,
-* a load takes two cycles, one directly behind another single load or store of an integer register; a store takes one
-  (write buffer); those of the FPU take two; several words take one more than their number,
+* memory without wait states, code and data on buses of their own: flash accelerators and wait states of a
+  part come on top,
+* a load takes two cycles, one directly behind another single load or store of an integer register; a store
+  takes one (write buffer); those of the FPU take two; several words take one more than their number,
 * a taken branch refills the pipeline in two cycles (the manual says one to three),
 * the result of a floating-point operation that the next instruction consumes costs one cycle,
 * an IT instruction takes a cycle (the processor may fold it), MLA and MLS take two,
@@ -78,9 +78,8 @@ def measure(elf: Path, frames: Path, periods: int, skip: int) -> Cycles:
 
 def _instructions(elf: Path) -> dict[int, tuple[str, str]]:
     """Address → operation and operands."""
-    text = subprocess.run(
-        ["arm-none-eabi-objdump", "-d", "--no-show-raw-insn", str(elf)], capture_output=True, text=True, check=True
-    ).stdout  # fmt: skip
+    command = ["arm-none-eabi-objdump", "-d", "--no-show-raw-insn", str(elf)]
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     found = (_LINE.match(line) for line in text.splitlines())
     return {int(m[1], 16): (m[2], m[3] or "") for m in found if m}
 
@@ -88,8 +87,8 @@ def _instructions(elf: Path) -> dict[int, tuple[str, str]]:
 def _blocks(elf: Path, frames: Path, length: dict[int, list[int]]) -> Iterator[int]:
     """Addresses of the blocks in the order in which they run; `length` gets the instructions of each."""
     config = f"enable=on,target=native,arg=fw,arg={frames.name},arg=cycles.back"
-    command = ["qemu-system-arm", "-cpu", "cortex-m4", "-machine", "mps2-an386", "-nographic", "-monitor", "none"]
-    command += ["-serial", "none", "-semihosting-config", config, "-kernel", str(elf)]
+    command = ["qemu-system-arm", "-cpu", "cortex-m4", "-machine", "mps2-an386", "-nographic"]
+    command += ["-monitor", "none", "-serial", "none", "-semihosting-config", config, "-kernel", str(elf)]
     command += ["-d", "in_asm,exec,nochain", "-D", "/dev/stderr"]
     with subprocess.Popen(
         command, cwd=toolchain.OUT, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,

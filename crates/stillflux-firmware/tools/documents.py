@@ -1,8 +1,8 @@
 """Writes what was measured into `docs/firmware.md`, between its markers: it is typed nowhere.
 
-    <!-- table: NAME -->
-    (one of `TABLES`)
-    <!-- end -->
+<!-- table: NAME -->
+(one of `TABLES`)
+<!-- end -->
 """
 
 from __future__ import annotations

@@ -49,14 +49,17 @@ def run(elf: Path, arithmetic: str, scheme: str = "enhanced") -> Comparison:
     return compare(answers.read_bytes(), back.read_bytes())
 
 
-#: Features of an image of the commissioning whose page is that of the recording on the host: both have the same
-#: schemes.
-COMMISSION = ["commission", "paper", "enhanced", "variants", "supervision", "dclink", "modes", "shunt", "encoder", "legs"]
+#: Features of an image of the commissioning whose page is that of the recording on the host: both have the
+#: same schemes.
+COMMISSION = [
+    *("commission", "paper", "enhanced", "variants", "supervision"),
+    *("dclink", "modes", "shunt", "encoder", "legs"),
+]
 
 
 def commission(elf: Path, arithmetic: str) -> tuple[Comparison, Path, bool]:
-    """Records a commissioning, replays it on `elf`; the comparison, the page that the target made, and whether
-    it is the host's."""
+    """Records a commissioning, replays it on `elf`; the comparison, the page that the target made, and
+    whether it is the host's."""
     toolchain.OUT.mkdir(parents=True, exist_ok=True)
     frames, answers, page = (f"commission-{arithmetic}.{kind}" for kind in ("frames", "answers", "page"))
     toolchain.host_example("record_commission", arithmetic, frames, answers, page)

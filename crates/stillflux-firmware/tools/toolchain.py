@@ -43,7 +43,9 @@ class Toolchain:
         env = {**os.environ, "CARGO_TARGET_DIR": str(out), **self.env}
         # No standard input: a compiler that is asked about a target reads it.
         none = subprocess.DEVNULL
-        done = subprocess.run(command, cwd=cwd, env=env, stdin=none, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, cwd=cwd, env=env, stdin=none, capture_output=True, text=True, check=False
+        )
         if done.returncode:
             raise RuntimeError(f"{' '.join(command)} failed:\n{done.stderr}")
 
@@ -85,8 +87,8 @@ def compiler(target: str, library: str) -> Toolchain | None:
 def build(chain: Toolchain, name: str, *features: str, target: str = TARGET) -> Path:
     """Builds a bin of the firmware crate; the ELF file under a name of its own.
 
-    The enhanced scheme is in it unless `paper` stands alone. Several processes may build at once: cargo puts a bin
-    of any features in the same place, so that it has to be copied before the next build begins.
+    The enhanced scheme is in it unless `paper` stands alone. Several processes may build at once: cargo
+    puts a bin of any features in the same place, so that it has to be copied before the next build begins.
     """
     args = ["build", "--release", "--locked", "--bin", name]
     if "paper" in features and "enhanced" not in features:
