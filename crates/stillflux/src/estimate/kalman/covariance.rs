@@ -73,6 +73,12 @@ impl<R: Real> Covariance<R> {
         &mut self.p.as_flattened_mut()[at(i, j)]
     }
 
+    /// Sets one element.
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, j: usize, x: R) {
+        *self.get_mut(i, j) = x;
+    }
+
     /// Adds a diagonal matrix.
     pub fn add(&mut self, variance: &Column<R>) {
         for (k, &v) in variance.iter().enumerate() {
@@ -167,16 +173,6 @@ impl<R: Real> Covariance<R> {
         }
         let own = self.get_mut(I, I);
         *own = (*own - gain * ph[I]).max(floor);
-    }
-
-    /// The same for the correlations of row `I` with the first `OTHERS` states alone: Schmidt's update where the states
-    /// from there on are not corrected.
-    #[inline(always)]
-    pub fn reduce_others<const I: usize, const OTHERS: usize>(&mut self, ph: &Column<R>, inv_s: R) {
-        let gain = ph[I] * inv_s;
-        for (j, y) in ph.iter().enumerate().take(OTHERS) {
-            *self.get_mut(I, j) -= gain * *y;
-        }
     }
 }
 

@@ -296,26 +296,30 @@ impl<R: Real> Filter<R> {
 
     #[inline(never)]
     pub(super) fn update_last(&mut self, c: &FilterConfig<R>) {
+        let before = INDUCTANCES.map(|(i, j)| self.p.get(i, j));
+        update_rows!(self, 8 9 10);
         // Schmidt's update: what is not corrected keeps its covariance.
-        let (all, leakage) = (self.point.inductances_held(&c.model), self.point.leakage_held(&c.model));
-        if !leakage {
-            update_rows!(self, 8);
-        }
-        if !all {
-            update_rows!(self, 9 10);
+        let held = if self.point.inductances_held(&c.model) {
+            INDUCTANCES.len()
+        } else {
+            usize::from(self.point.leakage_held(&c.model))
+        };
+        for (&(i, j), x) in INDUCTANCES.iter().zip(before).take(held) {
+            self.p.set(i, j, x);
         }
         let Intermediate::Gain(Gain { ph }) = &mut self.intermediate else { return };
-        if leakage {
-            self.p.reduce_others::<LEAKAGE, LEAKAGE>(ph, self.inv_s);
+        if held > 0 {
             ph[LEAKAGE] = R::ZERO;
         }
-        if all {
-            self.p.reduce_others::<GAMMA, LEAKAGE>(ph, self.inv_s);
-            self.p.reduce_others::<C, LEAKAGE>(ph, self.inv_s);
+        if held > 1 {
             (ph[GAMMA], ph[C]) = (R::ZERO, R::ZERO);
         }
     }
 }
+
+/// Elements of the covariance of leakage, `γ` and `c`, that of the leakage first.
+const INDUCTANCES: [(usize, usize); 6] =
+    [(LEAKAGE, LEAKAGE), (GAMMA, LEAKAGE), (GAMMA, GAMMA), (C, LEAKAGE), (C, GAMMA), (C, C)];
 
 /// The slots rely on the order of the states: the flux first, the components of a vector side by side, the states of the
 /// machine last.
