@@ -252,18 +252,18 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (18_048, 20_480), "ram_drive": (1032, 1112), "stack_step": (416, 424)},
-    "enhanced": {"flash_library": (31_616, 40_960), "ram_drive": (1632, 1696), "stack_step": (504, 480)},
+    "enhanced": {"flash_library": (32_256, 41_728), "ram_drive": (1656, 1728), "stack_step": (504, 480)},
 }
 
 #: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680
-#: of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the enhanced one. Met are those of q and
-#: the worst period of the enhanced step in f32; the ripple of the currents in the inverter model takes 25 in the
-#: mean, up to 290 in one period of four, the mean radius that the published noise compensator holds in field
+#: of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the enhanced one. Met are those of q;
+#: the ripple of the currents in the inverter model takes 25 in the mean, up to 290 in one period of four, the
+#: test of a steady load 11 in f32 and up to 40 in the period that closes a block, the mean radius that the published noise compensator holds in field
 #: weakening 26.
 BUDGET = {
     "flux_estimator": {"f32": 168, "q": 188},
-    "drive_step": {"f32": 662, "q": 990, "f32_worst": 984, "q_worst": 1448},
-    "drive_step_enhanced": {"f32": 695, "q": 1068, "f32_worst": 920, "q_worst": 1388},
+    "drive_step": {"f32": 662, "q": 995, "f32_worst": 984, "q_worst": 1460},
+    "drive_step_enhanced": {"f32": 706, "q": 1085, "f32_worst": 964, "q_worst": 1444},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }

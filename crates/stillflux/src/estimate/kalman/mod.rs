@@ -67,11 +67,11 @@
 //!   are smaller than the error of the voltage itself, and the leakage would take their errors for its own: the four are
 //!   held (consider states, without correlation), and the flux has noise that grows with frequency. The variance of `r_s` grows meanwhile, since the winding warms or cools. Where
 //!   its heat is predicted ([`crate::estimate::temperature`]) `r_s` keeps its correlation with the flux.
-//! * Under a steady load leakage, `γ` and `c` are not corrected, since the innovation does not tell them from the resistance
-//!   ([`load`]), and below `|ω_s| = 0.008` the leakage never is. They keep their variances, and the others their correlations
-//!   with them (Schmidt's filter): a load that comes in turns the rotor flux by the error of the leakage, and the gains must
-//!   know. Without the correlations the filter took that for errors of resistance and offset, and large machines lost
-//!   every tenth load step. Those with the leakage fade within some seconds.
+//! * Under a steady load leakage, `γ` and `c` are held, without correlation, since the innovation does not tell them from the
+//!   resistance ([`load`]). Below `|ω_s| = 0.008` the leakage is not corrected either, but keeps its variance, and the others
+//!   their correlations with it (Schmidt's filter): a load that comes in turns the rotor flux by the error of the leakage,
+//!   and the gains must know. Without the correlations the filter took that for errors of resistance and offset, and large
+//!   machines lost every tenth load step. They fade within some seconds.
 //! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
 //!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.
 //! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 blocks, means that something has

@@ -388,9 +388,14 @@ impl Reference {
             p.column_mut(LEAKAGE).scale_mut(self.c.noise.remembered);
             p[(LEAKAGE, LEAKAGE)] = own;
         }
-        for (k, held) in [(RS, held), (V, held), (KNEE, held), (LEAKAGE, held)] {
-            if held {
-                q[(k, k)] = if k == RS { q[(k, k)].min(room) } else { 0.0 };
+        let isolated = [(RS, held), (V, held), (KNEE, held), (LEAKAGE, held || inductances_held)];
+        for (k, isolated) in isolated.into_iter().chain([(GAMMA, inductances_held), (C, inductances_held)]) {
+            if isolated {
+                match k {
+                    RS => q[(k, k)] = q[(k, k)].min(room),
+                    GAMMA | C => {}
+                    _ => q[(k, k)] = 0.0,
+                }
                 let own = p[(k, k)];
                 p.row_mut(k).fill(0.0);
                 p.column_mut(k).fill(0.0);
@@ -421,16 +426,12 @@ impl Reference {
         let s = (row * p * row.transpose())[0] + further * self.c.noise.part;
         self.inv_s = 1.0 / s;
         self.gain = p * row.transpose() / s;
-        let machine = p.fixed_view::<3, 3>(LEAKAGE, LEAKAGE).into_owned();
+        let of_leakage = p[(LEAKAGE, LEAKAGE)];
         p -= self.gain * (row * p);
         if leakage_held {
-            p[(LEAKAGE, LEAKAGE)] = machine[(0, 0)];
+            // Schmidt's update: the state and its variance stay.
+            p[(LEAKAGE, LEAKAGE)] = of_leakage;
             self.gain[LEAKAGE] = 0.0;
-        }
-        if inductances_held {
-            // Schmidt's update: the states of the machine and their covariance stay.
-            p.fixed_view_mut::<3, 3>(LEAKAGE, LEAKAGE).copy_from(&machine);
-            self.gain.fixed_rows_mut::<3>(LEAKAGE).fill(0.0);
         }
         for k in 0..N {
             p[(k, k)] = p[(k, k)].max(noise::FLOOR);

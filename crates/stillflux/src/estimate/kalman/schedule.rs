@@ -29,7 +29,9 @@
 
 use super::covariance::N;
 use super::intermediate::{Gain, Intermediate, Regressors};
-use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_PSI, SCALE_R, V};
+use super::model::{
+    B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_GAMMA, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, V,
+};
 use super::noise::{FLOOR, MEASUREMENT, SECOND_ORDER, WARMED};
 use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
 use crate::scalar::{Real, likely};
@@ -228,6 +230,13 @@ impl<R: Real> Filter<R> {
             walk[LEAKAGE] = R::ZERO;
             self.p.fade::<LEAKAGE>(c.noise.remembered);
         }
+        if q.inductances_held(&c.model) {
+            // Known, as far as the others are concerned: with their correlations the filter would take what follows, a winding
+            // that warms, for the errors that they have had, and answer late.
+            self.p.isolate::<LEAKAGE>();
+            self.p.isolate::<GAMMA>();
+            self.p.isolate::<C>();
+        }
         walk[M] += c.noise.lag(c.model.decay, q.transient);
         let induced = c.noise.induced(omega);
         walk[PSI] += induced;
@@ -265,7 +274,17 @@ impl<R: Real> Filter<R> {
         let along = (a + b - across).max(R::ZERO);
         self.weight = R::ONE.dividend().over_64(R::from_f64(1.0 / 64.0) + along * R::from_f64(WEIGHT));
         let scale = R::from_f64(SCALE_PSI);
-        self.sigma = across.sqrt() * scale * q.inv_psi_r;
+        // Of the errors of inductances that are held the covariance of the flux does not know. That of the leakage turns the
+        // rotor flux; that of `γ` has gone into `r̂_s`, δr_s i_q/ω_s = m δγ/2, which turns it by -δr_s i_d/(ω_s |ψ_R|).
+        let mut turned = across;
+        if q.inductances_held(&c.model) {
+            let (i_d, i_q) = (cos * q.i_s.re() + sin * q.i_s.im(), cos * q.i_s.im() - sin * q.i_s.re());
+            let by_leakage = i_q * self.sigma_l_s(c) * R::from_f64(SCALE_LEAKAGE / SCALE_PSI);
+            let quotient = (i_d.half() * i_q.recip()).limit(R::TWO);
+            let by_gamma = self.m.value() * quotient * R::from_f64(SCALE_GAMMA / SCALE_PSI);
+            turned += by_leakage * by_leakage * p.get(LEAKAGE, LEAKAGE) + by_gamma * by_gamma * p.get(GAMMA, GAMMA);
+        }
+        self.sigma = turned.sqrt() * scale * q.inv_psi_r;
 
         if !(self.valid && c.correct) {
             self.intermediate = Intermediate::Nothing;
@@ -296,30 +315,17 @@ impl<R: Real> Filter<R> {
 
     #[inline(never)]
     pub(super) fn update_last(&mut self, c: &FilterConfig<R>) {
-        let before = INDUCTANCES.map(|(i, j)| self.p.get(i, j));
+        let before = self.p.get(LEAKAGE, LEAKAGE);
         update_rows!(self, 8 9 10);
-        // Schmidt's update: what is not corrected keeps its covariance.
-        let held = if self.point.inductances_held(&c.model) {
-            INDUCTANCES.len()
-        } else {
-            usize::from(self.point.leakage_held(&c.model))
-        };
-        for (&(i, j), x) in INDUCTANCES.iter().zip(before).take(held) {
-            self.p.set(i, j, x);
-        }
-        let Intermediate::Gain(Gain { ph }) = &mut self.intermediate else { return };
-        if held > 0 {
-            ph[LEAKAGE] = R::ZERO;
-        }
-        if held > 1 {
-            (ph[GAMMA], ph[C]) = (R::ZERO, R::ZERO);
+        // Schmidt's update: what is not corrected keeps its variance.
+        if self.point.leakage_held(&c.model) {
+            self.p.set(LEAKAGE, LEAKAGE, before);
+            if let Intermediate::Gain(Gain { ph }) = &mut self.intermediate {
+                ph[LEAKAGE] = R::ZERO;
+            }
         }
     }
 }
-
-/// Elements of the covariance of leakage, `γ` and `c`, that of the leakage first.
-const INDUCTANCES: [(usize, usize); 6] =
-    [(LEAKAGE, LEAKAGE), (GAMMA, LEAKAGE), (GAMMA, GAMMA), (C, LEAKAGE), (C, GAMMA), (C, C)];
 
 /// The slots rely on the order of the states: the flux first, the components of a vector side by side, the states of the
 /// machine last.
