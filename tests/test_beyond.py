@@ -213,8 +213,9 @@ def test_loaded_drive_leaves_zero_stator_frequency_by_itself(machine: str, torqu
 
 
 def test_with_the_flux_kept_it_is_lost_there() -> None:
-    # The field goes first. What is seen of that first, the speed or by the drive itself, is a matter of 0.1 s.
-    assert row_of("persistence-rated", "2.2kW", "enhanced", "T = 1 T_N").measured.why in ("speed", "estimate lost")
+    # The field goes first. What is seen of that first, the speed or by the drive, is a matter of 0.1 s.
+    row = row_of("persistence-rated", "2.2kW", "enhanced", "T = 1 T_N")
+    assert row.measured.why in ("speed", "estimate lost")
 
 
 def doubtful(what: Literal["keep", "limit", "fault"]) -> sf.Result:
@@ -250,7 +251,8 @@ def test_low_confidence_leaves_the_torque_limits_it_or_stops_the_drive() -> None
     i_q = np.abs(limited["estimate.i_dq_ref"].imag[loaded])
     largest = 1.5 * motor.T_N / (1.5 * motor.n_p * motor.base["psi"])
     # A reference holds for eight periods, by the confidence at the first of them.
-    confidence = limited["estimate.confidence"][np.flatnonzero(loaded)[0] - 7 : np.flatnonzero(loaded)[-1] + 1]
+    first, last = np.flatnonzero(loaded)[[0, -1]]
+    confidence = limited["estimate.confidence"][first - 7 : last + 1]
     largest_of_eight = np.lib.stride_tricks.sliding_window_view(confidence, 8).max(axis=1)
     assert (i_q <= 1.001 * largest * np.minimum(2.0 * largest_of_eight, 1.0)).all()
     asked = np.abs(kept["estimate.i_dq_ref"].imag[kept.t > 12.01])

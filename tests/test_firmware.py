@@ -258,8 +258,8 @@ SIZES: dict[str, dict[str, tuple[int, int]]] = {
 #: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680
 #: of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the enhanced one. Met are those of q;
 #: the ripple of the currents in the inverter model takes 25 in the mean, up to 290 in one period of four, the
-#: test of a steady load 11 in f32 and up to 40 in the period that closes a block, the mean radius that the published noise compensator holds in field
-#: weakening 26.
+#: test of a steady load 11 in f32 and up to 40 in the period that closes a block, the mean radius that the
+#: published noise compensator holds in field weakening 26.
 BUDGET = {
     "flux_estimator": {"f32": 168, "q": 188},
     "drive_step": {"f32": 662, "q": 995, "f32_worst": 984, "q_worst": 1460},

@@ -166,8 +166,8 @@ def _check_channel(result: Result) -> list[Claim]:
     event = float(result.scenario.changes[0][0])
     return [
         at_most("time to the fault, ms", 1e3 * (_found(result) - event), 30.0),
-        # Of a wrong channel the current grows with the bandwidth of its control. One that is just below the trip at a
-        # sample has grown by e^(2π 0.03), 1.207, at the next.
+        # Of a wrong channel the current grows with the bandwidth of its control. One that is just below the
+        # trip at a sample has grown by e^(2π 0.03), 1.207, at the next.
         at_most("largest current, of the trip level", _largest(result), 1.21),
     ]
 
