@@ -65,8 +65,8 @@
 //!   phase's axis while the field is slow.
 //! * Above `|ω_s| = 0.2`, or 0.35 where the rotor resistance follows that of the stator, the voltages of `r_s`, `v` and `k`
 //!   are smaller than the error of the voltage itself, and the leakage would take their errors for its own: the four are
-//!   held (consider states, without correlation), and the flux has noise that grows with frequency. The variance of `r_s` grows meanwhile, since the winding warms or cools. Where
-//!   its heat is predicted ([`crate::estimate::temperature`]) `r_s` keeps its correlation with the flux.
+//!   held (consider states, without correlation), and the flux has noise that grows with frequency. The variance of `r_s`
+//!   grows meanwhile, since the winding warms or cools. Where its heat is predicted ([`crate::estimate::temperature`]) `r_s` keeps its correlation with the flux.
 //! * Under a steady load leakage, `γ` and `c` are held, without correlation, since the innovation does not tell them from the
 //!   resistance ([`load`]). Below `|ω_s| = 0.008` the leakage is not corrected either, but keeps its variance, and the others
 //!   their correlations with it (Schmidt's filter): a load that comes in turns the rotor flux by the error of the leakage,
@@ -74,9 +74,9 @@
 //!   machines lost every tenth load step. They fade within some seconds.
 //! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
 //!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.
-//! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 blocks, means that something has
-//!   stepped that the random walks do not contain: noise is added to flux, offset and resistance. Not where these are
-//!   held, and not in the first 200 blocks of a start.
+//! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 of the blocks for which noise is
+//!   stated, means that something has stepped that the random walks do not contain: noise is added to flux, offset and
+//!   resistance. Not where these are held, and not in the first 200 such blocks of a start.
 //! * Below a rotor flux of 0.1 pu its direction is not defined well enough: `m` is set to `|ψ_R|`, nothing is
 //!   corrected.
 //! * Every identified state is limited to a range; a standard deviation of the angle above `SIGMA_LOST` initialises

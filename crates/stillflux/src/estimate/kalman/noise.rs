@@ -105,9 +105,8 @@ const STEP_B: f64 = 2e-3;
 const STEP_R_S: f64 = 0.02;
 
 /// Correlations with the leakage that a block takes off while it is not corrected: they fade with 4096 blocks, some seconds.
-/// A change of load is weighed by them; over minutes errors of the bridge near current zero, which
-/// are no noise, went by them into the flux: ten minutes of rated torque at the flux shift's 0.006 turned it by 9° at
-/// 2.2 kW. Allowance.
+/// A change of load is weighed by them; over minutes errors of the bridge near current zero, which are no noise, would go by
+/// them into the flux. Allowance.
 pub(super) const FORGOTTEN: f64 = 1.0 / 4096.0;
 /// Corner of the low-pass of the normalised innovation squared, per stated block.
 const NIS_CORNER: f64 = 0.05;
