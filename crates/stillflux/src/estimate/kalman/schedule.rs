@@ -224,18 +224,18 @@ impl<R: Real> Filter<R> {
             }
             self.p.isolate::<V>();
             self.p.isolate::<KNEE>();
-            self.p.isolate::<LEAKAGE>();
-        }
-        if q.leakage_held(&c.model) {
-            walk[LEAKAGE] = R::ZERO;
-            self.p.fade::<LEAKAGE>(c.noise.remembered);
-        }
-        if q.inductances_held(&c.model) {
+        } else if q.steady {
             // Known, as far as the others are concerned: with their correlations the filter would take what follows, a winding
             // that warms, for the errors that they have had, and answer late.
-            self.p.isolate::<LEAKAGE>();
             self.p.isolate::<GAMMA>();
             self.p.isolate::<C>();
+        }
+        if q.held(&c.model) || q.steady {
+            walk[LEAKAGE] = R::ZERO;
+            self.p.isolate::<LEAKAGE>();
+        } else if q.leakage_held(&c.model) {
+            walk[LEAKAGE] = R::ZERO;
+            self.p.fade::<LEAKAGE>(c.noise.remembered);
         }
         walk[M] += c.noise.lag(c.model.decay, q.transient);
         let induced = c.noise.induced(omega);
