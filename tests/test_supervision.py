@@ -76,7 +76,7 @@ def test_a_draw_of_the_guarantee_is_run_again_alone_if_it_faults() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_saliency_of_the_rotors_slots_is_no_lost_field(seed: int) -> None:
-    """4 % of the leakage, all parameters right: its ripple in the innovation alternates. Judged by the squares
+    """4 % of the leakage, all parameters right: its ripple in the innovation alternates. Judged by squares
     without their sign each of these runs ended with "field lost", at 0.9° of angle error."""
     motor, inverter = DRIVES["48V"].motor, DRIVES["48V"].inverter
     omega, T = 0.08 * motor.base["omega_m"], motor.T_N
