@@ -216,8 +216,8 @@ def test_status_behaves_as_its_string() -> None:
 
 @pytest.mark.parametrize("half_periods", [1, 2])
 def test_a_large_machine_is_controlled_as_well_where_its_control_is_fast(half_periods: int) -> None:
-    """With the flux bandwidth of smaller machines, 5 Hz, the flux oscillates by way of the leakage and the current
-    does not follow: pole -1.7. That setting is refused."""
+    """With the flux bandwidth of smaller machines, 5 Hz, the flux oscillates by way of the leakage and the
+    current does not follow: pole -1.7. That setting is refused."""
     typical = DRIVES["160kW"]
     inverter = typical.inverter.replace(f_s=8e3, half_periods=half_periods)
     motor = typical.motor
