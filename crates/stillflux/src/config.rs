@@ -91,9 +91,14 @@ const SPEED_GAIN: f64 = 12.0;
 /// Time for which the field stands at the torque limit before it is realigned, s ([`crate::control::realign`]).
 #[cfg(feature = "supervision")]
 const REALIGN: f64 = 0.12;
-/// Threshold `h` of the test for a lost field, s ([`crate::supervision::innovation`]).
+/// Thresholds `h` of the tests for a lost field ([`crate::supervision::innovation`]): any contradiction, s, and a flux that
+/// falls, in rotor time constants, and at least, s.
 #[cfg(feature = "supervision")]
 const LOST_FIELD: f64 = 0.04;
+#[cfg(feature = "supervision")]
+const FLUX_FALLS: f64 = 0.25;
+#[cfg(feature = "supervision")]
+const FLUX_FALLS_LEAST: f64 = 0.06;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -487,11 +492,11 @@ impl<R: Real> DriveConfig<R> {
                     calls: if p.current_sensors < 3 { u32::MAX } else { watched(0.004) },
                 },
                 #[cfg(feature = "supervision")]
-                innovation: InnovationConfig {
-                    gain: {
-                        let seconds = f64::from(SUPERVISION_PERIODS) / inverter.f_c();
-                        r(if p.supervision { seconds / LOST_FIELD } else { 0.0 })
-                    },
+                innovation: {
+                    let seconds = f64::from(SUPERVISION_PERIODS) / inverter.f_c();
+                    let gain = |h: f64| r(if p.supervision { seconds / h } else { 0.0 });
+                    let falling = (FLUX_FALLS * tau_r / b.omega).max(FLUX_FALLS_LEAST);
+                    InnovationConfig { gain: gain(LOST_FIELD), gain_falling: gain(falling) }
                 },
                 #[cfg(feature = "supervision")]
                 stall_calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX },

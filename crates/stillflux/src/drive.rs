@@ -381,7 +381,7 @@ impl<R: Real> Common<R> {
         estimators: &E,
         measured: &Measurement<R>,
     ) -> Option<Measurement<R>> {
-        if !self.sequence.bridges(c, measured) {
+        if !self.sequence.bridges(c, measured, &estimators.estimated().i_s) {
             return None;
         }
         let switching = matches!(self.sequence.status(), Status::Magnetising | Status::Running);
@@ -450,6 +450,7 @@ impl<R: Real> Common<R> {
                 omega_m,
                 omega_s,
                 nis: if realigning { R::ZERO } else { estimators.nis() },
+                flux_falls: estimators.flux_falls(),
                 speed_deviation,
                 torque_limited: (!realigning).then_some(control.limited != R::ZERO),
             };

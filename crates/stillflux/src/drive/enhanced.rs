@@ -322,6 +322,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     #[inline(always)]
+    fn flux_falls(&self) -> bool {
+        self.filter.innovation() > R::ZERO
+    }
+
+    #[inline(always)]
     fn confidence(&self) -> R {
         self.filter.confidence()
     }

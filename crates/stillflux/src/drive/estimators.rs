@@ -154,6 +154,9 @@ pub(super) trait Estimators<R: Real> {
     /// Normalised innovation squared; zero where there is no filter.
     fn nis(&self) -> R;
 
+    /// Whether the flux that follows from the voltage is less than that of the current; not where there is no filter.
+    fn flux_falls(&self) -> bool;
+
     /// Confidence in the field angle.
     fn confidence(&self) -> R;
 

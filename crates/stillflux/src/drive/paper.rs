@@ -250,6 +250,11 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     }
 
     #[inline(always)]
+    fn flux_falls(&self) -> bool {
+        false
+    }
+
+    #[inline(always)]
     fn confidence(&self) -> R {
         self.confidence.value()
     }

@@ -174,16 +174,33 @@ impl<R: Real> Sequence<R> {
     }
 
     /// A measurement that cannot be used: whether it is the only one for a while, which is bridged. The second within
-    /// 10 ms is a fault.
+    /// 10 ms is a fault, and so is at once a current beyond the trip level that the voltage can have made since the last
+    /// measurement, be it at the end of a channel's range: a current that grows, no reading that is wrong.
     #[cold]
     #[inline(never)]
-    pub fn bridges(&mut self, c: &DriveConfig<R>, m: &Measurement<R>) -> bool {
+    pub fn bridges(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, last: &AlphaBeta<R>) -> bool {
         let alone = self.period.wrapping_sub(self.last_bad) > c.bridged_periods;
         self.last_bad = self.period;
-        if !alone && let Some(trip) = self.examine(c, m) {
-            self.fault(trip);
-        }
-        alone
+        let trip = if let Some(i) = self.grown(c, m, last) {
+            Some(Trip::new(Fault::OverCurrent, i, c.i_trip))
+        } else if alone {
+            None
+        } else {
+            self.examine(c, m)
+        };
+        let Some(trip) = trip else { return alone };
+        self.fault(trip);
+        false
+    }
+
+    /// The current, if it is beyond the trip level and the voltage can have changed it by that since the last measurement:
+    /// `|i - i_last| ≤ 4/3 u_dc t_s/σl_s`, that of the bridge and as much induced.
+    fn grown(&self, c: &DriveConfig<R>, m: &Measurement<R>, last: &AlphaBeta<R>) -> Option<R> {
+        let i_s = AlphaBeta::<R>::from_phases(self.without_offset(c, m, || R::ZERO));
+        // `part_ahead` is 1.5 ω_c t_s, and k_p = ω_c σl_s.
+        let most = m.u_dc * c.part_ahead * c.current.inv_k_p * R::from_f64(8.0 / 9.0);
+        let beyond = i_s.norm_sq() > c.i_trip * c.i_trip && (i_s - *last).norm_sq() <= most * most;
+        beyond.then(|| i_s.norm_sq().sqrt())
     }
 
     /// The measurement that a current vector without offsets and a dc-link voltage would have been.

@@ -5,7 +5,7 @@
 //! | [`plausibility`] | flux off its circle, speed beyond reach, low confidence | fourth period |
 //! | [`phases`] | open phase, current that does not follow its reference | fourth period |
 //! | [`channels`] | stuck, saturated, inverted current channel | fourth period |
-//! | [`innovation`] | a lost field near zero frequency | fourth period |
+//! | [`innovation`] | a lost field near zero frequency, a flux that collapses there | fourth period |
 //! | [`stall`] | torque at its limit, speed not following; a field lost at low speed | fourth period |
 //! | [`timing`] | missed and doubled calls | period, if the caller gives a cycle stamp |
 //!
@@ -91,8 +91,9 @@ pub(crate) struct Tracking<R: Real> {
     pub psi_deviation: R,
     pub omega_m: R,
     pub omega_s: R,
-    /// Normalised innovation squared of the filter.
+    /// Normalised innovation squared of the filter, and whether the flux of the voltage is less than that of the current.
     pub nis: R,
+    pub flux_falls: bool,
     /// Reference of the speed less the estimate, under speed control.
     pub speed_deviation: R,
     /// The torque reference is at its limit, under speed control; `None`: the field is being realigned.
@@ -174,7 +175,7 @@ impl<R: Real> Supervision<R> {
         let trip = self.plausibility.step(&c.plausibility, x.psi_deviation, x.omega_m, confidence);
         #[cfg(feature = "supervision")]
         let trip = trip
-            .or_else(|| self.innovation.step(&c.innovation, x.nis, x.omega_s))
+            .or_else(|| self.innovation.step(&c.innovation, x.nis, x.flux_falls, x.omega_s))
             .or_else(|| self.stall.step(c.stall_calls, x.torque_limited, x.speed_deviation, x.omega_m));
         trip
     }
@@ -190,8 +191,8 @@ mod tests {
         for stamp in [1, 2, 4] {
             supervision.timing.step::<f64>(stamp);
         }
-        let c = InnovationConfig { gain: 0.1 };
-        supervision.innovation.step(&c, 4.0, 0.0);
+        let c = InnovationConfig { gain: 0.1, gain_falling: 0.1 };
+        supervision.innovation.step(&c, 4.0, false, 0.0);
         supervision.begin();
         assert_eq!(supervision.timing.irregular(), 1);
         assert_eq!(supervision.innovation, Innovation::default());

@@ -11,7 +11,8 @@
 //! sums over the violated calls tell the phase; a direct current deviates unless the phase happens to carry none. At low
 //! frequency the estimated field may follow the current that is left, and the reference with it: then a phase whose
 //! current stays at its zero under a small deviation, although the field turns, is open: a healthy one has passed the zero
-//! after 2 · 0.03 rad. After 4 ms of violation (leaky, [`super::leaky`]) an open
+//! after 2 · 0.03 rad. Not while a violation is remembered: after a step of the reference the current comes up to it from
+//! beside, by as much as the field turns, and a healthy phase may stay at its zero for some ms. After 4 ms of violation (leaky, [`super::leaky`]) an open
 //! phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped or
 //! inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
 //!
@@ -155,7 +156,8 @@ impl<R: Real> Phases<R> {
         let (measured, wanted) = (field.to_stator(i).to_phases(), field.to_stator(i_ref).to_phases());
         let omega_s = omega_s.map(R::abs);
         let turned = omega_s.filter(|omega_s| *omega_s > r(TURNS)).map(|omega_s| omega_s * c.t_s);
-        let nothing = if turned.is_some() { i.norm_sq() * r(ZERO * ZERO) } else { R::ZERO };
+        let settled = turned.is_some() && self.counter.is_empty();
+        let nothing = if settled { i.norm_sq() * r(ZERO * ZERO) } else { R::ZERO };
         for (k, number) in [1.0, 2.0, 3.0].into_iter().enumerate() {
             let (calls, angle) = self.zero[k];
             self.zero[k] = match turned {

@@ -37,6 +37,8 @@ _TIME = 20.0
 _HEATING = 5.0 * _TIME
 _AT = 0.5
 """Speed at which the motor heats up, per unit."""
+_HELD = 0.2
+"""Stator frequency from which on the drive holds `R_s` where it is told no temperature, per unit."""
 _SPEEDS = (0.2, 0.5, 0.8)
 """Speeds that are judged, per unit."""
 _HOLD, _JUDGED = 2.0, 1.0
@@ -222,8 +224,25 @@ def _check_torque(result: Result) -> list[Claim]:
 
 
 def _wrong_torque(result: Result) -> list[Claim]:
-    cold, hot = _deviations(result)
-    return [at_least("torque deviation hot over that cold", hot / cold, 2.0)]
+    """The loss in the part of the resistance that the drive does not know is taken for power of the field,
+
+        ΔT = 3/2 ΔR_s |i|²/ω,
+
+    largest at the lowest speed at which `R_s` is held without a temperature. In small motors the filter's
+    correction takes up to a half off: 0.4 as for the speed. The error cold has other causes and is no measure:
+    at 160 kW both are some 2 %."""
+    motor = result.scenario.motor
+    _, hot, end = _sweeps(result.scenario)
+    rise = motor.R_s * _RISE / (235.0 + _COLD)
+    loss = 1.5 * rise * (current(motor, 1.0) * motor.base["i"]) ** 2
+    expected = loss / (_HELD * motor.base["omega_m"]) / motor.T_N
+    # From rated speed to standstill: until the step below the speed, and a tenth of rated speed before.
+    held = hot + (1.0 - _HELD) * _EVERY / _STEP
+    deviation = _deviation(result, held - 0.1 * _EVERY / _STEP, held + _EVERY)
+    return [
+        at_least("torque deviation hot at 0.2 pu, of that expected", deviation / expected, 0.4),
+        at_least("torque deviation hot, of rated", 100.0 * _deviation(result, hot, end), 2.0, "%"),
+    ]
 
 
 def _both(
