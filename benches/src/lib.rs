@@ -134,7 +134,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
             if period % config.speed_periods() == 0 {
                 flux.set_stator_frequency(config.flux_config(), black_box(r(0.03)));
             }
-            flux.step(config.flux_config(), black_box(&u), &i, r(0.08), R::ONE);
+            flux.step(config.flux_config(), (black_box(&u), &i), r(0.08), R::ONE, period);
             black_box(flux.magnitude());
         }),
         Box::new(move || {

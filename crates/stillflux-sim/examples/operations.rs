@@ -266,7 +266,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 if calls.is_multiple_of(config.speed_periods()) {
                     flux.set_stator_frequency(config.flux_config(), r(0.05));
                 }
-                flux.step(config.flux_config(), &u, &i, r(0.08), r(1.0));
+                flux.step(config.flux_config(), (&u, &i), r(0.08), r(1.0), calls);
             }),
         ),
         ("speed_estimator", operations(|| speed.step(config.speed_config(), &psi, &i))),

@@ -8,8 +8,8 @@
 //! **Timing.** Currents sampled at the start of period *k* give the duties applied during period *k + 1*.
 //!
 //! **Rates.** Estimators, current control and modulator run in every period; with at least 8000 periods a second the
-//! speed estimator and the supervision in every fourth (the published scheme's speed estimator in every second), speed and
-//! flux control and slow adaptation in every eighth, with fewer in every second, fourth and fourth one: each in a period
+//! speed estimator and the supervision in every fourth, speed and flux control in every eighth, the limits of the references
+//! and the slow adaptation in every sixteenth, with fewer in every second, fourth, fourth and fourth one: each in a period
 //! of its own and after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
 //!
 //! **Schemes.** The published scheme estimates by Figs. 4, 7 and 12, the enhanced one by one filter
@@ -303,7 +303,7 @@ impl<R: Real> Common<R> {
     /// Whether this is a period under control.
     #[inline(always)]
     fn is_under_control(&self, reference: &Reference<R>) -> bool {
-        matches!(self.sequence.status(), Status::Running) && reference.is_admissible()
+        likely(matches!(self.sequence.status(), Status::Running)) && likely(reference.is_admissible())
     }
 
     /// All states but `Running`: progress of the start-up, if this is a period of it.
@@ -412,14 +412,20 @@ impl<R: Real> Common<R> {
         if turn == 0 {
             self.control.set_references(c, estimators, reference, u_dc);
         } else if turn + turn == c.slow_mask + 1 {
-            self.adapt(c, estimators, u_dc);
+            // Where these periods are eight, the limits of the references and the adaptation take turns.
+            let (limits, adaptation) = c.turns_of_adaptation(period);
+            if limits {
+                self.control.set_limits(c, estimators, u_dc);
+            }
+            if adaptation {
+                self.adapt(c, estimators);
+            }
         }
     }
 
-    /// Limits of the references, and slow adaptation of the estimators.
+    /// Slow adaptation of the estimators: a call, outside the registers of the step.
     #[inline(never)]
-    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E, u_dc: R) {
-        self.control.set_limits(c, estimators, u_dc);
+    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E) {
         estimators.adapt(c, &self.control.i_dq);
     }
 

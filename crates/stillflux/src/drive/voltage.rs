@@ -136,7 +136,7 @@ impl<R: Real> Voltage<R> {
         &mut self,
         c: &DriveConfig<R>,
         u_ref: &AlphaBeta<R>,
-        (i_ref, u): (&AlphaBeta<R>, &[R; 3]),
+        i_ref: &AlphaBeta<R>,
         knee: &Knee<R>,
     ) {
         if u_ref.norm_sq() > R::from_f64(LOW * LOW) {
@@ -150,7 +150,7 @@ impl<R: Real> Voltage<R> {
                 *ripple = R::ZERO;
             }
         }
-        self.ripple[k % 3] = c.inverter.ripple(knee, k, (&phases, u), &self.loss);
+        self.ripple[k % 3] = c.inverter.ripple(knee, k, (&phases, &u_ref.to_phases()), &self.loss);
     }
 
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
@@ -173,7 +173,7 @@ impl<R: Real> Voltage<R> {
         if period & (c.slow_mask >> 2) == 0 || !likely(c.discontinuous_sq().is_none()) {
             self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
             if ripple {
-                self.follow_ripple(c, u_ref, (i_ref, &u), knee);
+                self.follow_ripple(c, u_ref, i_ref, knee);
             }
             for (e, ripple) in self.loss.phases.iter_mut().zip(&self.ripple) {
                 *e += *ripple;

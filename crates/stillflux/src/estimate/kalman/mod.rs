@@ -210,11 +210,14 @@ impl<R: Real> Filter<R> {
         let i_dq = self.field().to_field(&i_s);
         self.sum += i_dq;
         self.period += 1;
-        if likely(self.period < c.block) {
-            self.work(c);
-        } else {
-            self.period = 0;
-            self.close(c, &x.i_ref, x.loss, x.omega_s, integrate_only);
+        // A block is a whole number of slots.
+        if self.period & c.slot_mask == 0 {
+            if likely(self.period < c.block) {
+                self.work(c);
+            } else {
+                self.period = 0;
+                self.close(c, &x.i_ref, x.loss, x.omega_s, integrate_only);
+            }
         }
         i_dq
     }
