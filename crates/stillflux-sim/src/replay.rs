@@ -237,7 +237,7 @@ impl Replay {
                     balance.fit(c.balance_config(), &i_m, row.i_sum / b.i);
                 }
                 let i_m = balance.remove(&i_m);
-                let input = Input { u_s, loss: &loss, i_m, i_ref: self.i_slow, omega_s };
+                let input = Input { u_s, loss: &loss, i_m, i_ref: &self.i_slow, omega_s };
                 let i_dq = filter.step(c.filter_config(), &input, self.integrating > 0);
                 self.integrating = self.integrating.saturating_sub(1);
                 if slow_due {

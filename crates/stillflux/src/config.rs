@@ -330,7 +330,7 @@ impl<R: Real> DriveConfig<R> {
 
     /// Magnetising current of the start-up: boosted until the flux has built up, then held.
     pub(crate) fn magnetising_current(&self, stage: u32) -> Dq<R> {
-        let i_d = self.flux_control.feedforward(self.flux_control.psi_rated, R::ZERO);
+        let i_d = self.flux_control.no_load(self.flux_control.psi_rated);
         Dq::new(if stage < self.boost_periods { i_d * R::from_f64(BOOST) } else { i_d }, R::ZERO)
     }
 

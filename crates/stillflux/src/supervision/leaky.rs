@@ -24,10 +24,7 @@ impl LeakyCounter {
     #[inline(always)]
     pub fn step(&mut self, violated: bool, n: u32) -> bool {
         if likely(!violated) {
-            // Nearly always empty: a load and a branch, no store.
-            if !likely(self.0 == 0) {
-                self.0 -= 1;
-            }
+            self.0 = self.0.saturating_sub(1);
             return false;
         }
         self.0 = self.0.saturating_add(RISE);
