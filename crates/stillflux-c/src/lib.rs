@@ -101,8 +101,8 @@ pub struct stillflux_drive {
     drive: MaybeUninit<CountsDrive<Arithmetic>>,
 }
 
-/// `open` of a state that holds a drive.
-const OPEN: u32 = 0x6E65_706F;
+/// `open` of a state that holds a drive: four equal bytes, which a comparison takes as its own constant.
+const OPEN: u32 = 0x6F6F_6F6F;
 
 impl stillflux_drive {
     #[inline(always)]

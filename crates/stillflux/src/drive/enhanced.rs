@@ -203,14 +203,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         if x.period % BALANCE_PERIODS == 4 {
             let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
             self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
-            // They move within many blocks of the filter.
-            if x.period & 8 != 0 {
-                c.inverter.follow(&mut self.knee, self.filter.knee());
-                self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
-            }
+            c.inverter.follow(&mut self.knee, self.filter.knee());
+            self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
         }
         #[cfg(feature = "legs")]
-        if x.period % 8 == 0 {
+        if x.period.is_multiple_of(8) {
             self.knee.set_legs(&self.legs, x.u_dc);
         }
         let (mut field, mut complete, mut current_control) = (self.filter.field(), false, CurrentControl::Continues);
