@@ -9,6 +9,8 @@ import pytest
 
 import stillflux as sf
 from stillflux.evidence.conditions import slip
+from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.machines import ADC_NOISE
 from stillflux.options import Arithmetic
 
 
@@ -210,3 +212,27 @@ def test_status_behaves_as_its_string() -> None:
     assert hash(status) == hash("starting")
     assert status in {"starting"}
     assert sf.Status("faulted", "over-current", 1.0) != sf.Status("faulted", "over-current", 2.0)
+
+
+@pytest.mark.parametrize("half_periods", [1, 2])
+def test_a_large_machine_is_controlled_as_well_where_its_control_is_fast(half_periods: int) -> None:
+    """With the flux bandwidth of smaller machines, 5 Hz, the flux oscillates by way of the leakage and the
+    current does not follow: pole -1.7. That setting is refused."""
+    typical = DRIVES["160kW"]
+    inverter = typical.inverter.replace(f_s=8e3, half_periods=half_periods)
+    motor = typical.motor
+    w = motor.base["omega_m"]
+    made = sf.Scenario(
+        motor=motor,
+        inverter=inverter,
+        duration=9.0,
+        omega_ref=((0.0, 0.0), (6.5, 0.0), (7.5, 0.4 * w)),
+        plant={"seed": 3, "adc_noise": ADC_NOISE * motor.I_N},
+    )
+    result = sf.simulate(made)
+    assert result.status.fault is None
+    weighed = result.t > 6.3
+    psi = np.abs(result["psi_s"][weighed]) / motor.base["psi"]
+    assert np.ptp(psi) < 0.02, "the flux is steady"
+    with pytest.raises(ValueError, match=r"flux_bandwidth = 5 Hz .* at once"):
+        sf.Drive(motor, inverter, flux_bandwidth=5.0)
