@@ -478,9 +478,11 @@ fn counts_of(counts: &stillflux_counts) -> Counts {
 
 #[inline(always)]
 fn set_point_of(set_point: &stillflux_set_point) -> SetPoint {
-    match set_point.kind {
-        STILLFLUX_SPEED => SetPoint::Speed(set_point.value),
-        STILLFLUX_TORQUE => SetPoint::Torque(set_point.value),
+    // Read whatever it means: no branch for each kind.
+    let (kind, value) = (set_point.kind, set_point.value);
+    match if kind <= STILLFLUX_TORQUE { kind } else { STILLFLUX_STOP } {
+        STILLFLUX_SPEED => SetPoint::Speed(value),
+        STILLFLUX_TORQUE => SetPoint::Torque(value),
         _ => SetPoint::Stop,
     }
 }

@@ -200,15 +200,18 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref: i_dq_ref, omega_s: self.speed.omega_s };
         let mut i_dq = self.filter.step(&c.enhanced.filter, &input, integrate_only);
         // What follows from quantities that change slowly takes its turn.
-        if x.period % BALANCE_PERIODS == 4 {
-            let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
-            self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
-            c.inverter.follow(&mut self.knee, self.filter.knee());
-            self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
-        }
-        #[cfg(feature = "legs")]
-        if x.period.is_multiple_of(8) {
-            self.knee.set_legs(&self.legs, x.u_dc);
+        match x.period % BALANCE_PERIODS {
+            4 => {
+                let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
+                self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
+            }
+            #[cfg(feature = "legs")]
+            0 => self.knee.set_legs(&self.legs, x.u_dc),
+            6 => {
+                c.inverter.follow(&mut self.knee, self.filter.knee());
+                self.rotor = self.filter.rotor_resistance(&c.enhanced.filter);
+            }
+            _ => {}
         }
         let (mut field, mut complete, mut current_control) = (self.filter.field(), false, CurrentControl::Continues);
         if let Some(at) = start_up {
