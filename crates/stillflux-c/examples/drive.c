@@ -24,10 +24,11 @@ struct answer {
 static uint32_t page[STILLFLUX_PAGE_WORDS];
 static stillflux_drive drive;
 
-/* A call that the optimiser leaves where it is. */
-__attribute__((noinline)) static void empty(volatile uint32_t *state)
+/* The empty call of the measurement in Rust: a word through memory that the optimiser does not see. */
+__attribute__((noinline)) static void empty(uint32_t *state)
 {
-  *state = *state;
+  volatile uint32_t held = *state;
+  *state = held;
 }
 
 static uint32_t words_differ(const void *a, const void *b, size_t bytes)
