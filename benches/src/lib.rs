@@ -134,7 +134,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
             if period % config.speed_periods() == 0 {
                 flux.set_stator_frequency(config.flux_config(), black_box(r(0.03)));
             }
-            flux.step(config.flux_config(), black_box(&u), &i, r(0.08), R::ONE);
+            flux.step(config.flux_config(), (black_box(&u), &i), r(0.08), R::ONE, period);
             black_box(flux.magnitude());
         }),
         Box::new(move || {
@@ -171,7 +171,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
         Box::new(move || {
             let phases = [r(0.03), r(-0.02), r(-0.01)];
             let loss = Distortion { phases, full: r(0.03), ..Distortion::default() };
-            let seen = Input { u_s: black_box(u), loss: &loss, i_m: i, i_ref, omega_s: r(0.03) };
+            let seen = Input { u_s: black_box(u), loss: &loss, i_m: i, i_ref: &i_ref, omega_s: r(0.03) };
             filter.step(filter_config, &seen, false);
             black_box(filter.magnitude());
         }),

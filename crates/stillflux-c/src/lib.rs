@@ -101,8 +101,8 @@ pub struct stillflux_drive {
     drive: MaybeUninit<CountsDrive<Arithmetic>>,
 }
 
-/// `open` of a state that holds a drive.
-const OPEN: u32 = 0x6E65_706F;
+/// `open` of a state that holds a drive: four equal bytes, which a comparison takes as its own constant.
+const OPEN: u32 = 0x6F6F_6F6F;
 
 impl stillflux_drive {
     #[inline(always)]
@@ -478,9 +478,11 @@ fn counts_of(counts: &stillflux_counts) -> Counts {
 
 #[inline(always)]
 fn set_point_of(set_point: &stillflux_set_point) -> SetPoint {
-    match set_point.kind {
-        STILLFLUX_SPEED => SetPoint::Speed(set_point.value),
-        STILLFLUX_TORQUE => SetPoint::Torque(set_point.value),
+    // Read whatever it means: no branch for each kind.
+    let (kind, value) = (set_point.kind, set_point.value);
+    match if kind <= STILLFLUX_TORQUE { kind } else { STILLFLUX_STOP } {
+        STILLFLUX_SPEED => SetPoint::Speed(value),
+        STILLFLUX_TORQUE => SetPoint::Torque(value),
         _ => SetPoint::Stop,
     }
 }

@@ -200,7 +200,8 @@ impl FluxEstimator {
                 flux.start(start, i[0]);
                 speed.start(&self.config.speed_config().rotor_flux(&start, &i[0]), 0.0);
             } else {
-                flux.step(self.config.flux_config(), &u[k], &i[k], r_s[k], self.psi_ref);
+                #[allow(clippy::cast_possible_truncation)]
+                flux.step(self.config.flux_config(), (&u[k], &i[k]), r_s[k], self.psi_ref, k as u32);
             }
             let psi_s = flux.value();
             // As often as in the drive.

@@ -251,7 +251,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     filter.start(filter_config, &i);
     filter.settle(filter_config, r(1.0));
     let loss = config.inverter_model().distortion(config.inverter_model().nominal(), &i, r(1.65), r(1.0));
-    let seen = Input { u_s: u, loss: &loss, i_m: i, i_ref: i_dq, omega_s: r(0.05) };
+    let seen = Input { u_s: u, loss: &loss, i_m: i, i_ref: &i_dq, omega_s: r(0.05) };
     let mut balance = Balance::default();
     let mut enhanced_drive = running(enhanced);
     let half = r(0.3);
@@ -266,7 +266,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 if calls.is_multiple_of(config.speed_periods()) {
                     flux.set_stator_frequency(config.flux_config(), r(0.05));
                 }
-                flux.step(config.flux_config(), &u, &i, r(0.08), r(1.0));
+                flux.step(config.flux_config(), (&u, &i), r(0.08), r(1.0), calls);
             }),
         ),
         ("speed_estimator", operations(|| speed.step(config.speed_config(), &psi, &i))),

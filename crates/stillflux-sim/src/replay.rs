@@ -226,7 +226,7 @@ impl Replay {
         let b = self.base;
         self.period = self.period.wrapping_add(1);
         let speed_due = self.period.is_multiple_of(self.config.speed_periods());
-        let slow_due = self.period.is_multiple_of(self.config.slow_periods());
+        let slow_due = self.period.is_multiple_of(self.config.adapt_periods());
         let loss = self.loss(row.u_dc / b.u);
         let (u_s, i_m) = (vector(row.u_s, b.u) - loss.vector(), vector(row.i_s, b.i));
         self.u_s = u_s;
@@ -237,7 +237,7 @@ impl Replay {
                     balance.fit(c.balance_config(), &i_m, row.i_sum / b.i);
                 }
                 let i_m = balance.remove(&i_m);
-                let input = Input { u_s, loss: &loss, i_m, i_ref: self.i_slow, omega_s };
+                let input = Input { u_s, loss: &loss, i_m, i_ref: &self.i_slow, omega_s };
                 let i_dq = filter.step(c.filter_config(), &input, self.integrating > 0);
                 self.integrating = self.integrating.saturating_sub(1);
                 if slow_due {
@@ -248,7 +248,7 @@ impl Replay {
                 i_dq
             }
             Estimators::Paper { flux, resistance, confidence } => {
-                flux.step(c.flux_config(), &u_s, &i_m, resistance.r_s(), row.psi_ref / b.psi);
+                flux.step(c.flux_config(), (&u_s, &i_m), resistance.r_s(), row.psi_ref / b.psi, self.period);
                 // û_off is that of an offset of the current sensors, as in the drive.
                 self.i_s = i_m + flux.offset.u_off() * (1.0 / self.r_s);
                 let i_dq = flux.field().to_field(&self.i_s);

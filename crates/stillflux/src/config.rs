@@ -200,9 +200,23 @@ words! {
 }
 
 impl<R: Real> DriveConfig<R> {
-    /// Control periods from one run to the next of speed and flux control, resistance adaptation and confidence.
+    /// Control periods from one run to the next of speed and flux control.
     pub fn slow_periods(&self) -> u32 {
         self.slow_mask + 1
+    }
+
+    /// Control periods from one run to the next of field weakening, resistance adaptation, confidence and flux shift.
+    pub fn adapt_periods(&self) -> u32 {
+        settings::adapt_periods(self.slow_periods())
+    }
+
+    /// Whether it is the turn of the limits of the references, and of the adaptation of the estimators, in a period half of
+    /// [`Self::slow_periods`] after speed and flux control.
+    #[inline(always)]
+    pub(crate) fn turns_of_adaptation(&self, period: u32) -> (bool, bool) {
+        let other = period & 8 != 0;
+        let both = self.slow_mask != 7;
+        (both || !other, both || other)
     }
 
     /// Control periods from one run to the next of the speed estimator.
@@ -213,9 +227,7 @@ impl<R: Real> DriveConfig<R> {
     /// These, less one.
     #[inline(always)]
     pub(crate) fn speed_mask(&self) -> u32 {
-        // In a build of one scheme it is known.
-        let enhanced = cfg!(feature = "enhanced") && (!cfg!(feature = "paper") || self.scheme == Scheme::Enhanced);
-        if enhanced { self.slow_mask >> 1 } else { 1 }
+        self.slow_mask >> 1
     }
 
     /// Settings of the speed estimator, for its use alone.
@@ -323,7 +335,7 @@ impl<R: Real> DriveConfig<R> {
 
     /// Magnetising current of the start-up: boosted until the flux has built up, then held.
     pub(crate) fn magnetising_current(&self, stage: u32) -> Dq<R> {
-        let i_d = self.flux_control.feedforward(self.flux_control.psi_rated, R::ZERO);
+        let i_d = self.flux_control.no_load(self.flux_control.psi_rated);
         Dq::new(if stage < self.boost_periods { i_d * R::from_f64(BOOST) } else { i_d }, R::ZERO)
     }
 
@@ -341,8 +353,9 @@ impl<R: Real> DriveConfig<R> {
         let periods = |t: f64| inverter.periods(t);
 
         let slow_periods = settings::slow_periods(inverter);
-        let (t_speed, t_slow) =
-            (t_s * f64::from(settings::speed_periods(p.scheme, inverter)), t_s * f64::from(slow_periods));
+        let (speed_periods, adapt_periods) =
+            (settings::speed_periods(slow_periods), settings::adapt_periods(slow_periods));
+        let [t_speed, t_slow, t_adapt] = [speed_periods, slow_periods, adapt_periods].map(|n| t_s * f64::from(n));
         let supervised = |t: f64| periods(t / f64::from(SUPERVISION_PERIODS));
         #[cfg(feature = "supervision")]
         let watched = |t: f64| if p.supervision { supervised(t) } else { u32::MAX };
@@ -458,7 +471,7 @@ impl<R: Real> DriveConfig<R> {
                 psi_min: r(if p.field_weakening { 0.2 } else { 1.0 } * p.psi_ref),
                 // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
                 resistance: r(pu.r_s + pu.r_r * (l_s / pu.l_m) * (l_s / pu.l_m) / 0.8),
-                k: r(t_slow * pu.hz(p.flux_bandwidth) / 2.0),
+                k: r(t_adapt * pu.hz(p.flux_bandwidth) / 2.0),
                 inv_u_max_sq: r((1.0 / (u_max * u_max)).min(100.0)),
             },
             speed_control: SpeedControlConfig {
@@ -526,7 +539,8 @@ impl<R: Real> DriveConfig<R> {
             },
             overload: [p.machine_overload, p.bridge_overload].map(|body| {
                 let (i_c_sq, rate) = body.map_or((1.0, 0.0), |(current, time)| {
-                    (2.0 * current * current / (b.i * b.i), slow * f64::from(overload::CALLS) / time)
+                    let interval = f64::from(adapt_periods * overload::CALLS) / inverter.f_c();
+                    (2.0 * current * current / (b.i * b.i), interval / time)
                 });
                 OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
             }),
@@ -551,10 +565,10 @@ impl<R: Real> DriveConfig<R> {
             hand_over: {
                 // The ripple of one count ([`crate::estimate::encoder`]).
                 let ripple = count_angle(p.encoder_lines.max(1), machine.n_p) * omega_n / core::f64::consts::E;
-                let calls = |t: f64| periods(t / f64::from(settings::speed_periods(p.scheme, inverter)));
+                let calls = |t: f64| periods(t / f64::from(speed_periods));
                 HandOverConfig {
                     band: r((p.encoder_deviation / b.omega_m + ripple).min(100.0)),
-                    gain: r(f64::from(settings::speed_periods(p.scheme, inverter)) / inverter.f_c() / handover::FILTER),
+                    gain: r(f64::from(speed_periods) / inverter.f_c() / handover::FILTER),
                     calls_apart: calls(handover::APART),
                     calls_return: calls(handover::RETURN),
                     control: p.encoder_mode == EncoderMode::Control,

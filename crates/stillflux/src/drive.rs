@@ -8,8 +8,8 @@
 //! **Timing.** Currents sampled at the start of period *k* give the duties applied during period *k + 1*.
 //!
 //! **Rates.** Estimators, current control and modulator run in every period; with at least 8000 periods a second the
-//! speed estimator and the supervision in every fourth (the published scheme's speed estimator in every second), speed and
-//! flux control and slow adaptation in every eighth, with fewer in every second, fourth and fourth one: each in a period
+//! speed estimator and the supervision in every fourth, speed and flux control in every eighth, the limits of the references
+//! and the slow adaptation in every sixteenth, with fewer in every second, fourth, fourth and fourth one: each in a period
 //! of its own and after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
 //!
 //! **Schemes.** The published scheme estimates by Figs. 4, 7 and 12, the enhanced one by one filter
@@ -256,7 +256,13 @@ impl<R: Real> Common<R> {
         };
         let (i_abc, i_s) = self.sequence.currents(c, measured, estimators);
         let mut start_up = None;
-        if !self.is_under_control(reference) {
+        if likely(matches!(self.sequence.status(), Status::Running)) {
+            if !likely(reference.is_admissible()) {
+                // A stop, or a reference that is not a number.
+                self.prepare(c, estimators, measured, reference, i_s);
+                return self.blocked();
+            }
+        } else {
             start_up = self.prepare(c, estimators, measured, reference, i_s);
             if start_up.is_none() {
                 return self.blocked();
@@ -268,7 +274,7 @@ impl<R: Real> Common<R> {
         let duty = self.control.duties(c, &field, (period, ripple), u_dc, estimators.inverter(c));
         let running = start_up.is_none();
         if likely(running) {
-            self.slow_tasks(c, estimators, reference, u_dc);
+            self.slow_tasks(c, estimators, reference, (period, u_dc));
         }
         if period & 3 == 2 && !likely(self.supervise(c, estimators, reference, (&i_abc, &field), running)) {
             return self.blocked();
@@ -298,12 +304,6 @@ impl<R: Real> Common<R> {
             // Three equal currents have no space vector: none flows while the bridge is blocked.
             None => of_three(m.i_abc[2]),
         }
-    }
-
-    /// Whether this is a period under control.
-    #[inline(always)]
-    fn is_under_control(&self, reference: &Reference<R>) -> bool {
-        matches!(self.sequence.status(), Status::Running) && reference.is_admissible()
     }
 
     /// All states but `Running`: progress of the start-up, if this is a period of it.
@@ -396,9 +396,8 @@ impl<R: Real> Common<R> {
         c: &DriveConfig<R>,
         estimators: &mut E,
         reference: &Reference<R>,
-        u_dc: R,
+        (period, u_dc): (u32, R),
     ) {
-        let period = self.sequence.period();
         if period & 1 == 1 {
             if period & c.speed_mask() == 1 {
                 estimators.update_speed(c);
@@ -412,14 +411,20 @@ impl<R: Real> Common<R> {
         if turn == 0 {
             self.control.set_references(c, estimators, reference, u_dc);
         } else if turn + turn == c.slow_mask + 1 {
-            self.adapt(c, estimators, u_dc);
+            // Where these periods are eight, the limits of the references and the adaptation take turns.
+            let (limits, adaptation) = c.turns_of_adaptation(period);
+            if limits {
+                self.control.set_limits(c, estimators, u_dc);
+            }
+            if adaptation {
+                self.adapt(c, estimators);
+            }
         }
     }
 
-    /// Limits of the references, and slow adaptation of the estimators.
+    /// Slow adaptation of the estimators: a call, outside the registers of the step.
     #[inline(never)]
-    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E, u_dc: R) {
-        self.control.set_limits(c, estimators, u_dc);
+    fn adapt<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &mut E) {
         estimators.adapt(c, &self.control.i_dq);
     }
 
@@ -471,9 +476,16 @@ impl<R: Real> Common<R> {
     }
 
     /// The bridge is blocked in this period.
-    #[inline(never)]
+    // In line, but for the call: the output then stays in registers.
+    #[inline(always)]
     fn blocked(&mut self) -> Output<R> {
-        self.control.voltage.block();
+        self.block();
         Output { duty: zero_duty(), gates_on: false }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn block(&mut self) {
+        self.control.voltage.block();
     }
 }

@@ -468,15 +468,12 @@ impl<R: Real> InverterModel<R> {
         dead * knee.part(i) + if i < R::ZERO { -e } else { e }
     }
 
-    /// What the loss `first` of [`InverterModel::distortion`] lacks in leg `k` (0 to 2) near current zero, in a period in
+    /// What the loss `first` of [`InverterModel::distortion`] lacks in leg `k` (0 to 2) near its current zero, in a period in
     /// which the machine is to have the phase currents `phases` and voltages `u`.
     #[inline(never)]
     pub fn ripple(&self, knee: &Knee<R>, k: usize, (phases, u): (&[R; 3], &[R; 3]), first: &Distortion<R>) -> R {
         let (literal, g) = (R::from_f64, self.parameters.ripple);
         let i = phases[k % 3];
-        if !knee.is_near_zero(i) {
-            return R::ZERO;
-        }
         let dead = first.full - first.least;
         let swing = self.parameters.shift + self.parameters.shift;
         let start = if i.within(knee.width) { i - self.parameters.shift } else { i };
@@ -749,7 +746,11 @@ mod tests {
             let i_s = AlphaBeta::from_phases(i);
             let loss = model.distortion(&knee, &i_s, pu.u_dc, 1.0);
             let first = loss.phases;
-            let both = [0, 1, 2].map(|k| first[k] + model.ripple(&knee, k, (&i_s.to_phases(), &u), &loss));
+            let phases = i_s.to_phases();
+            let ripple = |k: usize| {
+                if knee.is_near_zero(phases[k]) { model.ripple(&knee, k, (&phases, &u), &loss) } else { 0.0 }
+            };
+            let both = [0, 1, 2].map(|k| first[k] + ripple(k));
             [first, both].map(|loss| {
                 let phases = [0, 1, 2].map(|k| u[k] + loss[k]);
                 let duty = modulate(phases, 1.0 / pu.u_dc, None);

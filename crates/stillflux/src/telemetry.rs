@@ -9,7 +9,7 @@
 use crate::base::Base;
 use crate::drive::{Drive, Reference, Status};
 use crate::params::Machine;
-use crate::scalar::Real;
+use crate::scalar::{Real, likely};
 use crate::words::{Words, layout};
 
 /// What a drive is to do, SI.
@@ -138,9 +138,11 @@ impl Units {
             SetPoint::Speed(x) => (x, self.inv_omega_m),
             SetPoint::Torque(x) => (x, self.inv_torque),
         };
+        let product = x * inverse;
         // NaN stays what it is where there is one.
-        let y = R::from_f32(x * inverse);
-        if !x.is_finite() && y.is_finite() {
+        let y = R::from_f32(product);
+        // One check, which that of the reference by the drive repeats.
+        if !likely(product.is_finite()) && !x.is_finite() && y.is_finite() {
             return Reference::Stop;
         }
         if matches!(set_point, SetPoint::Speed(_)) { Reference::Speed(y) } else { Reference::Torque(y) }

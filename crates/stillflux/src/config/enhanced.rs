@@ -1,6 +1,6 @@
 //! Configuration of the enhanced scheme: constants of its estimators and of its flux shift, per unit.
 
-use super::settings::{BALANCE_PERIODS, BOOST, DriveParams, EnhancedParams, slow_periods};
+use super::settings::{BALANCE_PERIODS, BOOST, DriveParams, EnhancedParams, adapt_periods, slow_periods};
 use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
@@ -94,7 +94,7 @@ impl<R: Real> EnhancedConfig<R> {
                 // A tenth of the torque that the current allows is kept in reserve.
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
-                step: rounded(SHIFT_RATE * f64::from(slow_periods(inverter)) / inverter.f_c()),
+                step: rounded(SHIFT_RATE * f64::from(adapt_periods(slow_periods(inverter))) / inverter.f_c()),
             },
             catch: CatchConfig {
                 block: catch_block,

@@ -1,12 +1,12 @@
 //! Configuration of the published scheme: constants of its estimators, per unit.
 
-use super::settings::{DriveParams, Scheme, slow_periods, speed_periods};
+use super::settings::{DriveParams, Scheme, adapt_periods, slow_periods, speed_periods};
 use crate::base::{PerUnit, rounded};
 use crate::estimate::confidence::ConfidenceConfig;
 use crate::estimate::flux::FluxConfig;
 #[cfg(feature = "variants")]
 use crate::estimate::light_load::LightLoadConfig;
-use crate::estimate::offset::{OffsetConfig, U_OFF_MAX, longest_window};
+use crate::estimate::offset::{OFFSET_PERIODS, OffsetConfig, U_OFF_MAX, longest_window};
 use crate::estimate::resistance::ResistanceConfig;
 use crate::params::Inverter;
 use crate::scalar::Real;
@@ -52,12 +52,13 @@ impl<R: Real> PaperConfig<R> {
     pub fn new(pu: &PerUnit, inverter: &Inverter, p: &DriveParams, magnetise_periods: u32) -> Self {
         let r = rounded::<R>;
         let t_s = pu.t_s;
-        let slow = f64::from(slow_periods(inverter));
-        let (t_speed, t_slow) = (t_s * f64::from(speed_periods(Scheme::Paper, inverter)), t_s * slow);
+        let slow_periods = slow_periods(inverter);
+        let adapt = f64::from(adapt_periods(slow_periods));
+        let (t_speed, t_adapt) = (t_s * f64::from(speed_periods(slow_periods)), t_s * adapt);
         let noise = if p.paper.noise_compensator { p.paper.noise_gain } else { (0.0, 0.0) };
         let r_s_periods = magnetise_periods / 4;
         let offset = OffsetConfig {
-            t_s: r(t_s),
+            t_s: r(f64::from(OFFSET_PERIODS) * t_s),
             gain: r(p.paper.offset_gain),
             limit: r(U_OFF_MAX),
             hysteresis: r(0.2 * p.psi_ref),
@@ -82,43 +83,43 @@ impl<R: Real> PaperConfig<R> {
             resistance: p.paper.resistance_adaptation.then(|| ResistanceConfig {
                 l_sum: r(pu.l_s + pu.sigma_l_s),
                 l_product: r(pu.l_s * pu.sigma_l_s),
-                gain: r(t_slow * (p.paper.resistance_gain / pu.base.omega)),
+                gain: r(t_adapt * (p.paper.resistance_gain / pu.base.omega)),
                 i_q_min: r(0.15 * pu.torque_rated / p.psi_ref),
                 i_q_high: r(0.6 * pu.torque_rated / p.psi_ref),
                 swing_slope: r((pu.tau_r * 2.0 / 75.0 * p.psi_ref / pu.torque_rated).min(100.0)),
                 omega_min: r(0.004),
                 omega_max: r(0.1),
                 transient: r(0.05),
-                corner: r(t_slow * pu.hz(2.0)),
-                hold: inverter.periods(0.2 / slow),
+                corner: r(t_adapt * pu.hz(2.0)),
+                hold: inverter.periods(0.2 / adapt),
                 // As fast as the sign law at ω_s = 0.06 and half of rated i_q: faster, the transients of ε count.
                 #[cfg(feature = "variants")]
                 quotient: r(if p.paper.resistance_quotient { 0.5 * pu.torque_rated / p.psi_ref / 0.06 } else { 0.0 }),
             }),
             confidence: ConfidenceConfig {
-                t_s: r(t_slow),
+                t_s: r(t_adapt),
                 u_floor: r(1e-4 * pu.r_s + 1e-4 * pu.dead_time * pu.u_dc),
                 u_initial: r(0.01 * pu.r_s),
-                corner: r(t_slow * pu.hz(0.2)),
+                corner: r(t_adapt * pu.hz(0.2)),
             },
             r_s: r(pu.r_s),
             // Where the scheme does not run, a resistance too small for it is none of its concern.
             inv_r_s: r(if p.scheme == Scheme::Paper { 1.0 / pu.r_s } else { (1.0 / pu.r_s).min(R::LARGEST) }),
             // ω_r ≈ r_R T/ψ_R², ψ_R ≈ ψ*.
             omega_r_regeneration: r(0.15 * pu.r_r * pu.torque_rated / (p.psi_ref * p.psi_ref)),
-            slip_corner: r(t_slow * pu.hz(0.2)),
+            slip_corner: r(t_adapt * pu.hz(0.2)),
             r_s_periods,
             inv_r_s_periods: r(1.0 / f64::from(r_s_periods)),
             #[cfg(feature = "variants")]
             light_load: p.paper.resistance_at_light_load.then(|| LightLoadConfig {
                 l_s: r(pu.l_s),
                 sigma_l_s: r(pu.sigma_l_s),
-                corner: r(t_slow * pu.hz(2.0)),
+                corner: r(t_adapt * pu.hz(2.0)),
                 // Time constant of 10 τ_r at the current without load (see its module).
-                gain: r(t_slow / (10.0 * pu.tau_r) * (pu.l_s / p.psi_ref) * (pu.l_s / p.psi_ref)),
+                gain: r(t_adapt / (10.0 * pu.tau_r) * (pu.l_s / p.psi_ref) * (pu.l_s / p.psi_ref)),
                 half_period: r(0.5 * t_s),
                 // The flux of the machine has settled after a change of load or speed.
-                settle: inverter.periods(5.0 * pu.tau_r / pu.base.omega / slow),
+                settle: inverter.periods(5.0 * pu.tau_r / pu.base.omega / adapt),
                 omega_min: r(0.03),
                 omega_max: r(0.2),
             }),

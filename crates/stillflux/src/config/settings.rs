@@ -34,14 +34,16 @@ pub(crate) fn slow_periods(inverter: &Inverter) -> u32 {
     if inverter.f_c() >= 8.0 * SLOW_RATE { 8 } else { 4 }
 }
 
-/// Control periods from one run of the speed estimator to the next. In the enhanced scheme at least 80 runs in the reciprocal
-/// of its bandwidth, 25 Hz; in the published one, whose worst period it is not in, gain and clock of the flux estimator
-/// follow it.
-pub(crate) fn speed_periods(scheme: Scheme, inverter: &Inverter) -> u32 {
-    match scheme {
-        Scheme::Paper => 2,
-        Scheme::Enhanced => slow_periods(inverter) / 2,
-    }
+/// Control periods from one run of the speed estimator to the next, given those of speed and flux control: at least 80 runs in
+/// the reciprocal of its bandwidth, 25 Hz.
+pub(crate) fn speed_periods(slow_periods: u32) -> u32 {
+    slow_periods / 2
+}
+
+/// Control periods from one run to the next of field weakening, resistance adaptation, confidence and flux shift: sixteen, 0.1
+/// of the reciprocal of the fastest of their bandwidths, the 5 Hz of field weakening, or four where the control is slow.
+pub(crate) fn adapt_periods(slow_periods: u32) -> u32 {
+    if slow_periods == 8 { 16 } else { slow_periods }
 }
 
 /// Poles, by default and at the limit, of the part of the stator flux on which flux control acts at once.
@@ -538,7 +540,7 @@ impl DriveParams {
         check("encoder_lines", if used && !BUILT { lines.max(1.0) } else { lines }, least, most, "")
             .map_err(|e| e.with_note(NOTE))?;
         let turns =
-            f64::from(speed_periods(self.scheme, inverter)) / inverter.f_c() * self.omega_max / core::f64::consts::TAU;
+            f64::from(speed_periods(slow_periods(inverter))) / inverter.f_c() * self.omega_max / core::f64::consts::TAU;
         check(
             "encoder_states",
             f64::from(self.encoder_states),

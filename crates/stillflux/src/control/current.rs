@@ -80,8 +80,12 @@ impl<R: Real> CurrentController<R> {
             self.x[1].add(c.k_i, cut.im());
             limited
         };
-        self.x[0].limit(u_max);
-        self.x[1].limit(u_max);
+        // One comparison for both, where both are far within.
+        let held = Dq::new(self.x[0].value(), self.x[1].value());
+        if !likely(held.norm_sq() <= most) {
+            self.x[0].limit(u_max);
+            self.x[1].limit(u_max);
+        }
         u_limited
     }
 }

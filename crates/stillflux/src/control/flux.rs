@@ -115,9 +115,15 @@ impl<R: Real> FluxControlConfig<R> {
     }
 
     /// `i_d*` of (12) for a flux and a torque current below pull-out.
-    #[inline(always)]
+    #[cfg(test)]
     pub fn feedforward(&self, psi_ref: R, i_q: R) -> R {
         self.solve(psi_ref, self.radicand(psi_ref, i_q, self.l_difference).sqrt(), self.l_sum)
+    }
+
+    /// `i_d*` of (12) without torque current, where the root is `ψ* l_difference`.
+    #[inline(always)]
+    pub fn no_load(&self, psi_ref: R) -> R {
+        self.solve(psi_ref, psi_ref * self.l_difference, self.l_sum)
     }
 
     /// Radicand of (12); `l_difference`: `l_s/λ - σl_s`.
@@ -218,6 +224,7 @@ mod tests {
             assert!((i_d - rhs).abs() < 1e-12);
         }
         assert!((c.feedforward(1.0, 0.0) - 1.0 / 1.67).abs() < 1e-12);
+        assert!((c.no_load(0.9) - 0.9 / 1.67).abs() < 1e-12);
         let (l_s, sl) = (1.67, 0.143);
         let pull_out = (1.0 - sl / l_s) / (2.0 * sl);
         assert!((c.l_difference * c.l_difference - c.root_i_q * pull_out * pull_out).abs() < 1e-9);

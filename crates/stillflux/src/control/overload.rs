@@ -54,18 +54,25 @@ impl<R: Real> Overload<R> {
         if likely(self.calls != 0) { None } else { Some(self.derate(c, i_sq, i_max_sq)) }
     }
 
-    #[inline(never)]
+    #[cold]
     fn derate(&mut self, c: &[OverloadConfig<R>; 2], i_sq: R, i_max_sq: R) -> R {
-        let mut most = i_max_sq;
-        for (c, theta) in c.iter().zip(&mut self.theta) {
-            if c.rate > R::ZERO {
-                let rise = i_sq * c.inv_i_c_sq - theta.value();
-                let left = R::ONE - theta.add_clamped(c.rate, rise, R::ZERO, R::TWO);
-                let part = (left * R::from_f64(INV_RANGE)).clamp(R::ZERO, R::ONE);
-                most = most.min(c.i_c_sq + (i_max_sq - c.i_c_sq) * part);
-            }
+        let [machine, bridge] = &mut self.theta;
+        c[0].derate(machine, i_sq, i_max_sq).min(c[1].derate(bridge, i_sq, i_max_sq))
+    }
+}
+
+impl<R: Real> OverloadConfig<R> {
+    /// Square of the largest current of this body, at the square of the current since the last computation.
+    // A call: the code exists once for both.
+    #[inline(never)]
+    fn derate(&self, theta: &mut Integrator<R>, i_sq: R, i_max_sq: R) -> R {
+        if self.rate <= R::ZERO {
+            return i_max_sq;
         }
-        most
+        let rise = i_sq * self.inv_i_c_sq - theta.value();
+        let left = R::ONE - theta.add_clamped(self.rate, rise, R::ZERO, R::TWO);
+        let part = (left * R::from_f64(INV_RANGE)).clamp(R::ZERO, R::ONE);
+        i_max_sq.min(self.i_c_sq + (i_max_sq - self.i_c_sq) * part)
     }
 }
 

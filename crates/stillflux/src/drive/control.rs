@@ -335,7 +335,7 @@ impl<R: Real> Control<R> {
 
     /// Limits by voltage and heat for the next references: the flux at which there is voltage for the torque current that
     /// is wanted, and the largest current.
-    #[inline(always)]
+    #[inline(never)]
     pub fn set_limits<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &E, u_dc: R) {
         let i_sq = self.i_dq_ref.norm_sq();
         if let Some(most) = self.overload.step(&c.overload, i_sq, c.i_max_sq) {

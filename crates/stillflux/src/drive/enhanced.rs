@@ -196,9 +196,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
             integrate_only = self.start != Start::Caught && self.search.is_searching();
         }
-        let i_ref = *i_dq_ref;
         let i_m = self.balance.remove(&x.i_s);
-        let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref, omega_s: self.speed.omega_s };
+        let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref: i_dq_ref, omega_s: self.speed.omega_s };
         let mut i_dq = self.filter.step(&c.enhanced.filter, &input, integrate_only);
         // What follows from quantities that change slowly takes its turn.
         match x.period % BALANCE_PERIODS {
@@ -234,7 +233,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             #[cfg(feature = "modes")]
             if c.two_sensors() {
                 let gone_back = self.gone_back;
-                if self.compare_gains(c, x, i_ref.re(), at.stage - catch_periods) {
+                if self.compare_gains(c, x, i_dq_ref.re(), at.stage - catch_periods) {
                     i_dq = Dq::new(i_m.re(), i_m.im());
                     complete &= self.gone_back == gone_back;
                 }

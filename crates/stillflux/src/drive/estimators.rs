@@ -117,7 +117,7 @@ pub(super) trait Estimators<R: Real> {
     /// Speed estimator, as often as [`DriveConfig::speed_periods`] says.
     fn update_speed(&mut self, c: &DriveConfig<R>);
 
-    /// Slow adaptation, in every eighth period, or every fourth where the control is slow.
+    /// Slow adaptation, as often as [`DriveConfig::adapt_periods`] says.
     fn adapt(&mut self, c: &DriveConfig<R>, i_dq: &Dq<R>);
 
     /// Part of the rated flux that the scheme asks for at a torque reference, once a run of the speed control.

@@ -105,7 +105,8 @@ impl<R: Real> PaperEstimators<R> {
                 self.flux.start(AlphaBeta::new(re, im), x.i_s);
                 self.flux.set_stator_frequency(&c.paper.flux, R::ZERO);
             } else {
-                self.flux.step(&c.paper.flux, &x.u_s, &x.i_s, self.resistance.r_s(), c.flux_control.psi_rated);
+                let r_s = self.resistance.r_s();
+                self.flux.step(&c.paper.flux, (&x.u_s, &x.i_s), r_s, c.flux_control.psi_rated, x.period);
             }
         }
         let left = c.magnetise_periods.saturating_sub(stage);
@@ -142,7 +143,7 @@ impl<R: Real> PaperEstimators<R> {
     #[inline(always)]
     fn step(&mut self, c: &PaperConfig<R>, x: &PeriodInput<'_, R>) -> FieldQuantities<R> {
         let r_s = self.resistance.r_s();
-        self.flux.step(&c.flux, &x.u_s, &x.i_s, r_s, x.psi_ref);
+        self.flux.step(&c.flux, (&x.u_s, &x.i_s), r_s, x.psi_ref, x.period);
         let field = self.flux.field();
         // û_off is taken as the effect of an offset of the current sensors, û_off = -r_s i_offset. The flux estimator
         // subtracts it from the voltage; control uses the current without it.

@@ -154,14 +154,22 @@ impl<R: Real> Sequence<R> {
     #[inline(never)]
     fn examine(&self, c: &DriveConfig<R>, m: &Measurement<R>) -> Option<Trip<R>> {
         let i_s = AlphaBeta::<R>::from_phases(self.without_offset(c, m, || R::ZERO));
-        // Written so that NaN is not readable.
-        let readable =
-            |k: usize| if k < 3 { m.i_abc[k].abs() < c.i_range } else { m.u_dc.abs() < R::from_f64(U_DC_RANGE) };
-        let unused = |k: usize| k == 2 && c.two_sensors();
-        // Constants of the arithmetic: a conversion here would be one in software.
-        let numbers = [R::ONE, R::TWO, R::from_f64(3.0), R::from_f64(4.0)];
-        if let Some((_, number)) = (0..4).zip(numbers).find(|&(k, _)| !readable(k) && !unused(k)) {
-            Some(Trip::new(Fault::Measurement, number, R::ZERO))
+        let ([i_a, i_b, i_c], r) = (m.i_abc, c.i_range);
+        let i_c = if c.two_sensors() { R::ZERO } else { i_c };
+        // The channel's number; constants of the arithmetic: a conversion here would be one in software.
+        let channel = if !is_readable(i_a, r) {
+            R::ONE
+        } else if !is_readable(i_b, r) {
+            R::TWO
+        } else if !is_readable(i_c, r) {
+            R::from_f64(3.0)
+        } else if !is_readable(m.u_dc, R::from_f64(U_DC_RANGE)) {
+            R::from_f64(4.0)
+        } else {
+            R::ZERO
+        };
+        if channel > R::ZERO {
+            Some(Trip::new(Fault::Measurement, channel, R::ZERO))
         } else if m.u_dc < c.u_dc_min {
             Some(Trip::new(Fault::UnderVoltage, m.u_dc, c.u_dc_min))
         } else if m.u_dc > c.u_dc_max {
@@ -308,4 +316,12 @@ impl<R: Real> Sequence<R> {
             _ => None,
         }
     }
+}
+
+/// Whether a reading lies within its range; NaN does not.
+// A call: the code exists once for all channels.
+#[cold]
+#[inline(never)]
+fn is_readable<R: Real>(x: R, range: R) -> bool {
+    x.abs() < range
 }

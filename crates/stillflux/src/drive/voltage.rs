@@ -132,25 +132,27 @@ impl<R: Real> Voltage<R> {
     /// once: what is common to them is no voltage, but with one after the other the difference is up to `U` for eight
     /// periods.
     #[inline(never)]
-    fn follow_ripple(
-        &mut self,
-        c: &DriveConfig<R>,
-        u_ref: &AlphaBeta<R>,
-        (i_ref, u): (&AlphaBeta<R>, &[R; 3]),
-        knee: &Knee<R>,
-    ) {
+    fn follow_ripple(&mut self, c: &DriveConfig<R>, u_ref: &AlphaBeta<R>, i_ref: &AlphaBeta<R>, knee: &Knee<R>) {
         if u_ref.norm_sq() > R::from_f64(LOW * LOW) {
             self.ripple = [R::ZERO; 3];
             return;
         }
         self.leg = if self.leg < 2 { self.leg + 1 } else { 0 };
-        let (k, phases) = (usize::from(self.leg), i_ref.to_phases());
-        for (ripple, i) in self.ripple.iter_mut().zip(phases) {
+        let [of_a, of_b, of_c] = i_ref.to_phases();
+        for (ripple, i) in self.ripple.iter_mut().zip([of_a, of_b, of_c]) {
             if !knee.is_near_zero(i) {
                 *ripple = R::ZERO;
             }
         }
-        self.ripple[k % 3] = c.inverter.ripple(knee, k, (&phases, u), &self.loss);
+        let i = match self.leg {
+            0 => of_a,
+            1 => of_b,
+            _ => of_c,
+        };
+        if !likely(!knee.is_near_zero(i)) {
+            let (k, phases, u) = (usize::from(self.leg), [of_a, of_b, of_c], u_ref.to_phases());
+            self.ripple[k % 3] = c.inverter.ripple(knee, k, (&phases, &u), &self.loss);
+        }
     }
 
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
@@ -173,7 +175,7 @@ impl<R: Real> Voltage<R> {
         if period & (c.slow_mask >> 2) == 0 || !likely(c.discontinuous_sq().is_none()) {
             self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
             if ripple {
-                self.follow_ripple(c, u_ref, (i_ref, &u), knee);
+                self.follow_ripple(c, u_ref, i_ref, knee);
             }
             for (e, ripple) in self.loss.phases.iter_mut().zip(&self.ripple) {
                 *e += *ripple;

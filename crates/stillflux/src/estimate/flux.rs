@@ -35,7 +35,7 @@
 //! unstable, below ω_s of about 0.03, and from 0.06 on as in motoring.
 
 use super::integral::FluxIntegral;
-use super::offset::{OffsetConfig, OffsetEstimator};
+use super::offset::{OFFSET_PERIODS, OffsetConfig, OffsetEstimator};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
@@ -118,13 +118,23 @@ impl<R: Real> FluxEstimator<R> {
         self.psi_s = FluxIntegral::new(psi_s);
         self.by_mean = false;
         self.i_s = i_s;
+        self.u_i = AlphaBeta::default();
         self.offset.start(psi_s);
     }
 
-    /// One period: `u_s` was applied since the last call, `i_s` is the sample at its end.
+    /// One period: `u_s` was applied since the last call, `i_s` is the sample at its end; `period`: its number. The parallel
+    /// path takes the voltages of two periods together, in the odd one.
     #[inline(always)]
-    pub fn step(&mut self, config: &FluxConfig<R>, u_s: &AlphaBeta<R>, i_s: &AlphaBeta<R>, r_s: R, psi_ref: R) {
+    pub fn step(
+        &mut self,
+        config: &FluxConfig<R>,
+        (u_s, i_s): (&AlphaBeta<R>, &AlphaBeta<R>),
+        r_s: R,
+        psi_ref: R,
+        period: u32,
+    ) {
         let u_i = *u_s - (self.i_s + *i_s) * r_s.half();
+        let u_i_before = self.u_i;
         self.i_s = *i_s;
         self.u_i = u_i;
 
@@ -137,11 +147,12 @@ impl<R: Real> FluxEstimator<R> {
         self.effort = self.gain * (radius - self.psi_s.magnitude());
         let u_hf = self.psi_s.field().axis() * self.effort;
 
-        let u_off = match &config.offset {
-            Some(c) => self.offset.step(c, &u_i, psi_ref),
-            None => self.offset.u_off(),
-        };
-        self.psi_s.add(config.t_s, &(u_i - u_off + u_hf));
+        self.psi_s.add(config.t_s, &(u_i - self.offset.u_off() + u_hf));
+        if period % OFFSET_PERIODS == 1
+            && let Some(c) = &config.offset
+        {
+            self.offset.step(c, &((u_i_before + u_i) * R::HALF), psi_ref);
+        }
     }
 
     /// One period of an estimator of Section II, which has neither offset estimator nor noise compensator.
@@ -244,7 +255,7 @@ mod tests {
         for k in 0..n * periods {
             let (a, b) = (omega * T_S * f64::from(k), omega * T_S * f64::from(k + 1));
             let u = AlphaBeta::new((b.cos() - a.cos()) / T_S + offset, (b.sin() - a.sin()) / T_S);
-            est.step(&config, &u, &AlphaBeta::default(), 0.1, 1.0);
+            est.step(&config, (&u, &AlphaBeta::default()), 0.1, 1.0, k);
             est.set_stator_frequency(&config, omega);
             let out = est.estimate();
             let d = Rotator { cos: b.cos(), sin: b.sin() }.to_field(&out.psi_s);
@@ -290,7 +301,7 @@ mod tests {
         let (before, now, psi) = (AlphaBeta::new(0.2, 0.1), AlphaBeta::new(0.6, -0.3), AlphaBeta::new(0.0, 1.0));
         let mut est = FluxEstimator::<f64>::default();
         est.start(psi, before);
-        est.step(&CONFIG, &((before + now) * 0.05), &now, 0.1, 1.0);
+        est.step(&CONFIG, (&((before + now) * 0.05), &now), 0.1, 1.0, 1);
         assert!((est.value() - psi).norm_sq() < 1e-24, "{:?}", est.value());
     }
 
@@ -302,7 +313,7 @@ mod tests {
         est.start(psi, AlphaBeta::default());
         assert_eq!(est.offset.psi_1(), psi);
         for _ in 0..100 {
-            est.step(&CONFIG, &AlphaBeta::default(), &AlphaBeta::default(), 0.1, 1.0);
+            est.step(&CONFIG, (&AlphaBeta::default(), &AlphaBeta::default()), 0.1, 1.0, 1);
         }
         assert!((est.value() - psi - AlphaBeta::new(-0.01, 0.02)).norm_sq() < 1e-20, "{:?}", est.value());
     }
@@ -313,13 +324,13 @@ mod tests {
             let mut est = FluxEstimator::<f64>::default();
             est.start(AlphaBeta::new(0.0, 0.9), AlphaBeta::default());
             est.set_stator_frequency(&CONFIG, omega);
-            est.step(&CONFIG, &AlphaBeta::default(), &AlphaBeta::default(), 0.1, 1.0);
+            est.step(&CONFIG, (&AlphaBeta::default(), &AlphaBeta::default()), 0.1, 1.0, 1);
             assert!((est.effort() - gain * 0.1).abs() < 1e-9, "{omega}: {}", est.effort());
             assert!((est.value() - AlphaBeta::new(0.0, 0.9 + T_S * gain * 0.1)).norm_sq() < 1e-20);
             est.start(AlphaBeta::new(0.0, 0.9), AlphaBeta::default());
             est.set_regenerating(true);
             est.set_stator_frequency(&CONFIG, omega);
-            est.step(&CONFIG, &AlphaBeta::default(), &AlphaBeta::default(), 0.1, 1.0);
+            est.step(&CONFIG, (&AlphaBeta::default(), &AlphaBeta::default()), 0.1, 1.0, 1);
             assert!(
                 (est.effort() - gain.min((4.0 * omega.abs() - 0.02).max(0.02)) * 0.1).abs() < 1e-9,
                 "regenerating {omega}: {}",
@@ -344,7 +355,7 @@ mod tests {
                 est.set_stator_frequency(&CONFIG, told);
             }
             let psi = at(k + 1);
-            est.step(&CONFIG, &((psi - at(k)) * (1.0 / T_S)), &AlphaBeta::default(), 0.1, 1.0);
+            est.step(&CONFIG, (&((psi - at(k)) * (1.0 / T_S)), &AlphaBeta::default()), 0.1, 1.0, k);
             let angle = (psi.cross(&est.value()) / psi.norm_sq()).abs();
             found[(k / n) as usize] = found[(k / n) as usize].max(angle);
         }
@@ -375,7 +386,7 @@ mod tests {
             let config = FluxConfig { replaced: true, low_pass, ..CONFIG };
             let mut est = FluxEstimator::<f64>::default();
             est.start(AlphaBeta::new(1.0, 0.0), AlphaBeta::default());
-            est.step(&config, &AlphaBeta::new(1.0 / T_S, 0.0), &AlphaBeta::default(), 0.1, 1.0);
+            est.step(&config, (&AlphaBeta::new(1.0 / T_S, 0.0), &AlphaBeta::default()), 0.1, 1.0, 1);
             assert!((est.value().re() - expected).abs() < 1e-12, "{:?}", est.value());
         }
     }
@@ -384,7 +395,7 @@ mod tests {
     fn a_lost_flux_comes_back() {
         let mut est = FluxEstimator::<f64>::default();
         est.start(AlphaBeta::new(1.0, 0.0), AlphaBeta::default());
-        est.step(&CONFIG, &AlphaBeta::new(1e6, 0.0), &AlphaBeta::default(), 0.1, 1.0);
+        est.step(&CONFIG, (&AlphaBeta::new(1e6, 0.0), &AlphaBeta::default()), 0.1, 1.0, 1);
         est.set_stator_frequency(&CONFIG, 0.0);
         assert!(est.value().norm_sq() <= 8.0);
     }

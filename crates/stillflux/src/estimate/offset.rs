@@ -27,6 +27,10 @@ use crate::scalar::{QuickIntegrator, Real, likely};
 use crate::space::AlphaBeta;
 use crate::words::words;
 
+/// Control periods of one step of the parallel path. It counts up to `omega_max`, 0.2 pu, where a turn of the field has at
+/// least 100 periods ([`crate::base`]): what two of them miss of an extreme is 0.2 % of the flux, in both extremes alike.
+pub const OFFSET_PERIODS: u32 = 2;
+
 /// Largest offset voltage, per unit: several times what current sensors and inverter cause.
 pub const U_OFF_MAX: f64 = 0.05;
 
@@ -35,7 +39,7 @@ pub const U_OFF_MAX: f64 = 0.05;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct OffsetConfig<R: Real> {
-    /// Control period, normalised.
+    /// Time between two calls of [`OffsetEstimator::step`], normalised.
     pub t_s: R,
     /// Part `g` of the measured offset that one period takes over; 0.25 to 1.
     pub gain: R,
@@ -99,7 +103,7 @@ impl<R: Real> Axis<R> {
         *self = Self { psi_1: QuickIntegrator::new(psi), u_off: self.u_off, max: psi, min: psi, ..Self::default() };
     }
 
-    /// One period; `true` at a rising zero crossing.
+    /// One call; `true` at a rising zero crossing.
     #[inline(always)]
     fn step(&mut self, c: &OffsetConfig<R>, u_i: R, psi_ref: R) -> bool {
         let psi = self.psi_1.add_limited(c.t_s, u_i - self.u_off, psi_ref);
@@ -189,16 +193,14 @@ impl<R: Real> OffsetEstimator<R> {
         self.axes[1].u_off = u_off.im();
     }
 
-    /// One period; returns the `û_off` that it used.
-    #[inline(always)]
-    pub fn step(&mut self, c: &OffsetConfig<R>, u_i: &AlphaBeta<R>, psi_ref: R) -> AlphaBeta<R> {
-        let before = self.u_off();
+    /// One call, with the mean of `û_i` since the last one.
+    #[inline(never)]
+    pub fn step(&mut self, c: &OffsetConfig<R>, u_i: &AlphaBeta<R>, psi_ref: R) {
         let a = self.axes[0].step(c, u_i.re(), psi_ref);
         let b = self.axes[1].step(c, u_i.im(), psi_ref);
         if !likely(!(a | b)) {
             self.crossing(c, [a, b]);
         }
-        before
     }
 
     /// Once in [`OffsetConfig::interval`]: time and field angle move on at the stator frequency `omega_s`.

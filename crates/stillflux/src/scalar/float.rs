@@ -40,7 +40,7 @@ macro_rules! impl_real {
             #[inline]
             #[allow(clippy::useless_conversion, clippy::unnecessary_cast)]
             fn from_f32(x: f32) -> Self {
-                x.clamp(f32::MIN, f32::MAX) as $t
+                if likely(f32::is_finite(x)) { x as $t } else { x.clamp(f32::MIN, f32::MAX) as $t }
             }
             #[inline]
             #[allow(clippy::unnecessary_cast)]

@@ -48,21 +48,51 @@ impl Plausibility {
         omega_m: R,
         confidence: impl FnOnce() -> R,
     ) -> Option<Trip<R>> {
-        let flux = self.flux.step(!psi_deviation.within(c.psi_deviation), c.calls);
-        let speed = self.speed.step(!omega_m.within(c.omega_max), c.calls);
-        let confidence = if c.confidence { confidence() } else { R::ONE };
-        let low = self.confidence.step(confidence < R::HALF, c.calls);
+        let plausible = psi_deviation.within(c.psi_deviation) && omega_m.within(c.omega_max);
+        if likely(plausible && !c.confidence && self.is_empty()) {
+            return None;
+        }
+        self.count(c, psi_deviation, omega_m, if c.confidence { confidence() } else { R::ONE })
+    }
+
+    /// Nothing has been violated lately.
+    #[inline(always)]
+    fn is_empty(self) -> bool {
+        self.flux.is_empty() & self.speed.is_empty() & self.confidence.is_empty()
+    }
+
+    /// A call where something is or was violated, or the confidence counts.
+    #[cold]
+    #[inline(never)]
+    fn count<R: Real>(
+        &mut self,
+        c: &PlausibilityConfig<R>,
+        psi_deviation: R,
+        omega_m: R,
+        confidence: R,
+    ) -> Option<Trip<R>> {
+        let flux = step(&mut self.flux, !psi_deviation.within(c.psi_deviation), c.calls);
+        let speed = step(&mut self.speed, !omega_m.within(c.omega_max), c.calls);
+        let low = step(&mut self.confidence, confidence < R::HALF, c.calls);
         if likely(!(flux | speed | low)) {
             return None;
         }
-        Some(if flux {
-            Trip::new(Fault::EstimateLost, psi_deviation, c.psi_deviation)
+        let (cause, value, limit) = if flux {
+            (Fault::EstimateLost, psi_deviation, c.psi_deviation)
         } else if speed {
-            Trip::new(Fault::OverSpeed, omega_m, c.omega_max)
+            (Fault::OverSpeed, omega_m, c.omega_max)
         } else {
-            Trip::new(Fault::LowConfidence, confidence, R::HALF)
-        })
+            (Fault::LowConfidence, confidence, R::HALF)
+        };
+        Some(Trip::new(cause, value, limit))
     }
+}
+
+/// A call of one of the counters: the code exists once for all.
+#[cold]
+#[inline(never)]
+fn step(counter: &mut LeakyCounter, violated: bool, calls: u32) -> bool {
+    counter.step(violated, calls)
 }
 
 #[cfg(test)]

@@ -95,7 +95,7 @@ impl<R: Word> Blocks<R> {
         let i_m = costs.balance.call(|| black_box(balance(black_box(&self.balance), i_s)));
         let inverter = c.inverter_model();
         let loss = inverter.distortion(inverter.nominal(), &e.i_s, input.measured.u_dc, R::ONE);
-        let x = kalman::Input { u_s: e.u_s, loss: &loss, i_m, i_ref: before.i_dq_ref, omega_s: before.speed.omega_s };
+        let x = kalman::Input { u_s: e.u_s, loss: &loss, i_m, i_ref: &before.i_dq_ref, omega_s: before.speed.omega_s };
         if drive.period() % BALANCE_PERIODS == 4 {
             // The offsets read at rest differ in their sum only, which the fit takes for its constant.
             let [i_a, i_b, i_c] = input.measured.i_abc;

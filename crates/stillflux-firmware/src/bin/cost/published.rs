@@ -119,6 +119,7 @@ impl<R: Word> Blocks<R> {
             r_s: self.resistance.r_s(),
             psi_ref: before.psi_ref,
             omega_s: self.follow.take(),
+            period: drive.period(),
         };
         costs.flux_estimator.call(|| flux_estimator(&mut self.flux, c, &flux_input));
         let flux = self.flux.estimate();
@@ -127,7 +128,7 @@ impl<R: Word> Blocks<R> {
             speed = costs.speed_estimator.call(|| speed_estimator(&mut self.speed, c, &flux.psi_s, &e.i_s));
             self.follow = Some(speed.omega_s);
         }
-        if 2 * turn == c.slow_periods() {
+        if drive.period() % c.adapt_periods() == c.adapt_periods() - c.slow_periods() / 2 {
             let (corner, least) = c.regeneration_config();
             self.flux.set_regenerating(self.regeneration.step(corner, least, &speed));
             if let Some(config) = c.resistance_config() {
@@ -182,6 +183,7 @@ struct FluxInput<R: Word> {
     psi_ref: R,
     /// A stator frequency to follow, as often as the speed estimator runs.
     omega_s: Option<R>,
+    period: u32,
 }
 
 // Calls that the optimiser leaves where they are.
@@ -191,7 +193,7 @@ fn flux_estimator<R: Word>(s: &mut FluxEstimator<R>, c: &DriveConfig<R>, x: &Flu
     if let Some(omega_s) = x.omega_s {
         s.set_stator_frequency(c.flux_config(), omega_s);
     }
-    s.step(c.flux_config(), &x.u_s, &x.i_s, x.r_s, x.psi_ref);
+    s.step(c.flux_config(), (&x.u_s, &x.i_s), x.r_s, x.psi_ref, x.period);
 }
 #[inline(never)]
 fn speed_estimator<R: Word>(

@@ -148,7 +148,7 @@ pub struct Input<'a, R: Real> {
     /// Current sample at the end.
     pub i_m: AlphaBeta<R>,
     /// Current reference, field coordinates.
-    pub i_ref: Dq<R>,
+    pub i_ref: &'a Dq<R>,
     /// Stator frequency.
     pub omega_s: R,
 }
@@ -210,11 +210,14 @@ impl<R: Real> Filter<R> {
         let i_dq = self.field().to_field(&i_s);
         self.sum += i_dq;
         self.period += 1;
-        if likely(self.period < c.block) {
-            self.work(c);
-        } else {
-            self.period = 0;
-            self.close(c, &x.i_ref, x.loss, x.omega_s, integrate_only);
+        // A block is a whole number of slots.
+        if self.period & c.slot_mask == 0 {
+            if likely(self.period < c.block) {
+                self.work(c);
+            } else {
+                self.period = 0;
+                self.close(c, x.i_ref, x.loss, x.omega_s, integrate_only);
+            }
         }
         i_dq
     }
@@ -559,7 +562,7 @@ mod tests {
             let (i, psi) = at(theta, i_q);
             let u_s = (i + i_last) * (0.5 * c.model.r_s * r_s) + (psi - psi_last) * (1.0 / t_s);
             let i_ref = filter.field().to_field(&i);
-            let x = Input { u_s, loss: &Distortion::default(), i_m: i + offset, i_ref, omega_s };
+            let x = Input { u_s, loss: &Distortion::default(), i_m: i + offset, i_ref: &i_ref, omega_s };
             filter.step(&c, &x, false);
             (i_last, psi_last) = (i, psi);
             if 10 * k > 9 * steps {
@@ -657,7 +660,7 @@ mod tests {
                 if k == first + 35 {
                     filter.start(&c, &i_m);
                 }
-                filter.step(&c, &Input { u_s, loss: &loss, i_m, i_ref, omega_s: 0.0 }, true);
+                filter.step(&c, &Input { u_s, loss: &loss, i_m, i_ref: &i_ref, omega_s: 0.0 }, true);
                 assert_eq!(u32::from(filter.period) % 2, (k + 1) % 2, "period {k}");
             }
         }

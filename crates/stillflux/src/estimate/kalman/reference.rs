@@ -311,7 +311,7 @@ impl Reference {
         let along = psi_s * i_dq.x - leakage * i_dq.norm_squared();
         let across = psi_s * i_dq.y;
         let gamma = self.x[GAMMA];
-        let i_ref = Rotator { cos: d.x, sin: d.y }.to_stator(&input.i_ref);
+        let i_ref = Rotator { cos: d.x, sin: d.y }.to_stator(input.i_ref);
         let d_i = vector(&i_ref) - self.i_ref;
         self.i_ref = vector(&i_ref);
         let means = BlockMeans {
@@ -456,8 +456,9 @@ pub(super) struct ClosedLoop {
     r_r: f64,
     inv_tau_r: f64,
     i_d: f64,
-    /// Loss of the inverter model.
+    /// Loss of the inverter model, and the current reference.
     loss: Distortion<f64>,
+    i_ref: Dq<f64>,
     /// Resistance and leakage inductance of the winding, relative to the parameters.
     pub r_s: f64,
     leakage: f64,
@@ -492,6 +493,7 @@ impl ClosedLoop {
             inv_tau_r: 1.0 / pu.tau_r,
             i_d,
             loss: Distortion::default(),
+            i_ref: Dq::default(),
             r_s: 1.05,
             leakage: 1.1,
             offset: Vector2::new(3e-4, -2e-4),
@@ -526,8 +528,8 @@ impl ClosedLoop {
         self.i = next;
         let i_m = next + self.offset;
         let omega_s = omega + self.r_r * i_q / self.psi_r.norm();
-        self.loss = loss;
-        let loss = &self.loss;
+        (self.loss, self.i_ref) = (loss, i_ref);
+        let (loss, i_ref) = (&self.loss, &self.i_ref);
         let input = Input { u_s: AlphaBeta::new(u.x, u.y), loss, i_m: AlphaBeta::new(i_m.x, i_m.y), i_ref, omega_s };
         self.filter.step(&self.c, &input, false);
         input

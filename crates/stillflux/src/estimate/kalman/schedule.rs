@@ -150,12 +150,9 @@ impl<R: Real> Filter<R> {
         self.period = (period & 1) as u8;
     }
 
-    /// Executes the slot of this period: a branch to the code of each, which has its own frame on the stack.
+    /// Executes the slot that begins in this period: a branch to the code of each, which has its own frame on the stack.
     #[inline(always)]
     pub(super) fn work(&mut self, c: &FilterConfig<R>) {
-        if self.period & c.slot_mask != 0 {
-            return;
-        }
         // The remainder: the compiler sees that it is less than the bits of a byte.
         match Slot::of(self.period >> (c.slot_bits % 8)) {
             Slot::Parameters => {
