@@ -37,7 +37,7 @@ use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
 use crate::drive::estimators::{CurrentControl, PeriodOutput};
 use crate::drive::estimators::{Estimators, FieldQuantities, StartUp};
-use crate::estimate::catch::{BLOCKS, Catch, Found};
+use crate::estimate::catch::{BLOCKS, Catch, CatchConfig, Found, RISE};
 #[cfg(feature = "legs")]
 use crate::estimate::legs::Alternation;
 #[cfg(feature = "modes")]
@@ -51,8 +51,10 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 /// Allowance: what a search at rest takes for a rotation is below it.
 #[cfg(feature = "legs")]
 const PREVAILS: f64 = 0.1;
-/// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
+/// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without, and below
+/// which nothing is looked for.
 const RESIDUAL: f64 = 0.15;
+const GONE: f64 = 0.02;
 /// Rotor flux, relative to rated stator flux, with which control begins.
 const BUILT_UP: f64 = 0.85;
 /// Induced voltage, relative to the largest fundamental voltage, with which control begins before that: a tenth is left for
@@ -76,7 +78,8 @@ impl<R: Real> EnhancedEstimators<R> {
             self.catch_periods = c.enhanced.catch.block * BLOCKS;
         }
         if stage <= self.catch_periods {
-            return Dq::default();
+            let turning = stage > c.enhanced.catch.block * BLOCKS && self.catch.is_turning();
+            return if turning { c.magnetising_current(u32::MAX) } else { Dq::default() };
         }
         let stage = stage - self.catch_periods;
         if matches!(self.start, Start::Caught | Start::Empty) {
@@ -114,33 +117,60 @@ impl<R: Real> EnhancedEstimators<R> {
         i_ref
     }
 
-    /// A period without current: the flux that the machine has, and at the end what the start-up goes on with.
+    /// A period of the catch: the flux that the machine has, and at the end what the start-up goes on with.
     #[cold]
     #[inline(never)]
-    pub(super) fn catch_flux(&mut self, c: &DriveConfig<R>, u_s: &AlphaBeta<R>, stage: u32) -> FieldQuantities<R> {
+    pub(super) fn catch_flux(
+        &mut self,
+        c: &DriveConfig<R>,
+        u_s: &AlphaBeta<R>,
+        i_ref: R,
+        stage: u32,
+    ) -> FieldQuantities<R> {
         let (filter, config) = (&mut self.filter, &c.enhanced.filter);
         let (i_s, psi_r) = (filter.i_s(), filter.rotor_flux(config));
-        let (field, psi_s) = self.catch.step(&c.enhanced.catch, stage, (u_s, i_s, psi_r));
-        // Current control feeds jω_s ψ_s forward: with ω_s = 1 that is the induced voltage.
-        let induced = FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) };
+        let CatchConfig { block, turn, omega_p, .. } = c.enhanced.catch;
+        let without = block * BLOCKS;
+        let output = if stage <= without {
+            let (field, psi_s) = self.catch.step(&c.enhanced.catch, stage, (u_s, i_s, psi_r));
+            // Current control feeds jω_s ψ_s forward: with ω_s = 1 that is the induced voltage.
+            FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) }
+        } else {
+            let field = self.catch.turn(&c.enhanced.catch, stage - without, psi_r);
+            let (psi_s, r_s) = (filter.sigma_l_s(config) * i_ref, filter.r_s());
+            FieldQuantities { field, psi_s, omega_s: omega_p, r_s, i_dq: field.to_field(&i_s) }
+        };
         if stage == self.catch_periods {
-            let block = c.enhanced.catch.block;
-            let least = R::from_f64(RESIDUAL * RESIDUAL);
+            let above = |psi_r: &AlphaBeta<R>, least: f64| psi_r.norm_sq() > R::from_f64(least * least);
             let kept = match self.start {
-                Start::Fresh(psi_r, directed) if psi_r.norm_sq() > least => Some((psi_r, directed)),
+                Start::Fresh(psi_r, directed) if above(&psi_r, GONE) => Some((psi_r, directed)),
                 _ => None,
             };
-            let flux = match (self.catch.found(&c.enhanced.catch, kept), kept) {
+            let first = stage <= without;
+            let turning = !first && self.catch.is_turning();
+            let found = match (first, turning) {
+                (true, _) => self.catch.found(&c.enhanced.catch, kept),
+                (_, true) => self.catch.found_turning(&c.enhanced.catch, kept),
+                _ => Found::Nothing,
+            };
+            // A machine in which the comparison of the legs has left a flux certainly turns.
+            #[cfg(feature = "legs")]
+            let found = if first && self.put_off > 0 && found == Found::Nothing { Found::Uncertain } else { found };
+            let flux = match (found, kept) {
                 (Found::Flux(psi_r, omega), _) => Some((psi_r, omega)),
-                (Found::Nothing, Some((psi_r, true))) => Some((psi_r, R::ZERO)),
-                (Found::Nothing, None) => None,
-                (Found::Uncertain, _) | (Found::Nothing, Some(_)) => {
-                    self.catch_periods += block;
+                (Found::Nothing, Some((psi_r, true))) if turning => Some((psi_r, R::ZERO)),
+                (Found::Nothing, _) if !turning => None,
+                _ => {
+                    // A flux that is small, and not found, ends with the current.
+                    let goes_on = first || kept.map_or(found == Found::Uncertain, |(psi_r, _)| above(&psi_r, RESIDUAL));
+                    self.catch.set_turning(goes_on);
+                    let longer = block * if first { RISE + 2 * turn } else if goes_on { turn } else { RISE };
+                    self.catch_periods += longer;
                     if let Some((psi_r, directed)) = kept {
-                        let decay = (c.enhanced.decay.periods(block)).min(R::HALF);
+                        let decay = (c.enhanced.decay.periods(longer)).min(R::HALF);
                         self.start = Start::Fresh(psi_r * (R::ONE - decay), directed);
                     }
-                    return induced;
+                    return output;
                 }
             };
             self.start = match (flux, self.start) {
@@ -160,7 +190,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 }
             };
         }
-        induced
+        output
     }
 
     /// After it: the speed, the direction that the current takes with the current in its coordinates, and whether the
