@@ -314,17 +314,20 @@ impl<R: Real> EnhancedEstimators<R> {
         self.alternation = Some(period + 1);
         self.put_off += 1;
         let [all, first] = config.periods();
-        if period + 1 == first && self.legs_probe.rotates() {
-            self.alternation = None;
-            // The flux that the alternation has left turns with the shaft: the start-up begins again and catches it.
-            self.put_off += self.catch_periods;
-        } else if period + 1 == all {
+        let mut turns = period + 1 == first && self.legs_probe.rotates();
+        if period + 1 == all {
             self.at_rest = self.legs_probe.is_at_rest(R::from_f64(ROTATING));
             if self.at_rest {
                 self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
                 self.knee.set_legs(&self.legs, x.u_dc);
             }
+            turns = !self.at_rest;
             self.alternation = None;
+        }
+        if turns {
+            self.alternation = None;
+            // The flux that the alternation has left turns with the shaft: the start-up begins again and catches it.
+            self.put_off += self.catch_periods;
         }
         let field = FieldQuantities {
             field: axis,
