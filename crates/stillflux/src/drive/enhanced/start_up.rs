@@ -1,17 +1,20 @@
 //! Start-up of the enhanced scheme, at standstill or in a rotating machine (flying start).
 //!
 //! It begins with 8 ms without current, in which a flux that turns is found by the voltage that it induces
-//! ([`crate::estimate::catch`]). With one, and after a stop of less than `fresh_time` also without, the filter follows the
-//! flux from then on, the largest current builds it up to rated, and control begins: what was identified is fresh. A flux of the stop that induces nothing has the direction of the stop,
-//! turned by the speed then, after a pause within which a slow shaft cannot have turned it elsewhere, or where the shaft
-//! stood. Else its direction is not known: the current stays at zero until it has decayed, or induces a voltage.
+//! ([`crate::estimate::catch`]); where this voltage is too small to tell its direction through the errors of the bridge, and
+//! after a stop of less than `fresh_time`, the current turns for 10 ms and more, which shows it. With a flux, and after such
+//! a stop also without, the filter follows it from then on, the largest current builds it up to rated, and control begins:
+//! what was identified is fresh. A flux of the stop that induces nothing has the direction of the stop, turned by the speed
+//! then, after a pause within which a slow shaft cannot have turned it elsewhere, or where the shaft stood. Else the current
+//! turns until the flux shows, or has decayed.
 //! Otherwise:
 //!
 //! 1. The current alternates along the three axes, 0.2 s at 10 kHz, which shows how the legs of the bridge differ
 //!    ([`crate::estimate::legs`]), and whether the machine is at rest. In a machine that certainly rotates it ends
-//!    after a third, and the start-up begins again, since the flux that is left turns. Without `identify_legs` this is left
-//!    out. In the end the current is zero and current control without integrators: a bridge whose legs wait for their current
-//!    applies nothing of what they would hold, up to half of the loss by the dead time, until there is one.
+//!    after a third. In one that is not found at rest the start-up begins again, since the flux that is left turns: the
+//!    search would take it for what its current builds up. Without `identify_legs` this is left out. In the end the current
+//!    is zero and current control without integrators: a bridge whose legs wait for their current applies nothing of what
+//!    they would hold, up to half of the loss by the dead time, until there is one.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
 //!    current on.
@@ -27,8 +30,6 @@
 //!    `r̂_s` is as large as half of that of `r_R`. With two current sensors the reduced currents also show the difference
 //!    of their gains ([`crate::estimate::pair`]); where it is a new one the last three quarters are repeated, since
 //!    everything identified in them was falsified by it.
-//!
-//! A machine that begins to turn during a pause with its flux left, below 0.06 pu, is not covered.
 
 use super::{EnhancedEstimators, Start};
 use crate::config::{BOOST, DriveConfig, REDUCED, SMALL};
@@ -88,7 +89,8 @@ impl<R: Real> EnhancedEstimators<R> {
             }
             // The search is made for the boosted current.
             let searching = self.start == Start::Empty && self.search.is_searching();
-            return if searching { c.magnetising_current(stage) } else { Dq::new(c.i_quick, R::ZERO) };
+            let faint = self.start == Start::Caught && self.filter.magnitude() < R::from_f64(RESIDUAL);
+            return if searching || faint { c.magnetising_current(stage) } else { Dq::new(c.i_quick, R::ZERO) };
         }
         let mut i_ref = c.magnetising_current(stage);
         // The voltage of the resistance is proportional to the current, that of the inverter is not.
@@ -164,7 +166,14 @@ impl<R: Real> EnhancedEstimators<R> {
                     // A flux that is small, and not found, ends with the current.
                     let goes_on = first || kept.map_or(found == Found::Uncertain, |(psi_r, _)| above(&psi_r, RESIDUAL));
                     self.catch.set_turning(goes_on);
-                    let longer = block * if first { RISE + 2 * turn } else if goes_on { turn } else { RISE };
+                    let longer = block
+                        * if first {
+                            RISE + 2 * turn
+                        } else if goes_on {
+                            turn
+                        } else {
+                            RISE
+                        };
                     self.catch_periods += longer;
                     if let Some((psi_r, directed)) = kept {
                         let decay = (c.enhanced.decay.periods(longer)).min(R::HALF);

@@ -24,8 +24,8 @@ use crate::space::AlphaBeta;
 /// what an error of 12 % of `r_R` leaves of their transients.
 const SETTLED: f64 = 0.02;
 
-/// Standard deviation of the flux of a machine that turns with it, as the voltage that it induces shows it, per unit.
-const CAUGHT: f64 = 0.1;
+/// Standard deviation of the flux of a machine that turns with it, relative to it, as the voltage that it induces shows it.
+const CAUGHT: f64 = 0.11;
 
 /// Least variance of a state after a stop, relative to its prior variance. Allowance: resistance, bridge and inductance
 /// change with temperature, an offset hardly does.
@@ -125,8 +125,9 @@ impl<R: Real> Filter<R> {
         self.begin(c);
         self.i_s = *i_s;
         self.psi_s.set(psi_r + *i_s * self.sigma_l_s(c));
-        self.m = Integrator::new(psi_r.norm_sq().sqrt());
-        self.widen(R::from_f64(CAUGHT));
+        let magnitude = psi_r.norm_sq().sqrt();
+        self.m = Integrator::new(magnitude);
+        self.widen(magnitude * R::from_f64(CAUGHT));
     }
 
     /// Adds the variance of a flux whose components and whose rotor flux are known to a standard deviation, per unit.
