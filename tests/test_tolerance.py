@@ -18,6 +18,7 @@ from stillflux.evidence.consistency import REGIONS, Consistency, Sample, rank_co
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.draws import CUT, DELAY, RIPPLE, capacitance_range, drawn, ripple
 from stillflux.evidence.drives import DRIVES, pull_out
+from stillflux.evidence.effects import effects
 from stillflux.evidence.table import Group, Line, Table, line_of, of_consistency, of_rate, order
 
 METRICS = Path(__file__).parent / "metrics.csv"
@@ -227,6 +228,30 @@ def test_command_reruns_one_draw_and_counts_several(
     assert Table.read(table).find("consistency", "consistency", "2.2kW", "enhanced")
 
 
+def test_effects_beyond_the_model_are_added_to_the_same_installation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    course, seed = COURSES["start"], 7
+    (plain, numbers), (real, same) = (
+        tolerance.scenario("4kW", course, seed, beyond_model=beyond_model) for beyond_model in (False, True)
+    )
+    assert numbers == same
+    assert real.plant_motor is not None
+    drawn = effects(real.plant_motor, seed)
+    assert drawn == effects(real.plant_motor, seed) != effects(real.plant_motor, seed + 1)
+    assert real == plain.replace(plant={**plain.plant, **drawn})
+    assert set(drawn).isdisjoint(plain.plant)
+
+    table = tmp_path / "metrics.csv"
+    one = ["beyond", "tolerance", "--beyond-model", "--machine", "2.2kW", "--course", "start"]
+    one += ["--out", str(tmp_path)]
+    assert main([*one, "--draws", "2", "--metrics", str(table)]) == 0
+    group: Group = ("tolerance", "start-beyond-model", "2.2kW", "enhanced")
+    assert Table.read(table).get(group, "draws").number == 2
+    assert "deep bar" in (tmp_path / "tolerance.html").read_text()
+    assert tolerance.rerun("2.2kW", "start", 3, "enhanced", True).endswith("--draw 3 --beyond-model")
+
+
 def test_command_names_what_it_does_not_take(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, text in (
         (["tolerance", "plane"], "tolerance stands alone"),
@@ -241,6 +266,7 @@ def test_command_names_what_it_does_not_take(capsys: pytest.CaptureFixture[str])
             "--course = hold: admissible with tolerance, guarantee, commissioning",
         ),
         (["consistency", "--course", "hold"], "--course = hold: admissible with tolerance, guarantee"),
+        (["guarantee", "--beyond-model"], "--beyond-model = True: admissible with tolerance, consistency"),
         (["tolerance", "--operation", "hoist"], "--operation = hoist: admissible with operations"),
         (["tolerance", "--draws", "3", "--draw", "1"], "give only one"),
     ):

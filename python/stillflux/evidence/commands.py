@@ -70,6 +70,12 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         action="append",
         help="only at so many times the tolerances (guarantee); default: 1 and 2.5",
     )
+    drawn.add_argument(
+        "--beyond-model",
+        action="store_true",
+        help="plants with what the drive's model does not contain: iron loss, deep bar, saturation of the "
+        "leakage, rotor slots, skew and drift of the sensors (tolerance, consistency)",
+    )
     parser.add_argument(
         "--operation",
         action="append",
@@ -228,7 +234,8 @@ def _beyond(options: argparse.Namespace) -> int:
         value = getattr(options, option)
         if value and not set(campaigns) & set(drawn):
             given = value if isinstance(value, int) else ", ".join(map(str, value))
-            raise ValueError(f"--{option} = {given}: admissible with {', '.join(campaigns)}")
+            name = option.replace("_", "-")
+            raise ValueError(f"--{name} = {given}: admissible with {', '.join(campaigns)}")
     if drawn:
         if len(options.targets) > 1:
             raise ValueError(f"TARGET = {' '.join(options.targets)}: {drawn[0]} stands alone")
@@ -309,7 +316,7 @@ def _tolerance(options: argparse.Namespace) -> int:
     draws = _draws(options, tolerance.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
     if len(machines) == len(courses) == len(draws) == 1:
-        job = (machines[0], courses[0], draws[0], scheme, options.arithmetic)
+        job = (machines[0], courses[0], draws[0], scheme, options.arithmetic, options.beyond_model)
         outcome, result = tolerance.run(*job, signals=None)
         print(installations.describe(outcome))
         path = options.out / f"tolerance-{machines[0]}-{courses[0]}-{draws[0]}.png"
@@ -320,7 +327,14 @@ def _tolerance(options: argparse.Namespace) -> int:
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
         found = tolerance.run_all(
-            machines, courses, draws, (scheme,), options.arithmetic, tolerance.Progress(), runner
+            machines,
+            courses,
+            draws,
+            (scheme,),
+            options.arithmetic,
+            tolerance.Progress(),
+            runner,
+            options.beyond_model,
         )
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
@@ -349,14 +363,20 @@ def _consistency(options: argparse.Namespace) -> int:
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
         samples = consistency.run_all(
-            machines, draws, scheme, options.arithmetic, consistency.progress, runner
+            machines,
+            draws,
+            scheme,
+            options.arithmetic,
+            consistency.progress,
+            runner,
+            options.beyond_model,
         )
     except Stopped as stop:
         samples, stopped = stop.results, str(stop)
     found = consistency.judged(samples)
     print(installations.consistency_table(found))
     if options.metrics and not stopped:
-        update(options.metrics, (of_consistency(x, scheme) for x in found))
+        update(options.metrics, (of_consistency(x, scheme, options.beyond_model) for x in found))
     path = options.out / "consistency.html"
     installations.write_consistency(path, options.command_line, found, samples, stopped)
     return _ended(path, journal, stopped)
@@ -475,6 +495,7 @@ _ONLY_WITH: Mapping[str, tuple[str, ...]] = {
     "draw": ("tolerance", "consistency", "guarantee", "commissioning"),
     "course": ("tolerance", "guarantee", "commissioning"),
     "scale": ("guarantee",),
+    "beyond_model": ("tolerance", "consistency"),
     "operation": ("operations",),
 }
 """Options that only some campaigns have."""

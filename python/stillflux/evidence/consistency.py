@@ -188,11 +188,12 @@ def sampled(machine: str, draw: int, result: Result) -> Sample:
     )
 
 
-def run(machine: str, draw: int, scheme: str, arithmetic: str) -> Sample:
-    """One draw of a drive through every region."""
+def run(machine: str, draw: int, scheme: str, arithmetic: str, beyond_model: bool = False) -> Sample:
+    """One draw of a drive through every region; `beyond_model`: with `effects`."""
     from stillflux.simulation import simulate
 
-    made, _ = scenario(machine, COURSE, seed_of("consistency", machine, draw), scheme, arithmetic)
+    seed = seed_of("consistency", machine, draw)
+    made, _ = scenario(machine, COURSE, seed, scheme, arithmetic, beyond_model=beyond_model)
     return sampled(machine, draw, simulate(made))
 
 
@@ -203,9 +204,10 @@ def run_all(
     arithmetic: str = "f32",
     show: Callable[[int, int, Sample], None] | None = None,
     runner: Runner = run_jobs,
+    beyond_model: bool = False,
 ) -> list[Sample]:
     """All runs, on all processors. On Ctrl-C raises `parallel.Stopped`."""
-    jobs = [(machine, draw, scheme, arithmetic) for draw in draws for machine in machines]
+    jobs = [(machine, draw, scheme, arithmetic, beyond_model) for draw in draws for machine in machines]
     return runner(run, jobs, first=lambda job: False, show=show)
 
 

@@ -30,7 +30,7 @@ from stillflux.evidence.machines import ALL_MACHINES, MACHINES
 from stillflux.evidence.registry import experiments, figures, operations, targets
 from stillflux.evidence.sensitivity import FIGURES as OF_MARGINS
 from stillflux.evidence.sensitivity import LESS, MORE, Margin
-from stillflux.evidence.table import LOST_AFTER, Group, Kind, Line, Table
+from stillflux.evidence.table import BEYOND_MODEL, LOST_AFTER, Group, Kind, Line, Table
 from stillflux.evidence.tolerance import EXCURSIONS, MISSES, NEEDLESS, interval, rerun
 
 __all__ = ["DOCUMENTS", "PLANE", "TABLES", "draw_plane", "drawn_from", "rendered", "tests_named", "update"]
@@ -502,11 +502,11 @@ def _rate(lines: Sequence[Line]) -> str:
     return text if all(line.holds for line in lines) else f"**{text}**"
 
 
-def _tolerance(table: Table) -> str:
+def _tolerance(table: Table, plant: str = "") -> str:
     """Rates of loss by course and drive."""
     rows = []
     for name, course in COURSES.items():
-        by = [table.find("tolerance", name, machine, _ENHANCED) for machine in DRIVES]
+        by = [table.find("tolerance", name + plant, machine, _ENHANCED) for machine in DRIVES]
         target = _UNKNOWN if course.target is None else f"{course.target:g} %"
         together = [line for lines in by for line in lines]
         rows.append([f"{course.title} (`{name}`)", target, *map(_rate, by), _rate(together)])
@@ -542,7 +542,7 @@ def _tolerance_confidence(table: Table) -> str:
     return markdown(head, rows)
 
 
-def _tolerance_losses(table: Table) -> str:
+def _tolerance_losses(table: Table, plant: str = "") -> str:
     """Every loss, and how to run it again."""
     rows = [
         [
@@ -551,18 +551,18 @@ def _tolerance_losses(table: Table) -> str:
             line.seed,
             value(line),
             line.run,
-            f"`{rerun(machine, name, int(line.seed), _ENHANCED)}`",
+            f"`{rerun(machine, name, int(line.seed), _ENHANCED, bool(plant))}`",
         ]
         for name in COURSES
         for machine in DRIVES
-        for line in _losses(table.find("tolerance", name, machine, _ENHANCED))
+        for line in _losses(table.find("tolerance", name + plant, machine, _ENHANCED))
     ]
     return markdown(["drive", "course", "draw", "lost at", "by", "run again"], rows)
 
 
-def _consistency(table: Table) -> str:
+def _consistency(table: Table, plant: str = "") -> str:
     """NEES, NIS, rank correlation, and the truth of the confidence."""
-    by = {machine: table.find("consistency", "consistency", machine, _ENHANCED) for machine in DRIVES}
+    by = {m: table.find("consistency", "consistency" + plant, m, _ENHANCED) for m in DRIVES}
     keys = dict.fromkeys((line.quantity, line.direction) for lines in by.values() for line in lines)
     rows = []
     for key in keys:
@@ -639,6 +639,9 @@ TABLES: Mapping[str, Callable[[Table], str]] = {
     "tolerance-confidence": _tolerance_confidence,
     "tolerance-losses": _tolerance_losses,
     "consistency": _consistency,
+    "tolerance-beyond-model": partial(_tolerance, plant=BEYOND_MODEL),
+    "tolerance-beyond-model-losses": partial(_tolerance_losses, plant=BEYOND_MODEL),
+    "consistency-beyond-model": partial(_consistency, plant=BEYOND_MODEL),
     "operations": _operations,
     "temperature": _temperature,
 }

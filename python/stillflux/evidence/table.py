@@ -37,6 +37,7 @@ from stillflux.evidence.sensitivity import Margin
 from stillflux.evidence.tolerance import Rate
 
 __all__ = [
+    "BEYOND_MODEL",
     "Group",
     "Kind",
     "Line",
@@ -161,14 +162,20 @@ def of_summary(summary: Summary) -> list[Line]:
     return [line_of(group, claim) for claim in summary.claims]
 
 
+BEYOND_MODEL = "-beyond-model"
+"""Ends the name of what was measured on plants with `effects`."""
+
+
 def of_rate(rate: Rate) -> list[Line]:
     """The lines of a drive on a course, over all draws."""
-    return [line_of(("tolerance", rate.course, rate.machine, rate.scheme), claim) for claim in rate.claims]
+    name = rate.course + (BEYOND_MODEL if rate.beyond_model else "")
+    return [line_of(("tolerance", name, rate.machine, rate.scheme), claim) for claim in rate.claims]
 
 
-def of_consistency(found: Consistency, scheme: str) -> list[Line]:
-    """The lines of the consistency of the estimate of a drive."""
-    group: Group = ("consistency", "consistency", found.machine, scheme)
+def of_consistency(found: Consistency, scheme: str, beyond_model: bool = False) -> list[Line]:
+    """The lines of the consistency of the estimate of a drive; `beyond_model`: on plants with `effects`."""
+    name = "consistency" + (BEYOND_MODEL if beyond_model else "")
+    group: Group = ("consistency", name, found.machine, scheme)
     return [line_of(group, claim) for claim in found.claims]
 
 
@@ -272,9 +279,12 @@ def order() -> list[Group]:
     verdicts = [target.verdict for target in targets().values() if target.verdict]
     for name in dict.fromkeys([*targets(), *verdicts]):
         found += [("target", name, machine, scheme) for machine in ALL_MACHINES for scheme in SCHEMES]
-    for machine in DRIVES:
-        found += [("tolerance", name, machine, scheme) for name in COURSES for scheme in SCHEMES]
-    found += [("consistency", "consistency", machine, scheme) for machine in DRIVES for scheme in SCHEMES]
+    for plant in ("", BEYOND_MODEL):
+        for machine in DRIVES:
+            found += [("tolerance", name + plant, machine, scheme) for name in COURSES for scheme in SCHEMES]
+    for plant in ("", BEYOND_MODEL):
+        name = "consistency" + plant
+        found += [("consistency", name, machine, scheme) for machine in DRIVES for scheme in SCHEMES]
     for name in operations():
         found += [("operation", name, machine, scheme) for machine in DRIVES for scheme in SCHEMES]
     return found

@@ -23,6 +23,7 @@ from stillflux.evidence.claims import Claim, at_most, reported
 from stillflux.evidence.courses import COURSES, Course, Points
 from stillflux.evidence.draws import drawn, ripple
 from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.effects import effects
 from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import CALM, CONFIDENT, angle, confidence, stops
 from stillflux.evidence.machines import scaled
@@ -70,8 +71,8 @@ EXCURSIONS, MISSES = "excursions beyond 15°", "excursions not announced"
 NEEDLESS = "share of time with a needless alarm"
 _Z = 1.959964
 
-Job: TypeAlias = tuple[str, str, int, str, str]
-"""Drive, course, number of the draw, scheme, arithmetic."""
+Job: TypeAlias = tuple[str, str, int, str, str, bool]
+"""Drive, course, number of the draw, scheme, arithmetic, whether with `effects`."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,8 @@ class Outcome:
     """Time the drive ran, s."""
     numbers: Mapping[str, float]
     """What was drawn."""
+    beyond_model: bool = False
+    """The plant has `effects`."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ class Rate:
     course: str
     scheme: str
     outcomes: Sequence[Outcome]
+    beyond_model: bool = False
 
     @property
     def losses(self) -> list[Outcome]:
@@ -175,13 +179,18 @@ def scenario(
     scheme: str = "enhanced",
     arithmetic: str = "f32",
     scale: float = 1.0,
+    beyond_model: bool = False,
 ) -> tuple[Scenario, Mapping[str, float]]:
-    """A drive on an installation, and what was drawn of it; `scale` as of `draws.drawn`."""
+    """A drive on an installation, and what was drawn of it; `scale` as of `draws.drawn`. `beyond_model`: the
+    plant has `effects` as well."""
     drive = DRIVES[machine]
     motor, found = drive.motor, drawn(drive, seed, scale)
     begin = start_up(motor, found.told) + 0.05
     omega, load = course.build(motor)
     duration = begin + max(omega[-1][0], load[-1][0])
+    plant = found.plant
+    if beyond_model:
+        plant = {**plant, **effects(found.motor, seed)}
     return (
         Scenario(
             name=f"{course.title}, {machine}, {scheme}, seed {seed}",
@@ -191,7 +200,7 @@ def scenario(
             plant_inverter=found.inverter,
             scheme=scheme,
             arithmetic=arithmetic,
-            plant=found.plant,
+            plant=plant,
             omega_ref=scaled(_after(omega, begin), motor.base["omega_m"]),
             load_torque=scaled(_after(load, begin), motor.T_N),
             duration=duration,
@@ -223,12 +232,14 @@ def run(
     draw: int,
     scheme: str = "enhanced",
     arithmetic: str = "f32",
+    beyond_model: bool = False,
     signals: Sequence[str] | None = SIGNALS,
 ) -> tuple[Outcome, Result]:
     """Runs one draw and judges it; `signals` to record, None: all."""
     from stillflux.simulation import simulate
 
-    made, numbers = scenario(machine, COURSES[course], seed_of(machine, course, draw), scheme, arithmetic)
+    seed = seed_of(machine, course, draw)
+    made, numbers = scenario(machine, COURSES[course], seed, scheme, arithmetic, beyond_model=beyond_model)
     result = simulate(made.replace(signals=signals))
     begin = start_up(made.motor, made.inverter)
     when, why = loss(result, begin)
@@ -250,6 +261,7 @@ def run(
         needless=dt * float(np.count_nonzero(doubt[1:] & runs[:-1])),
         running=dt * float(np.count_nonzero(runs)),
         numbers=numbers,
+        beyond_model=beyond_model,
     )
     return outcome, result
 
@@ -258,9 +270,10 @@ def _outcome(job: Job) -> Outcome:
     return run(*job)[0]
 
 
-def rerun(machine: str, course: str, draw: int, scheme: str) -> str:
+def rerun(machine: str, course: str, draw: int, scheme: str, beyond_model: bool = False) -> str:
     """The command that runs a draw again."""
     last = "" if scheme == "enhanced" else f" --scheme {scheme}"
+    last += " --beyond-model" if beyond_model else ""
     return f"stillflux beyond tolerance --machine {machine} --course {course} --draw {draw}{last}"
 
 
@@ -272,11 +285,12 @@ def run_all(
     arithmetic: str = "f32",
     show: Callable[[int, int, Outcome], None] | None = None,
     runner: Runner = run_jobs,
+    beyond_model: bool = False,
 ) -> list[Outcome]:
     """Runs draws of drives on courses, on all processors; draw after draw, so that what is done by an
     interruption is of all of them. On Ctrl-C raises `parallel.Stopped`."""
     jobs: list[tuple[Job]] = [
-        ((machine, course, draw, scheme, arithmetic),)
+        ((machine, course, draw, scheme, arithmetic, beyond_model),)
         for draw in draws
         for machine in machines
         for course in courses
@@ -302,14 +316,17 @@ class Progress:
         what = "ok"
         if outcome.why:
             what = f"LOST after {outcome.lost:.3g} s ({outcome.why}): "
-            what += rerun(outcome.machine, outcome.course, outcome.draw, outcome.scheme)
+            what += rerun(outcome.machine, outcome.course, outcome.draw, outcome.scheme, outcome.beyond_model)
         left = (time.monotonic() - self._begin) / (done - self._first) * (total - done)
         print(f"[{done:5d}/{total}, {left / 60:.1f} min left] {what}", file=sys.stderr, flush=True)
 
 
 def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     """By drive and course."""
-    groups: dict[tuple[str, str, str], list[Outcome]] = {}
+    groups: dict[tuple[str, str, str, bool], list[Outcome]] = {}
     for x in outcomes:
-        groups.setdefault((x.machine, x.course, x.scheme), []).append(x)
-    return [Rate(*key, group) for key, group in groups.items()]
+        groups.setdefault((x.machine, x.course, x.scheme, x.beyond_model), []).append(x)
+    return [
+        Rate(machine, course, scheme, group, beyond_model)
+        for (machine, course, scheme, beyond_model), group in groups.items()
+    ]

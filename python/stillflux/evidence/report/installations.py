@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stillflux import html_page
-from stillflux.evidence import draws
+from stillflux.evidence import draws, effects
 from stillflux.evidence.consistency import REGIONS, Consistency, Sample, by_claim
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.report.page import cut_off, finite
@@ -74,7 +74,7 @@ def table(found: Sequence[Outcome]) -> str:
 
 
 def _again(x: Outcome) -> str:
-    return rerun(x.machine, x.course, x.draw, x.scheme)
+    return rerun(x.machine, x.course, x.draw, x.scheme, x.beyond_model)
 
 
 def to_json(found: Sequence[Outcome]) -> str:
@@ -115,6 +115,9 @@ def write_tolerance(path: Path, command: str, found: Sequence[Outcome], stopped:
         if x.why
     )
     picture = f"<figure>{svg(_angles(found))}</figure>" if found else ""
+    drawn = draws.__doc__ or ""
+    if any(x.beyond_model for x in found):
+        drawn += effects.__doc__ or ""
     _page(
         path,
         "Tolerances: every parameter off at once",
@@ -124,7 +127,7 @@ def write_tolerance(path: Path, command: str, found: Sequence[Outcome], stopped:
         f"<table><tr><th>course</th><th>target</th>{head}<th>all</th></tr>{body}</table>{picture}"
         "<h2>Losses</h2><table><tr><th>drive</th><th>course</th><th>draw</th><th>after, s</th><th>by</th>"
         f"<th>I_k / peak current</th><th>capacitance told / real</th><th>run again</th></tr>{losses}</table>"
-        f"<h2>What was drawn</h2><pre>{html.escape(draws.__doc__ or '')}</pre>",
+        f"<h2>What was drawn</h2><pre>{html.escape(drawn)}</pre>",
         stopped,
     )
 

@@ -183,9 +183,9 @@ pub struct Filter<R: Real> {
     inv_s: R,
     /// Innovation of the last block over its variance.
     weighted: R,
-    /// Innovation (scaled), and low-pass of its normalised square (NIS).
+    /// Innovation (scaled), and low-pass of its normalised square with the innovation's sign.
     innovation: R,
-    nis: R,
+    signed_nis: R,
     /// Blocks left in which the NIS is not evaluated (NIS hold-off).
     hold_off: u8,
     /// The rotor flux at the operating point is above `M_MIN`.
@@ -262,7 +262,8 @@ impl<R: Real> Filter<R> {
         self.innovation = z;
         if self.hold_off == 0 {
             let nis = (z * z * self.inv_s * c.noise.part).min(R::from_f64(9.0));
-            self.nis += c.noise.nis_corner * (nis - self.nis);
+            let signed = if z < R::ZERO { -nis } else { nis };
+            self.signed_nis += c.noise.nis_corner * (signed - self.signed_nis);
         } else {
             self.hold_off -= 1;
         }
@@ -419,10 +420,14 @@ impl<R: Real> Filter<R> {
         self.innovation * R::from_f64(SCALE_PSI)
     }
 
-    /// Normalised innovation squared, low-passed over 20 blocks. Its expectation is one where the innovation has the
-    /// variance that the filter assumes; allowances included there keep it far below one in an undisturbed drive.
+    /// Normalised innovation squared, low-passed over 20 ms with the innovation's sign; the magnitude of that.
+    ///
+    /// An innovation that stays at the standard deviation which the filter assumes gives one: an error of flux or
+    /// parameters. One that alternates gives less, the faster the less: noise, and the saliency of the rotor's slots, which
+    /// turns with `Z ω_m - ω_s` and is no error of the mean field. Summed without the sign, a ripple of the leakage by 4 % ended
+    /// runs at 0.5° of angle error under rated load (48 V, 160 kW).
     pub fn nis(&self) -> R {
-        self.nis
+        self.signed_nis.abs()
     }
 
     /// Expected deviation of the field angle, rad.
@@ -442,7 +447,7 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     pub fn confidence(&self) -> R {
         let x = self.sigma * R::from_f64(1.0 / SIGMA_HALF);
-        let y = self.nis * R::from_f64(1.0 / NIS_THRESHOLD);
+        let y = self.nis() * R::from_f64(1.0 / NIS_THRESHOLD);
         (R::ONE + x * x + y * y).recip()
     }
 

@@ -227,7 +227,7 @@ struct Reference {
     load: Load<f64>,
     sum: Vector2<f64>,
     period: u32,
-    nis: f64,
+    signed_nis: f64,
     hold_off: u32,
     /// Reciprocal magnitudes of `ψ_s` and `ψ_R` for [`Rotator::near`], whose Newton step is part of the filter.
     inv_psi: [f64; 2],
@@ -267,7 +267,7 @@ impl Reference {
             load: filter.load,
             sum: Vector2::new(filter.sum.re(), filter.sum.im()),
             period: filter.period.into(),
-            nis: filter.nis,
+            signed_nis: filter.signed_nis,
             hold_off: filter.hold_off.into(),
             inv_psi: [1.0 / filter.magnitude(), filter.point.inv_psi_r],
         }
@@ -329,7 +329,8 @@ impl Reference {
         self.x[M] += increment;
         let z = (self.x[M] - magnitude) / SCALE_PSI;
         if self.hold_off == 0 {
-            self.nis += self.c.noise.nis_corner * ((z * z * self.inv_s * self.c.noise.part).min(9.0) - self.nis);
+            let nis = (z * z * self.inv_s * self.c.noise.part).min(9.0);
+            self.signed_nis += self.c.noise.nis_corner * (nis * z.signum() - self.signed_nis);
         } else {
             self.hold_off -= 1;
         }
@@ -376,7 +377,7 @@ impl Reference {
 
         let omega = at.omega_s.abs();
         let held = omega > OMEGA_HELD;
-        let excess = if held { 0.0 } else { (self.nis - NIS_THRESHOLD).max(0.0) };
+        let excess = if held { 0.0 } else { (self.signed_nis.abs() - NIS_THRESHOLD).max(0.0) };
         let mut q = Matrix::from_diagonal(&State::from(self.c.noise.walk(excess)));
         let room = (noise::WARMED - p[(RS, RS)]).max(0.0);
         let inductances_held = !held && at.steady;
@@ -574,7 +575,7 @@ fn the_scheduled_filter_is_the_dense_one_over_a_closed_loop() {
             angle += rig.angle().abs() / 90_000.0;
             held |= f.point.omega_s > OMEGA_HELD;
             steady |= f.point.inductances_held(&rig.c.model);
-            stepped |= f.nis > NIS_THRESHOLD;
+            stepped |= f.nis() > NIS_THRESHOLD;
             near_zero |=
                 f.point.omega_s.abs() < 0.05 && f.point.i_s.to_phases().iter().any(|i| rig.c.noise.near_zero(*i));
             if f.period == rig.c.block - 1 {

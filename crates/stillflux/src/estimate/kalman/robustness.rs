@@ -36,11 +36,32 @@ fn to_the_end_of_a_block(rig: &mut ClosedLoop, periods: u32) {
 fn one_large_innovation_counts_as_one_of_three_standard_deviations() {
     let mut rig = rig(ALL);
     to_the_end_of_a_block(&mut rig, 5000);
-    let before = rig.filter.nis;
+    let before = rig.filter.signed_nis;
     rig.filter.m = Integrator::new(2.0);
     rig.step(0.05, 0.4);
-    assert!(rig.filter.innovation().abs() > 0.5);
-    assert!((rig.filter.nis - before - rig.c.noise.nis_corner * (9.0 - before)).abs() < 1e-9, "{}", rig.filter.nis);
+    assert!(rig.filter.innovation() > 0.5);
+    let after = rig.filter.signed_nis;
+    assert!((after - before - rig.c.noise.nis_corner * (9.0 - before)).abs() < 1e-9, "{after}");
+}
+
+#[test]
+fn an_innovation_that_alternates_is_no_contradiction_and_one_that_stays_is() {
+    let parts = [[0.02, 0.02], [0.02, -0.02]].map(|innovations| {
+        let mut rig = rig(ALL);
+        to_the_end_of_a_block(&mut rig, 5000);
+        let mut squares = 0.0;
+        for block in 0..200 {
+            let psi_r = rig.filter.value() - rig.filter.i_s * rig.filter.sigma_l_s(&rig.c);
+            rig.filter.m = Integrator::new(psi_r.norm_sq().sqrt() + innovations[block % 2]);
+            let inv_s = rig.filter.inv_s;
+            to_the_end_of_a_block(&mut rig, 1);
+            let z = rig.filter.innovation;
+            squares += rig.c.noise.nis_corner * (z * z * inv_s * rig.c.noise.part - squares);
+        }
+        rig.filter.nis() / squares
+    });
+    // What is left: a low-pass of ten blocks, and what `m` moves within a block.
+    assert!(parts[0] > 0.99 && parts[1] < 0.25, "{parts:?} of the mean squares");
 }
 
 #[test]
@@ -66,7 +87,7 @@ fn the_innovations_of_the_first_fifth_of_a_second_are_no_steps() {
     for k in 0..4000 {
         rig.filter.m = Integrator::new(1.5);
         rig.step(0.05, 0.4);
-        if rig.filter.nis > 0.0 {
+        if rig.filter.nis() > 0.0 {
             rises = rises.or(Some(k / 10));
         }
     }
@@ -79,7 +100,7 @@ fn doubt_comes_from_the_deviation_of_the_angle_and_from_innovations() {
     for (sigma, nis, expected) in
         [(0.0, 0.0, 1.0), (SIGMA_HALF, 0.0, 0.5), (0.0, NIS_THRESHOLD, 0.5), (SIGMA_HALF, NIS_THRESHOLD, 1.0 / 3.0)]
     {
-        (rig.filter.sigma, rig.filter.nis) = (sigma, nis);
+        (rig.filter.sigma, rig.filter.signed_nis) = (sigma, nis);
         assert!((rig.filter.confidence() - expected).abs() < 1e-12, "{sigma}, {nis}");
     }
 }

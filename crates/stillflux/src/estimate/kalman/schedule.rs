@@ -207,8 +207,8 @@ impl<R: Real> Filter<R> {
     fn add_noise(&mut self, c: &FilterConfig<R>) {
         let q = &self.point;
         let omega = q.omega_s.abs();
-        let excessive = !q.held(&c.model) && self.nis > R::from_f64(NIS_THRESHOLD);
-        let mut walk = c.noise.walk(if excessive { self.nis - R::from_f64(NIS_THRESHOLD) } else { R::ZERO });
+        let excessive = !q.held(&c.model) && self.nis() > R::from_f64(NIS_THRESHOLD);
+        let mut walk = c.noise.walk(if excessive { self.nis() - R::from_f64(NIS_THRESHOLD) } else { R::ZERO });
         if q.held(&c.model) {
             // Held and decorrelated: the innovation does not change them, and their effect on the flux is part of the
             // noise that grows with frequency. The winding goes on warming or cooling. Where its resistance is predicted,
