@@ -6,7 +6,7 @@
 //! a stop also without, the filter follows it from then on, the largest current builds it up to rated, and control begins:
 //! what was identified is fresh. A flux of the stop that induces nothing has the direction of the stop, turned by the speed
 //! then, after a pause within which a slow shaft cannot have turned it elsewhere, or where the shaft stood. Else the current
-//! turns until the flux shows, or has decayed.
+//! turns until the flux shows, or has decayed. Without the feature `restart` the current stays at zero until then.
 //! Otherwise:
 //!
 //! 1. The current alternates along the three axes, 0.2 s at 10 kHz, which shows how the legs of the bridge differ
@@ -38,13 +38,17 @@ use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
 use crate::drive::estimators::{CurrentControl, PeriodOutput};
 use crate::drive::estimators::{Estimators, FieldQuantities, StartUp};
-use crate::estimate::catch::{BLOCKS, Catch, CatchConfig, Found, RISE};
+#[cfg(feature = "restart")]
+use crate::estimate::catch::CatchConfig;
+use crate::estimate::catch::{BLOCKS, Catch, Found};
 #[cfg(feature = "legs")]
 use crate::estimate::legs::Alternation;
 #[cfg(feature = "modes")]
 use crate::estimate::pair::{HALF_MAX, Pair};
 #[cfg(feature = "legs")]
 use crate::estimate::search::ROTATING;
+#[cfg(feature = "restart")]
+use crate::estimate::turning::RISE;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -55,7 +59,7 @@ const PREVAILS: f64 = 0.1;
 /// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without, and below
 /// which nothing is looked for.
 const RESIDUAL: f64 = 0.15;
-const GONE: f64 = 0.02;
+const GONE: f64 = if cfg!(feature = "restart") { 0.02 } else { RESIDUAL };
 /// Rotor flux, relative to rated stator flux, with which control begins.
 const BUILT_UP: f64 = 0.85;
 /// Induced voltage, relative to the largest fundamental voltage, with which control begins before that: a tenth is left for
@@ -79,8 +83,11 @@ impl<R: Real> EnhancedEstimators<R> {
             self.catch_periods = c.enhanced.catch.block * BLOCKS;
         }
         if stage <= self.catch_periods {
-            let turning = stage > c.enhanced.catch.block * BLOCKS && self.catch.is_turning();
-            return if turning { c.magnetising_current(u32::MAX) } else { Dq::default() };
+            #[cfg(feature = "restart")]
+            if stage > c.enhanced.catch.block * BLOCKS && self.catch.is_turning() {
+                return c.magnetising_current(u32::MAX);
+            }
+            return Dq::default();
         }
         let stage = stage - self.catch_periods;
         if matches!(self.start, Start::Caught | Start::Empty) {
@@ -89,7 +96,10 @@ impl<R: Real> EnhancedEstimators<R> {
             }
             // The search is made for the boosted current.
             let searching = self.start == Start::Empty && self.search.is_searching();
-            let faint = self.start == Start::Caught && self.filter.magnitude() < R::from_f64(RESIDUAL);
+            // The leakage of a current that builds up a small flux is not to hide it.
+            let faint = cfg!(feature = "restart")
+                && self.start == Start::Caught
+                && self.filter.magnitude() < R::from_f64(RESIDUAL);
             return if searching || faint { c.magnetising_current(stage) } else { Dq::new(c.i_quick, R::ZERO) };
         }
         let mut i_ref = c.magnetising_current(stage);
@@ -131,75 +141,127 @@ impl<R: Real> EnhancedEstimators<R> {
     ) -> FieldQuantities<R> {
         let (filter, config) = (&mut self.filter, &c.enhanced.filter);
         let (i_s, psi_r) = (filter.i_s(), filter.rotor_flux(config));
-        let CatchConfig { block, turn, omega_p, .. } = c.enhanced.catch;
-        let without = block * BLOCKS;
-        let output = if stage <= without {
-            let (field, psi_s) = self.catch.step(&c.enhanced.catch, stage, (u_s, i_s, psi_r));
+        let (catch, config_of) = (&mut self.catch, &c.enhanced.catch);
+        #[cfg(feature = "restart")]
+        let turning = stage > config_of.block * BLOCKS;
+        #[cfg(not(feature = "restart"))]
+        let turning = false;
+        let output = if turning {
+            #[cfg(feature = "restart")]
+            let field = catch.turn(config_of, stage - config_of.block * BLOCKS, psi_r);
+            #[cfg(not(feature = "restart"))]
+            let field = Rotator::default();
+            #[cfg(feature = "restart")]
+            let omega_s = config_of.omega_p;
+            #[cfg(not(feature = "restart"))]
+            let omega_s = R::ZERO;
+            let (psi_s, r_s) = (filter.sigma_l_s(config) * i_ref, filter.r_s());
+            FieldQuantities { field, psi_s, omega_s, r_s, i_dq: field.to_field(&i_s) }
+        } else {
+            let (field, psi_s) = catch.step(config_of, stage, (u_s, i_s, psi_r));
             // Current control feeds jω_s ψ_s forward: with ω_s = 1 that is the induced voltage.
             FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) }
-        } else {
-            let field = self.catch.turn(&c.enhanced.catch, stage - without, psi_r);
-            let (psi_s, r_s) = (filter.sigma_l_s(config) * i_ref, filter.r_s());
-            FieldQuantities { field, psi_s, omega_s: omega_p, r_s, i_dq: field.to_field(&i_s) }
         };
         if stage == self.catch_periods {
-            let above = |psi_r: &AlphaBeta<R>, least: f64| psi_r.norm_sq() > R::from_f64(least * least);
-            let kept = match self.start {
-                Start::Fresh(psi_r, directed) if above(&psi_r, GONE) => Some((psi_r, directed)),
-                _ => None,
-            };
-            let first = stage <= without;
-            let turning = !first && self.catch.is_turning();
-            let found = match (first, turning) {
-                (true, _) => self.catch.found(&c.enhanced.catch, kept),
-                (_, true) => self.catch.found_turning(&c.enhanced.catch, kept),
-                _ => Found::Nothing,
-            };
-            // A machine in which the comparison of the legs has left a flux certainly turns.
-            #[cfg(feature = "legs")]
-            let found = if first && self.put_off > 0 && found == Found::Nothing { Found::Uncertain } else { found };
-            let flux = match (found, kept) {
-                (Found::Flux(psi_r, omega), _) => Some((psi_r, omega)),
-                (Found::Nothing, Some((psi_r, true))) if turning => Some((psi_r, R::ZERO)),
-                (Found::Nothing, _) if !turning => None,
-                _ => {
-                    // A flux that is small, and not found, ends with the current.
-                    let goes_on = first || kept.map_or(found == Found::Uncertain, |(psi_r, _)| above(&psi_r, RESIDUAL));
-                    self.catch.set_turning(goes_on);
-                    let longer = block
-                        * if first {
-                            RISE + 2 * turn
-                        } else if goes_on {
-                            turn
-                        } else {
-                            RISE
-                        };
-                    self.catch_periods += longer;
-                    if let Some((psi_r, directed)) = kept {
-                        let decay = (c.enhanced.decay.periods(longer)).min(R::HALF);
-                        self.start = Start::Fresh(psi_r * (R::ONE - decay), directed);
-                    }
-                    return output;
-                }
-            };
-            self.start = match (flux, self.start) {
-                (Some((psi_r, omega)), _) => {
-                    filter.catch(config, psi_r, &i_s);
-                    self.speed_estimator.start(&psi_r, omega);
-                    (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
-                    Start::Caught
-                }
-                (None, Start::Fresh(..)) => Start::Empty,
-                _ => {
-                    #[cfg(feature = "legs")]
-                    {
-                        self.alternation = (c.enhanced.legs.is_on() && self.put_off == 0).then_some(0);
-                    }
-                    Start::Unknown
-                }
-            };
+            self.decide(c, stage, &i_s);
         }
         output
+    }
+
+    /// At the end of the catch: what the start-up goes on with, or how much longer it takes.
+    #[cfg_attr(feature = "restart", cold, inline(never))]
+    fn decide(&mut self, c: &DriveConfig<R>, stage: u32, i_s: &AlphaBeta<R>) {
+        let above = |psi_r: &AlphaBeta<R>, least: f64| psi_r.norm_sq() > R::from_f64(least * least);
+        let kept = match self.start {
+            Start::Fresh(psi_r, directed) if above(&psi_r, GONE) => Some((psi_r, directed)),
+            _ => None,
+        };
+        let flux = match self.flux_that_is_there(c, stage, kept, above) {
+            Ok(flux) => flux,
+            Err(longer) => {
+                self.catch_periods += longer;
+                if let Some((psi_r, directed)) = kept {
+                    let decay = (c.enhanced.decay.periods(longer)).min(R::HALF);
+                    self.start = Start::Fresh(psi_r * (R::ONE - decay), directed);
+                }
+                return;
+            }
+        };
+        self.start = match (flux, self.start) {
+            (Some((psi_r, omega)), _) => {
+                self.filter.catch(&c.enhanced.filter, psi_r, i_s);
+                self.speed_estimator.start(&psi_r, omega);
+                (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
+                Start::Caught
+            }
+            (None, Start::Fresh(..)) => Start::Empty,
+            _ => {
+                #[cfg(feature = "legs")]
+                {
+                    self.alternation = (c.enhanced.legs.is_on() && self.put_off == 0).then_some(0);
+                }
+                Start::Unknown
+            }
+        };
+    }
+
+    /// Rotor flux and speed, if there is a flux, or the periods that it takes to know.
+    #[cfg(not(feature = "restart"))]
+    fn flux_that_is_there(
+        &mut self,
+        c: &DriveConfig<R>,
+        _: u32,
+        kept: Option<(AlphaBeta<R>, bool)>,
+        _: impl Fn(&AlphaBeta<R>, f64) -> bool,
+    ) -> Result<Option<(AlphaBeta<R>, R)>, u32> {
+        match (self.catch.found(&c.enhanced.catch, kept), kept) {
+            (Found::Flux(psi_r, omega), _) => Ok(Some((psi_r, omega))),
+            (Found::Nothing, Some((psi_r, true))) => Ok(Some((psi_r, R::ZERO))),
+            (Found::Nothing, None) => Ok(None),
+            _ => Err(c.enhanced.catch.block),
+        }
+    }
+
+    /// Rotor flux and speed, if there is a flux, or the periods that it takes to know: without current, then with one that
+    /// turns, then again without.
+    #[cfg(feature = "restart")]
+    fn flux_that_is_there(
+        &mut self,
+        c: &DriveConfig<R>,
+        stage: u32,
+        kept: Option<(AlphaBeta<R>, bool)>,
+        above: impl Fn(&AlphaBeta<R>, f64) -> bool,
+    ) -> Result<Option<(AlphaBeta<R>, R)>, u32> {
+        let CatchConfig { block, turn, .. } = c.enhanced.catch;
+        let first = stage <= block * BLOCKS;
+        let turning = !first && self.catch.is_turning();
+        let found = match (first, turning) {
+            (true, _) => self.catch.found(&c.enhanced.catch, kept),
+            (_, true) => self.catch.found_turning(&c.enhanced.catch, kept),
+            _ => Found::Nothing,
+        };
+        // A machine in which the comparison of the legs has left a flux certainly turns.
+        #[cfg(feature = "legs")]
+        let left = self.put_off > 0;
+        #[cfg(not(feature = "legs"))]
+        let left = false;
+        match (found, kept) {
+            (Found::Flux(psi_r, omega), _) => return Ok(Some((psi_r, omega))),
+            (Found::Nothing, Some((psi_r, true))) if turning => return Ok(Some((psi_r, R::ZERO))),
+            (Found::Nothing, None) if first && !left => return Ok(None),
+            (Found::Nothing, _) if !first && !turning => return Ok(None),
+            _ => {}
+        }
+        // A flux that is small, and not found, ends with the current.
+        let goes_on = first || kept.map_or(found == Found::Uncertain, |(psi_r, _)| above(&psi_r, RESIDUAL));
+        self.catch.set_turning(goes_on);
+        Err(match kept {
+            _ if first => block * (RISE + 2 * turn),
+            _ if goes_on => block * turn,
+            // What the comparison of the legs has left, too small to be followed, is not to be there in the search.
+            None if left => c.magnetise_periods / 4,
+            _ => block * RISE,
+        })
     }
 
     /// After it: the speed, the direction that the current takes with the current in its coordinates, and whether the
