@@ -214,8 +214,8 @@ mod tests {
             let part = |x: R| f64::from(x.to_f32());
             let i = AlphaBeta::new(part(direction.re()), part(direction.im())) * I;
             let own = AlphaBeta::new(-psi_r.im(), psi_r.re()) * omega - psi_r * (1.0 / pu.tau_r) + i * pu.r_r;
-            psi_r = psi_r + own * pu.t_s;
-            integral = integral + (own + i * (0.04 / I)) * pu.t_s;
+            psi_r += own * pu.t_s;
+            integral += (own + i * (0.04 / I)) * pu.t_s;
             let turn = c.block * c.turn;
             if period >= c.block * RISE + 2 * turn && (period - c.block * RISE).is_multiple_of(turn) {
                 let known = known.map(|(part, directed)| {
