@@ -9,6 +9,8 @@ import pytest
 
 import stillflux as sf
 from stillflux.evidence.conditions import slip
+from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.machines import ADC_NOISE
 from stillflux.options import Arithmetic
 
 
@@ -210,3 +212,52 @@ def test_status_behaves_as_its_string() -> None:
     assert hash(status) == hash("starting")
     assert status in {"starting"}
     assert sf.Status("faulted", "over-current", 1.0) != sf.Status("faulted", "over-current", 2.0)
+
+
+@pytest.mark.parametrize("half_periods", [1, 2])
+def test_a_large_machine_is_controlled_as_well_where_its_control_is_fast(half_periods: int) -> None:
+    """With the flux bandwidth of smaller machines, 5 Hz, the flux oscillates by way of the leakage and the
+    current does not follow: pole -1.7. That setting is refused."""
+    typical = DRIVES["160kW"]
+    inverter = typical.inverter.replace(f_s=8e3, half_periods=half_periods)
+    motor = typical.motor
+    w = motor.base["omega_m"]
+    made = sf.Scenario(
+        motor=motor,
+        inverter=inverter,
+        duration=9.0,
+        omega_ref=((0.0, 0.0), (6.5, 0.0), (7.5, 0.4 * w)),
+        plant={"seed": 3, "adc_noise": ADC_NOISE * motor.I_N},
+    )
+    result = sf.simulate(made)
+    assert result.status.fault is None
+    weighed = result.t > 6.3
+    psi = np.abs(result["psi_s"][weighed]) / motor.base["psi"]
+    assert np.ptp(psi) < 0.02, "the flux is steady"
+    with pytest.raises(ValueError, match=r"flux_bandwidth = 5 Hz .* at once"):
+        sf.Drive(motor, inverter, flux_bandwidth=5.0)
+
+
+@pytest.mark.parametrize("f_N", [200.0, 400.0])
+def test_a_spindle_reaches_rated_speed_and_its_opposite(f_N: float) -> None:
+    """With the noise of the filter in seconds instead of turns of the rated field they are lost on the way,
+    with every parameter right."""
+    scale = 50.0 / f_N
+    motor = sf.Motor(
+        R_s=0.65, R_R=0.45, L_sigma=12.6e-3 * scale, L_M=210e-3 * scale, n_p=3, J=2e-3,
+        U_N=400.0, I_N=16.6, f_N=f_N, T_N=88.0 * scale,
+    )  # fmt: skip
+    inverter = sf.Inverter(u_dc=540.0, f_s=40e3, u_th=1.0, r_d=0.05, dead_time=1e-6)
+    w = motor.base["omega_m"]
+    result = sf.simulate(
+        sf.Scenario(
+            motor=motor,
+            inverter=inverter,
+            duration=5.5,
+            omega_ref=((0.0, 0.0), (1.8, 0.0), (2.8, w), (3.3, w), (5.0, -w)),
+            plant={"seed": 1, "adc_noise": ADC_NOISE * motor.I_N},
+        )
+    )
+    assert result.status.fault is None
+    assert np.abs(np.degrees(result["angle_error"]))[result.t > 1.8].max() < 6.0
+    assert result["omega_m"][-1] == pytest.approx(-w, rel=0.01)

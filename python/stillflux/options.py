@@ -35,7 +35,8 @@ class DriveSettings(TypedDict, total=False):
     current_bandwidth: float
     """Bandwidth of current control, Hz."""
     flux_bandwidth: float
-    """Bandwidth of flux control, Hz."""
+    """Bandwidth of flux control, Hz: 5, less where a long rotor time constant and a large leakage ask for
+    it."""
     speed_bandwidth: float
     """Bandwidth of speed control, Hz."""
     pll_bandwidth: float

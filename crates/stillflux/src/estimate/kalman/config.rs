@@ -17,8 +17,9 @@ use crate::words::words;
 const BLOCK_TIME: f64 = 2.5e-3;
 const BLOCK_TURN: f64 = 0.13;
 const BLOCK_DECAY: f64 = 0.05;
-/// Least duration of the block for which noise is stated, s.
+/// Least duration of the block for which noise is stated, s, and the rated frequency, Hz, for which it is.
 const STATED_BLOCK_TIME: f64 = 1e-3;
+const STATED_FREQUENCY: f64 = 50.0;
 /// Slots of a block, the closing one included ([`super::schedule`]).
 pub(super) const SLOTS: u32 = 10;
 /// Largest binary logarithm of the control periods in a slot: the periods of a block are counted in a byte.
@@ -63,7 +64,8 @@ impl<R: Real> FilterConfig<R> {
     ) -> Self {
         let (slot_bits, seconds) = Self::block(machine, inverter);
         let block = SLOTS << slot_bits;
-        let part = f64::from(SLOTS).max(STATED_BLOCK_TIME * inverter.f_c()) / f64::from(block);
+        let pace = machine.f_N / STATED_FREQUENCY;
+        let part = f64::from(SLOTS).max(STATED_BLOCK_TIME / pace * inverter.f_c()) / f64::from(block);
         let saturated = Saturated::of(machine);
         Self {
             t_s: rounded(pu.t_s),
@@ -72,7 +74,7 @@ impl<R: Real> FilterConfig<R> {
             slot_mask: (1 << slot_bits) - 1,
             slot_bits,
             model: Model::new(machine, pu, psi_ref, seconds),
-            noise: Noise::new(pu, (seconds, part), calibrated, saturated.known, identified),
+            noise: Noise::new(pu, (seconds, pace, part), calibrated, saturated.known, identified),
             saturation: rounded(saturated.c),
             load_corner: rounded(seconds / LOAD_TIME),
             correct: identified.flux,

@@ -28,6 +28,11 @@
 //! that is longer. In a block of `T` the terms of `S` are multiplied by `T_0/T` and those of the states by `T/T_0`: they
 //! stand for errors that last longer than a block, whose effect in a second does not depend on how often it is looked at.
 //!
+//! Errors of the voltage move the flux by the angle that the rated field turns meanwhile: the stated block and the `σ_w` of
+//! `ψ_s` and `m`, `INDUCED` included, are those of a machine of 50 Hz, and `f_N`/50 Hz times as fast at any other. What is
+//! left, temperatures above all, takes its time in s. With all of it in s the filter was too slow for machines of 400 and
+//! 800 Hz: beyond half of rated speed its flux went its own way.
+//!
 //! The `σ_0` of `r_s`, `ε_v`, `ε_k`, `ε_l` and `γ` are defaults ([`Priors`]) and settings of the drive, which a
 //! commissioning gives.
 //!
@@ -181,12 +186,13 @@ words!(Noise: offset, resistance, knee, calibrated, c_known, prior, walk, induce
     remembered, hold_off);
 
 impl<R: Real> Noise<R> {
-    /// For validated parameters and blocks of `seconds`, of which the stated block is a `part`; `calibrated`: the offsets
-    /// of the current sensors are read before each start; `c_known`: the saturation is that of the machine's curve.
+    /// For validated parameters and blocks of `seconds`, of which the stated block is a `part`, of a machine with a rated
+    /// frequency of `pace` times that for which it is stated; `calibrated`: the offsets of the current sensors are read
+    /// before each start; `c_known`: the saturation is that of the machine's curve.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn new(
         pu: &PerUnit,
-        (seconds, part): (f64, f64),
+        (seconds, pace, part): (f64, f64, f64),
         calibrated: bool,
         c_known: bool,
         identified: Identified,
@@ -214,7 +220,8 @@ impl<R: Real> Noise<R> {
             KNEE => knee,
             _ => true,
         };
-        let variance = |k: usize| r(if on(k) { scaled(walk[k], scale[k]) * seconds } else { 0.0 });
+        let duration = |k: usize| if k <= M { seconds * pace } else { seconds };
+        let variance = |k: usize| r(if on(k) { scaled(walk[k], scale[k]) * duration(k) } else { 0.0 });
         Self {
             offset,
             resistance,
@@ -223,7 +230,7 @@ impl<R: Real> Noise<R> {
             c_known,
             prior: variances(&Priors::default()),
             walk: [PSI, M, B, RS, V, KNEE, LEAKAGE, GAMMA, C].map(variance),
-            induced: r(INDUCED * INDUCED * seconds / (SCALE_PSI * SCALE_PSI)),
+            induced: r(INDUCED * INDUCED * seconds * pace / (SCALE_PSI * SCALE_PSI)),
             zero: r(pu.dead_time_swing.max(ZERO_MIN)),
             part: r(part),
             stated: r(1.0 / part),
