@@ -16,7 +16,7 @@
 //! to some tenths of a radian, which is more than a slow flux turns within four blocks: `n` = 8 is raised until `e` has
 //! turned by 0.4. A flux of the stop whose direction is known decides at once, where it lies across `e`.
 //!
-//! With the feature `restart` the current turns where `|e|` is below 0.25 ([`super::turning`]).
+//! With the feature `restart` the current turns where `|e|` is below 0.2 ([`super::turning`]).
 //!
 //! **Validity.** `|e|` above the error of the inverter model, 0.06: a rated flux that turns faster than 0.06 pu. The decay of the flux within
 //! the blocks is neglected.

@@ -11,7 +11,7 @@
 //! ```
 //!
 //! Without current ([`super::catch`]) the inverter model is at its worst: the legs have no certain sign of their current, and
-//! its error, 0.03 to 0.05, turns `e`. Below |e| = 0.25 that is more than a fifth of a radian.
+//! its error, 0.03 to 0.05, turns `e`. Below |e| = 0.2 that is more than a fifth of a radian.
 //!
 //! Here the current turns once in `T_p`, far faster than the shaft. All that depends on the current and changes its sign
 //! with it, `r_s i`, the loss of the bridge with its knee, the torque and `r_R i`, is zero in the mean over a turn, and the
@@ -37,7 +37,7 @@ pub(crate) const RISE: u32 = 2;
 /// Normalised time of a turn: half of it is what a machine at 1.25 pu turns by `3/4`.
 pub(super) const TURN: f64 = 1.2;
 /// Voltage without current from which on that shows the direction of the flux; over turns the least, and `U`.
-pub(super) const STRONG: f64 = 0.25;
+pub(super) const STRONG: f64 = 0.2;
 const FAINT: f64 = 0.0015;
 const CERTAIN: f64 = 0.003;
 /// Speed up to which the known flux tells it better than the angle of a turn.
