@@ -53,7 +53,7 @@ def run(elf: Path, arithmetic: str, scheme: str = "enhanced") -> Comparison:
 #: same schemes.
 COMMISSION = [
     *("commission", "paper", "enhanced", "variants", "supervision"),
-    *("dclink", "modes", "shunt", "encoder", "legs"),
+    *("dclink", "modes", "shunt", "encoder", "legs", "restart"),
 ]
 
 

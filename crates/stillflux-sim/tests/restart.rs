@@ -120,13 +120,17 @@ fn a_restart_catches_the_flux_that_is_left_at_any_speed_and_after_any_pause() {
     }
 }
 
-/// The flux that is left has turned by an unknown angle, and induces too little to show it: it has to decay first.
+/// The flux that is left has turned by an unknown angle, and induces less than the error of the bridge without current. When
+/// it had to decay first, these took up to 0.6 s.
 #[test]
-fn a_shaft_that_slows_down_in_the_pause_is_caught_or_waited_for() {
+fn a_shaft_that_slows_down_in_the_pause_is_caught_with_its_flux() {
     for m in machines() {
-        for (omega, pause, braking) in [(0.1, 0.1, 0.3), (0.06, 0.1, 0.1), (0.06, 0.2, 0.1), (0.24, 0.3, 0.3)] {
+        for (omega, pause, braking) in
+            [(0.06, 0.06, 0.0), (0.1, 0.1, 0.3), (0.06, 0.1, 0.1), (0.06, 0.2, 0.1), (0.24, 0.3, 0.3)]
+        {
             let r = restart_after(m, omega, (pause, braking), |_| {});
-            assert!(r.time < 0.7 && r.current < 0.9, "{omega} after {pause} s under {braking}: {r:?}");
+            println!("{} N m, {omega}, {pause} s under {braking}: {r:?}", m.0.T_N);
+            assert!(r.time < 0.15 && r.current < 0.9, "{omega} after {pause} s under {braking}: {r:?}");
             assert!(r.angle < 30.0 && r.error < 0.01, "{omega} after {pause} s under {braking}: {r:?}");
         }
     }
@@ -155,6 +159,33 @@ fn a_drive_at_power_up_catches_a_flux_that_it_did_not_build_up() {
             assert!(t < 0.3 && rig.angle < 15.0 && error.abs() < 0.02, "{omega}: {t} s, {}°, {error}", rig.angle);
         }
     }
+}
+
+/// The comparison of the legs alternates the flux, and at these speeds it falls behind by as much as to look like a rotation
+/// below its threshold, or none. A search that begins with the flux that is left was off by 40° and more.
+#[test]
+fn a_machine_in_which_the_comparison_of_the_legs_has_left_a_flux_is_started() {
+    for omega in [0.26, -0.27] {
+        let mut rig = Rig::new(Machine::preset_2k2(), Inverter::preset_2k2(), |_| {});
+        rig.plant.set_speed(Some(omega * rig.base.omega_m));
+        let no_torque = ReferenceSi::Torque(0.0);
+        rig.run(3.0, no_torque, 0.0, |drive| matches!(drive.status(), Status::Running | Status::Faulted { .. }));
+        rig.run(0.3, no_torque, 0.0, |_| false);
+        assert_eq!(rig.drive.status(), Status::Running, "{omega}: {:?}", rig.drive.fault());
+        println!("{omega}: {:.1}°", rig.angle);
+        assert!(rig.angle < 15.0, "{omega}: {}°", rig.angle);
+    }
+}
+
+/// A flux that was caught is off by some degrees: with a variance of none the filter took that for an error of the resistance,
+/// and the angle was off by 25° a second later, in regeneration.
+#[test]
+fn a_small_machine_that_is_caught_leaves_no_error_behind() {
+    let rating = Rating { n_p: 2, J: 0.0021, U_N: 400.0, I_N: 1.9, f_N: 50.0, T_N: 5.1 };
+    let t = TModel { R_s: 11.5, R_r: 8.0, L_ls: 34e-3, L_lr: 34e-3, L_m: 0.63 };
+    let inverter = Inverter { r_d: 0.4, ..Inverter::preset_2k2() };
+    let r = restart(((Machine::from_t_model(t, rating)), inverter), -0.15, 0.001, |_| {});
+    assert!(r.time < 0.05 && r.angle < 20.0 && r.error < 0.01, "{r:?}");
 }
 
 /// 160 and 45 kW at 4 and 5 kHz: large machines, whose bridge loses most per period and whose resistance damps least.

@@ -210,7 +210,7 @@ mod tests {
         let mut drive = Drive::<R>::new(DriveConfig::new(&machine, &inverter, &params).unwrap());
         let r = |x: f64| R::from_f64(x);
         // 20 A of magnetisation, 10 A across it.
-        for _ in 0..1200 {
+        for _ in 0..1100 {
             drive.step(
                 &Measurement { i_abc: [r(0.6), r(-0.2), r(-0.4)], u_dc: r(1.65) },
                 &Units::new(&machine).reference(&SetPoint::Speed(10.0)),
@@ -218,7 +218,7 @@ mod tests {
         }
         let (t, e) =
             (Units::new(&machine).telemetry(&drive), SiUnits::new(&machine, &inverter).estimate(&drive.estimate()));
-        assert_eq!((t.status, t.fault, t.period), (2, 0, 1200), "magnetising");
+        assert_eq!((t.status, t.fault, t.period), (2, 0, 1100), "magnetising");
         let abs = |[x, y]: [f64; 2]| libm::hypot(x, y);
         for (got, want) in [
             (t.omega_m, e.omega_m),

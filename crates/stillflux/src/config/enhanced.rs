@@ -76,8 +76,6 @@ impl<R: Real> EnhancedConfig<R> {
         let filter = filter.with_priors(&priors);
         let filter = if p.enhanced.hold_inductances { filter } else { filter.never_steady() };
         let filter = p.enhanced.temperature().map_or(filter, |t| filter.with_temperature(machine, inverter, pu, &t));
-        // At least 0.0125 of normalised time, whose reciprocal fits fixed point.
-        let catch_block = inverter.periods(CATCH_BLOCK).max(libm::ceil(0.0125 / pu.t_s) as u32);
         Self {
             filter,
             balance: {
@@ -96,13 +94,7 @@ impl<R: Real> EnhancedConfig<R> {
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
                 step: rounded(SHIFT_RATE * f64::from(adapt_periods(slow_periods(inverter))) / inverter.f_c()),
             },
-            catch: CatchConfig {
-                block: catch_block,
-                t_block: rounded(f64::from(catch_block) * pu.t_s),
-                inv_t_block: rounded(1.0 / (f64::from(catch_block) * pu.t_s)),
-                // Limited for fixed point: with periods shorter than a hundredth of the leakage the surge ends later.
-                leakage: rounded((pu.sigma_l_s / pu.t_s).min(100.0)),
-            },
+            catch: CatchConfig::new(pu, CATCH_BLOCK, inverter.f_c()),
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
             recovery_periods: {
                 // As the rotor time constant of the parameters has it, in units of which x is a sixteenth of the time.

@@ -141,7 +141,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             // It turns with the rotor, whose speed of the stop is the best guess where nothing is induced.
             let turned = |omega: R| (c.t_s * omega * r(64.0)).periods(pause);
             let omega = self.speed.omega_m;
-            let within = turned(r(LEAST)) <= psi_r.norm_sq().sqrt() * r(DIRECTION);
+            let within = turned(omega.abs().max(r(LEAST))) <= r(DIRECTION);
             let mut angle = turned(omega);
             let directed = angle.within(r(6.0)) && (within || omega.within(r(STANDING)));
             angle = angle.limit(r(6.0));
@@ -219,7 +219,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             if at.stage <= catch_periods {
                 let u_s = x.u_s;
                 return PeriodOutput {
-                    field: self.catch_flux(c, &u_s, at.stage),
+                    field: self.catch_flux(c, &u_s, i_ref.re(), at.stage),
                     complete: false,
                     current_control: CurrentControl::Continues,
                 };

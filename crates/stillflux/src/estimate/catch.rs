@@ -16,9 +16,14 @@
 //! to some tenths of a radian, which is more than a slow flux turns within four blocks: `n` = 8 is raised until `e` has
 //! turned by 0.4. A flux of the stop whose direction is known decides at once, where it lies across `e`.
 //!
+//! With the feature `restart` the current turns where `|e|` is below 0.2 ([`super::turning`]).
+//!
 //! **Validity.** `|e|` above the error of the inverter model, 0.06: a rated flux that turns faster than 0.06 pu. The decay of the flux within
 //! the blocks is neglected.
 
+#[cfg(feature = "restart")]
+use super::turning::{STRONG, TURN};
+use crate::base::{PerUnit, rounded};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 use crate::words::words;
@@ -62,23 +67,69 @@ pub(crate) struct CatchConfig<R: Real> {
     pub inv_t_block: R,
     /// `σl_s/t_s`.
     pub leakage: R,
+    /// Blocks of a turn of the current, the angle of a period, and `ω_p`.
+    #[cfg(feature = "restart")]
+    pub turn: u32,
+    #[cfg(feature = "restart")]
+    pub advance: R,
+    #[cfg(feature = "restart")]
+    pub omega_p: R,
+    /// `1/τ_r`.
+    #[cfg(feature = "restart")]
+    pub inv_tau_r: R,
 }
+#[cfg(feature = "restart")]
+words!(CatchConfig: block, t_block, inv_t_block, leakage, turn, advance, omega_p, inv_tau_r);
+#[cfg(not(feature = "restart"))]
 words!(CatchConfig: block, t_block, inv_t_block, leakage);
+
+impl<R: Real> CatchConfig<R> {
+    /// Blocks of at least a time in s at a control frequency in Hz.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn new(pu: &PerUnit, least: f64, f_c: f64) -> Self {
+        // At least 0.0125 of normalised time, whose reciprocal fits fixed point.
+        let block = libm::round(least * f_c).max(libm::ceil(0.0125 / pu.t_s));
+        let t_block = block * pu.t_s;
+        // At least 12 periods.
+        #[cfg(feature = "restart")]
+        let turn = libm::round(TURN / t_block).max(libm::ceil(12.0 / block));
+        #[cfg(feature = "restart")]
+        let advance = core::f64::consts::TAU / (turn * block);
+        Self {
+            block: block as u32,
+            t_block: rounded(t_block),
+            inv_t_block: rounded(1.0 / t_block),
+            // Limited for fixed point: with periods shorter than a hundredth of the leakage the surge ends later.
+            leakage: rounded((pu.sigma_l_s / pu.t_s).min(100.0)),
+            #[cfg(feature = "restart")]
+            turn: turn as u32,
+            #[cfg(feature = "restart")]
+            advance: rounded(advance),
+            #[cfg(feature = "restart")]
+            omega_p: rounded(advance / pu.t_s),
+            #[cfg(feature = "restart")]
+            inv_tau_r: rounded(1.0 / pu.tau_r),
+        }
+    }
+}
 
 /// State.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(crate) struct Catch<R: Real> {
-    /// Integrated rotor flux at the beginning of the block, and the voltage induced in the last one.
-    psi_r: AlphaBeta<R>,
-    e: AlphaBeta<R>,
-    /// That in the first block after the surge, or in the latest without one to speak of; and the blocks since then.
-    first: AlphaBeta<R>,
-    blocks: u32,
-    numerator: R,
+    /// Integrated rotor flux at the beginning of the block or turn, and the voltage induced in the last one.
+    pub(super) psi_r: AlphaBeta<R>,
+    pub(super) e: AlphaBeta<R>,
+    /// That in the first block after the surge, or in the latest without one to speak of; and the blocks since then. Where the
+    /// current turns, the integrated flux at the beginning of the first turn, and the turns since then.
+    pub(super) first: AlphaBeta<R>,
+    pub(super) blocks: u32,
+    /// Sums of the speed; the first is the swept area where the current turns.
+    pub(super) numerator: R,
     denominator: R,
-    i_s: AlphaBeta<R>,
+    /// Current of the period before, or the direction of the one that turns.
+    pub(super) i_s: AlphaBeta<R>,
 }
 
 impl<R: Real> Catch<R> {
@@ -129,10 +180,15 @@ impl<R: Real> Catch<R> {
     }
 
     /// What there is by now; `known`: flux of the stop, and whether its direction is known.
+    #[cfg_attr(feature = "restart", cold, inline(never))]
     pub fn found(&self, c: &CatchConfig<R>, known: Option<(AlphaBeta<R>, bool)>) -> Found<R> {
         let r = R::from_f64;
         let least = r(LEAST);
         let square = self.e.norm_sq();
+        #[cfg(feature = "restart")]
+        if square < r(STRONG * STRONG) && (known.is_some() || square > least * least) {
+            return Found::Uncertain;
+        }
         if square < least * least || self.denominator < least * least {
             return Found::Nothing;
         }

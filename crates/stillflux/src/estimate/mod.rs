@@ -32,3 +32,5 @@ pub mod resistance;
 pub(crate) mod search;
 pub mod speed;
 pub mod temperature;
+#[cfg(all(feature = "enhanced", feature = "restart"))]
+pub(crate) mod turning;

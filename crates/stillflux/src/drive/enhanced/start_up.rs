@@ -1,17 +1,20 @@
 //! Start-up of the enhanced scheme, at standstill or in a rotating machine (flying start).
 //!
 //! It begins with 8 ms without current, in which a flux that turns is found by the voltage that it induces
-//! ([`crate::estimate::catch`]). With one, and after a stop of less than `fresh_time` also without, the filter follows the
-//! flux from then on, the largest current builds it up to rated, and control begins: what was identified is fresh. A flux of the stop that induces nothing has the direction of the stop,
-//! turned by the speed then, after a pause within which a slow shaft cannot have turned it elsewhere, or where the shaft
-//! stood. Else its direction is not known: the current stays at zero until it has decayed, or induces a voltage.
+//! ([`crate::estimate::catch`]); where this voltage is too small to tell its direction through the errors of the bridge, and
+//! after a stop of less than `fresh_time`, the current turns for 10 ms and more, which shows it. With a flux, and after such
+//! a stop also without, the filter follows it from then on, the largest current builds it up to rated, and control begins:
+//! what was identified is fresh. A flux of the stop that induces nothing has the direction of the stop, turned by the speed
+//! then, after a pause within which a slow shaft cannot have turned it elsewhere, or where the shaft stood. Else the current
+//! turns until the flux shows, or has decayed. Without the feature `restart` the current stays at zero until then.
 //! Otherwise:
 //!
 //! 1. The current alternates along the three axes, 0.2 s at 10 kHz, which shows how the legs of the bridge differ
 //!    ([`crate::estimate::legs`]), and whether the machine is at rest. In a machine that certainly rotates it ends
-//!    after a third, and the start-up begins again, since the flux that is left turns. Without `identify_legs` this is left
-//!    out. In the end the current is zero and current control without integrators: a bridge whose legs wait for their current
-//!    applies nothing of what they would hold, up to half of the loss by the dead time, until there is one.
+//!    after a third. In one that is not found at rest the start-up begins again, since the flux that is left turns: the
+//!    search would take it for what its current builds up. Without `identify_legs` this is left out. In the end the current
+//!    is zero and current control without integrators: a bridge whose legs wait for their current applies nothing of what
+//!    they would hold, up to half of the loss by the dead time, until there is one.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
 //!    current on.
@@ -27,8 +30,6 @@
 //!    `r̂_s` is as large as half of that of `r_R`. With two current sensors the reduced currents also show the difference
 //!    of their gains ([`crate::estimate::pair`]); where it is a new one the last three quarters are repeated, since
 //!    everything identified in them was falsified by it.
-//!
-//! A machine that begins to turn during a pause with its flux left, below 0.06 pu, is not covered.
 
 use super::{EnhancedEstimators, Start};
 use crate::config::{BOOST, DriveConfig, REDUCED, SMALL};
@@ -37,6 +38,8 @@ use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
 use crate::drive::estimators::{CurrentControl, PeriodOutput};
 use crate::drive::estimators::{Estimators, FieldQuantities, StartUp};
+#[cfg(feature = "restart")]
+use crate::estimate::catch::CatchConfig;
 use crate::estimate::catch::{BLOCKS, Catch, Found};
 #[cfg(feature = "legs")]
 use crate::estimate::legs::Alternation;
@@ -44,6 +47,8 @@ use crate::estimate::legs::Alternation;
 use crate::estimate::pair::{HALF_MAX, Pair};
 #[cfg(feature = "legs")]
 use crate::estimate::search::ROTATING;
+#[cfg(feature = "restart")]
+use crate::estimate::turning::RISE;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -51,8 +56,10 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 /// Allowance: what a search at rest takes for a rotation is below it.
 #[cfg(feature = "legs")]
 const PREVAILS: f64 = 0.1;
-/// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without.
+/// Flux of the stop, less its decay, below which a machine in which nothing is induced is taken as one without, and below
+/// which nothing is looked for.
 const RESIDUAL: f64 = 0.15;
+const GONE: f64 = if cfg!(feature = "restart") { 0.02 } else { RESIDUAL };
 /// Rotor flux, relative to rated stator flux, with which control begins.
 const BUILT_UP: f64 = 0.85;
 /// Induced voltage, relative to the largest fundamental voltage, with which control begins before that: a tenth is left for
@@ -76,6 +83,10 @@ impl<R: Real> EnhancedEstimators<R> {
             self.catch_periods = c.enhanced.catch.block * BLOCKS;
         }
         if stage <= self.catch_periods {
+            #[cfg(feature = "restart")]
+            if stage > c.enhanced.catch.block * BLOCKS && self.catch.is_turning() {
+                return c.magnetising_current(u32::MAX);
+            }
             return Dq::default();
         }
         let stage = stage - self.catch_periods;
@@ -85,7 +96,11 @@ impl<R: Real> EnhancedEstimators<R> {
             }
             // The search is made for the boosted current.
             let searching = self.start == Start::Empty && self.search.is_searching();
-            return if searching { c.magnetising_current(stage) } else { Dq::new(c.i_quick, R::ZERO) };
+            // The leakage of a current that builds up a small flux is not to hide it.
+            let faint = cfg!(feature = "restart")
+                && self.start == Start::Caught
+                && self.filter.magnitude() < R::from_f64(RESIDUAL);
+            return if searching || faint { c.magnetising_current(stage) } else { Dq::new(c.i_quick, R::ZERO) };
         }
         let mut i_ref = c.magnetising_current(stage);
         // The voltage of the resistance is proportional to the current, that of the inverter is not.
@@ -114,53 +129,139 @@ impl<R: Real> EnhancedEstimators<R> {
         i_ref
     }
 
-    /// A period without current: the flux that the machine has, and at the end what the start-up goes on with.
+    /// A period of the catch: the flux that the machine has, and at the end what the start-up goes on with.
     #[cold]
     #[inline(never)]
-    pub(super) fn catch_flux(&mut self, c: &DriveConfig<R>, u_s: &AlphaBeta<R>, stage: u32) -> FieldQuantities<R> {
+    pub(super) fn catch_flux(
+        &mut self,
+        c: &DriveConfig<R>,
+        u_s: &AlphaBeta<R>,
+        i_ref: R,
+        stage: u32,
+    ) -> FieldQuantities<R> {
         let (filter, config) = (&mut self.filter, &c.enhanced.filter);
         let (i_s, psi_r) = (filter.i_s(), filter.rotor_flux(config));
-        let (field, psi_s) = self.catch.step(&c.enhanced.catch, stage, (u_s, i_s, psi_r));
-        // Current control feeds jω_s ψ_s forward: with ω_s = 1 that is the induced voltage.
-        let induced = FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) };
+        let (catch, config_of) = (&mut self.catch, &c.enhanced.catch);
+        #[cfg(feature = "restart")]
+        let turning = stage > config_of.block * BLOCKS;
+        #[cfg(not(feature = "restart"))]
+        let turning = false;
+        let output = if turning {
+            #[cfg(feature = "restart")]
+            let field = catch.turn(config_of, stage - config_of.block * BLOCKS, psi_r);
+            #[cfg(not(feature = "restart"))]
+            let field = Rotator::default();
+            #[cfg(feature = "restart")]
+            let omega_s = config_of.omega_p;
+            #[cfg(not(feature = "restart"))]
+            let omega_s = R::ZERO;
+            let (psi_s, r_s) = (filter.sigma_l_s(config) * i_ref, filter.r_s());
+            FieldQuantities { field, psi_s, omega_s, r_s, i_dq: field.to_field(&i_s) }
+        } else {
+            let (field, psi_s) = catch.step(config_of, stage, (u_s, i_s, psi_r));
+            // Current control feeds jω_s ψ_s forward: with ω_s = 1 that is the induced voltage.
+            FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) }
+        };
         if stage == self.catch_periods {
-            let block = c.enhanced.catch.block;
-            let least = R::from_f64(RESIDUAL * RESIDUAL);
-            let kept = match self.start {
-                Start::Fresh(psi_r, directed) if psi_r.norm_sq() > least => Some((psi_r, directed)),
-                _ => None,
-            };
-            let flux = match (self.catch.found(&c.enhanced.catch, kept), kept) {
-                (Found::Flux(psi_r, omega), _) => Some((psi_r, omega)),
-                (Found::Nothing, Some((psi_r, true))) => Some((psi_r, R::ZERO)),
-                (Found::Nothing, None) => None,
-                (Found::Uncertain, _) | (Found::Nothing, Some(_)) => {
-                    self.catch_periods += block;
-                    if let Some((psi_r, directed)) = kept {
-                        let decay = (c.enhanced.decay.periods(block)).min(R::HALF);
-                        self.start = Start::Fresh(psi_r * (R::ONE - decay), directed);
-                    }
-                    return induced;
-                }
-            };
-            self.start = match (flux, self.start) {
-                (Some((psi_r, omega)), _) => {
-                    filter.catch(config, psi_r, &i_s);
-                    self.speed_estimator.start(&psi_r, omega);
-                    (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
-                    Start::Caught
-                }
-                (None, Start::Fresh(..)) => Start::Empty,
-                _ => {
-                    #[cfg(feature = "legs")]
-                    {
-                        self.alternation = (c.enhanced.legs.is_on() && self.put_off == 0).then_some(0);
-                    }
-                    Start::Unknown
-                }
-            };
+            self.decide(c, stage, &i_s);
         }
-        induced
+        output
+    }
+
+    /// At the end of the catch: what the start-up goes on with, or how much longer it takes.
+    #[cfg_attr(feature = "restart", cold, inline(never))]
+    fn decide(&mut self, c: &DriveConfig<R>, stage: u32, i_s: &AlphaBeta<R>) {
+        let above = |psi_r: &AlphaBeta<R>, least: f64| psi_r.norm_sq() > R::from_f64(least * least);
+        let kept = match self.start {
+            Start::Fresh(psi_r, directed) if above(&psi_r, GONE) => Some((psi_r, directed)),
+            _ => None,
+        };
+        let flux = match self.flux_that_is_there(c, stage, kept, above) {
+            Ok(flux) => flux,
+            Err(longer) => {
+                self.catch_periods += longer;
+                if let Some((psi_r, directed)) = kept {
+                    let decay = (c.enhanced.decay.periods(longer)).min(R::HALF);
+                    self.start = Start::Fresh(psi_r * (R::ONE - decay), directed);
+                }
+                return;
+            }
+        };
+        self.start = match (flux, self.start) {
+            (Some((psi_r, omega)), _) => {
+                self.filter.catch(&c.enhanced.filter, psi_r, i_s);
+                self.speed_estimator.start(&psi_r, omega);
+                (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
+                Start::Caught
+            }
+            (None, Start::Fresh(..)) => Start::Empty,
+            _ => {
+                #[cfg(feature = "legs")]
+                {
+                    self.alternation = (c.enhanced.legs.is_on() && self.put_off == 0).then_some(0);
+                }
+                Start::Unknown
+            }
+        };
+    }
+
+    /// Rotor flux and speed, if there is a flux, or the periods that it takes to know.
+    #[cfg(not(feature = "restart"))]
+    fn flux_that_is_there(
+        &mut self,
+        c: &DriveConfig<R>,
+        _: u32,
+        kept: Option<(AlphaBeta<R>, bool)>,
+        _: impl Fn(&AlphaBeta<R>, f64) -> bool,
+    ) -> Result<Option<(AlphaBeta<R>, R)>, u32> {
+        match (self.catch.found(&c.enhanced.catch, kept), kept) {
+            (Found::Flux(psi_r, omega), _) => Ok(Some((psi_r, omega))),
+            (Found::Nothing, Some((psi_r, true))) => Ok(Some((psi_r, R::ZERO))),
+            (Found::Nothing, None) => Ok(None),
+            _ => Err(c.enhanced.catch.block),
+        }
+    }
+
+    /// Rotor flux and speed, if there is a flux, or the periods that it takes to know: without current, then with one that
+    /// turns, then again without.
+    #[cfg(feature = "restart")]
+    fn flux_that_is_there(
+        &mut self,
+        c: &DriveConfig<R>,
+        stage: u32,
+        kept: Option<(AlphaBeta<R>, bool)>,
+        above: impl Fn(&AlphaBeta<R>, f64) -> bool,
+    ) -> Result<Option<(AlphaBeta<R>, R)>, u32> {
+        let CatchConfig { block, turn, .. } = c.enhanced.catch;
+        let first = stage <= block * BLOCKS;
+        let turning = !first && self.catch.is_turning();
+        let found = match (first, turning) {
+            (true, _) => self.catch.found(&c.enhanced.catch, kept),
+            (_, true) => self.catch.found_turning(&c.enhanced.catch, kept),
+            _ => Found::Nothing,
+        };
+        // A machine in which the comparison of the legs has left a flux certainly turns.
+        #[cfg(feature = "legs")]
+        let left = self.put_off > 0;
+        #[cfg(not(feature = "legs"))]
+        let left = false;
+        match (found, kept) {
+            (Found::Flux(psi_r, omega), _) => return Ok(Some((psi_r, omega))),
+            (Found::Nothing, Some((psi_r, true))) if turning => return Ok(Some((psi_r, R::ZERO))),
+            (Found::Nothing, None) if first && !left => return Ok(None),
+            (Found::Nothing, _) if !first && !turning => return Ok(None),
+            _ => {}
+        }
+        // A flux that is small, and not found, ends with the current.
+        let goes_on = first || kept.map_or(found == Found::Uncertain, |(psi_r, _)| above(&psi_r, RESIDUAL));
+        self.catch.set_turning(goes_on);
+        Err(match kept {
+            _ if first => block * (RISE + 2 * turn),
+            _ if goes_on => block * turn,
+            // What the comparison of the legs has left, too small to be followed, is not to be there in the search.
+            None if left => c.magnetise_periods / 4,
+            _ => block * RISE,
+        })
     }
 
     /// After it: the speed, the direction that the current takes with the current in its coordinates, and whether the
@@ -284,17 +385,20 @@ impl<R: Real> EnhancedEstimators<R> {
         self.alternation = Some(period + 1);
         self.put_off += 1;
         let [all, first] = config.periods();
-        if period + 1 == first && self.legs_probe.rotates() {
-            self.alternation = None;
-            // The flux that the alternation has left turns with the shaft: the start-up begins again and catches it.
-            self.put_off += self.catch_periods;
-        } else if period + 1 == all {
+        let mut turns = period + 1 == first && self.legs_probe.rotates();
+        if period + 1 == all {
             self.at_rest = self.legs_probe.is_at_rest(R::from_f64(ROTATING));
             if self.at_rest {
                 self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
                 self.knee.set_legs(&self.legs, x.u_dc);
             }
+            turns = !self.at_rest;
             self.alternation = None;
+        }
+        if turns {
+            self.alternation = None;
+            // The flux that the alternation has left turns with the shaft: the start-up begins again and catches it.
+            self.put_off += self.catch_periods;
         }
         let field = FieldQuantities {
             field: axis,

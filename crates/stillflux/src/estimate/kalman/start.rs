@@ -24,6 +24,9 @@ use crate::space::AlphaBeta;
 /// what an error of 12 % of `r_R` leaves of their transients.
 const SETTLED: f64 = 0.02;
 
+/// Standard deviation of the flux of a machine that turns with it, relative to it, as the voltage that it induces shows it.
+const CAUGHT: f64 = 0.11;
+
 /// Least variance of a state after a stop, relative to its prior variance. Allowance: resistance, bridge and inductance
 /// change with temperature, an offset hardly does.
 const fn least_variance(k: usize) -> f64 {
@@ -122,7 +125,17 @@ impl<R: Real> Filter<R> {
         self.begin(c);
         self.i_s = *i_s;
         self.psi_s.set(psi_r + *i_s * self.sigma_l_s(c));
-        self.m = Integrator::new(psi_r.norm_sq().sqrt());
+        let magnitude = psi_r.norm_sq().sqrt();
+        self.m = Integrator::new(magnitude);
+        self.widen(magnitude * R::from_f64(CAUGHT));
+    }
+
+    /// Adds the variance of a flux whose components and whose rotor flux are known to a standard deviation, per unit.
+    fn widen(&mut self, deviation: R) {
+        let scaled = deviation * R::from_f64(1.0 / SCALE_PSI);
+        for k in [PSI, PSI + 1, M] {
+            self.p.add_at(k, k, scaled * scaled);
+        }
     }
 
     /// Begins with the values of `initial` and the variances after a stop.
@@ -203,10 +216,7 @@ impl<R: Real> Filter<R> {
         self.start(c, i_s);
         self.psi_s.set(psi_s);
         self.m = Integrator::new((psi_s - self.i_s * self.sigma_l_s(c)).norm_sq().sqrt());
-        let scaled = deviation * R::from_f64(1.0 / SCALE_PSI);
-        for k in [PSI, PSI + 1, M] {
-            self.p.add_at(k, k, scaled * scaled);
-        }
+        self.widen(deviation);
     }
 
     /// Covariance after a loss of the angle: the prior, with the flux at [`SIGMA_AGAIN`]. The states stay.
