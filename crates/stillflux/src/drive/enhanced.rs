@@ -219,7 +219,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             if at.stage <= catch_periods {
                 let u_s = x.u_s;
                 return PeriodOutput {
-                    field: self.catch_flux(c, &u_s, i_ref.re(), at.stage),
+                    field: self.catch_flux(c, &u_s, i_dq_ref.re(), at.stage),
                     complete: false,
                     current_control: CurrentControl::Continues,
                 };
