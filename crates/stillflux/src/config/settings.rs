@@ -47,7 +47,7 @@ pub(crate) fn adapt_periods(slow_periods: u32) -> u32 {
 }
 
 /// Poles, by default and at the limit, of the part of the stator flux on which flux control acts at once.
-const FLUX_POLE: (f64, f64) = (-0.5, -0.8);
+const FLUX_POLE: (f64, f64) = (-0.85, -0.95);
 
 /// Bandwidth of flux control, Hz, at which it has a `pole` behind current control with a bandwidth in Hz.
 ///
@@ -226,7 +226,7 @@ pub struct DriveParams {
     /// Bandwidth of current control, Hz.
     pub current_bandwidth: f64,
     /// Bandwidth of flux control, Hz: 5, less where a long rotor time constant and a large leakage ask for it (docs/gains.md);
-    /// at most 30, and 1.5 to 2 times the default there.
+    /// at most 30, and little more than the default there.
     pub flux_bandwidth: f64,
     /// Bandwidth of speed control, Hz.
     pub speed_bandwidth: f64,
