@@ -229,8 +229,8 @@ def _wrong_torque(result: Result) -> list[Claim]:
         ΔT = 3/2 ΔR_s |i|²/ω,
 
     largest at the lowest speed at which `R_s` is held without a temperature. In small motors the filter's
-    correction takes up to a half off: 0.4 as for the speed. The error cold has other causes and is no measure:
-    at 160 kW both are some 2 %."""
+    correction takes up to a half off: 0.4 as for the speed. The error cold has other causes and is no
+    measure: at 160 kW both are some 2 %."""
     motor = result.scenario.motor
     _, hot, end = _sweeps(result.scenario)
     rise = motor.R_s * _RISE / (235.0 + _COLD)
