@@ -167,9 +167,9 @@ def _check_channel(result: Result) -> list[Claim]:
     return [
         at_most("time to the fault, ms", 1e3 * (_found(result) - event), 30.0),
         # Of a wrong channel the current grows with the bandwidth of its control. One that is just below the
-        # trip at a sample has grown by e^(2π 0.03), 1.207, at the next, where it is found: it is within reach of
-        # the voltage, so that the reading is not bridged as a single bad one. A sign that turns at once
-        # takes the reference's part beside it; the delay of the duties makes both less.
+        # trip at a sample has grown by e^(2π 0.03), 1.207, at the next, where it is found: it is within
+        # reach of the voltage, so that the reading is not bridged as a single bad one. A sign that turns at
+        # once takes the reference's part beside it; the delay of the duties makes both less.
         at_most("largest current, of the trip level", _largest(result), 1.21),
     ]
 
