@@ -62,10 +62,7 @@ const FLUX_POLE: (f64, f64) = (-0.85, -0.95);
 /// is -1.7, and its flux oscillates until the current does not follow.
 fn flux_bandwidth_at(pole: f64, machine: &Machine, inverter: &Inverter, current_bandwidth: f64) -> f64 {
     let t = f64::from(slow_periods(inverter)) / inverter.f_c();
-    let x = core::f64::consts::TAU * current_bandwidth * t;
-    // e^-x to 0.03 up to x = 3, the fastest current control: the exponential function is 300 bytes of an image's flash.
-    let (even, odd) = (1.0 + x * x / 12.0, x / 2.0);
-    let a = (even - odd) / (even + odd);
+    let a = libm::exp(-core::f64::consts::TAU * current_bandwidth * t);
     let rate = machine.L_s() * machine.R_R / (machine.L_sigma * machine.L_M);
     (a - pole) / (1.0 - a) * rate / core::f64::consts::TAU
 }
