@@ -227,7 +227,9 @@ impl<R: Real> DriveConfig<R> {
     /// These, less one.
     #[inline(always)]
     pub(crate) fn speed_mask(&self) -> u32 {
-        self.slow_mask >> 1
+        // In a build of one scheme it is known.
+        let enhanced = cfg!(feature = "enhanced") && (!cfg!(feature = "paper") || self.scheme == Scheme::Enhanced);
+        if enhanced { self.slow_mask >> 1 } else { 1 }
     }
 
     /// Settings of the speed estimator, for its use alone.
@@ -354,7 +356,7 @@ impl<R: Real> DriveConfig<R> {
 
         let slow_periods = settings::slow_periods(inverter);
         let (speed_periods, adapt_periods) =
-            (settings::speed_periods(slow_periods), settings::adapt_periods(slow_periods));
+            (settings::speed_periods(p.scheme, slow_periods), settings::adapt_periods(slow_periods));
         let [t_speed, t_slow, t_adapt] = [speed_periods, slow_periods, adapt_periods].map(|n| t_s * f64::from(n));
         let supervised = |t: f64| periods(t / f64::from(SUPERVISION_PERIODS));
         #[cfg(feature = "supervision")]

@@ -54,7 +54,7 @@ impl<R: Real> PaperConfig<R> {
         let t_s = pu.t_s;
         let slow_periods = slow_periods(inverter);
         let adapt = f64::from(adapt_periods(slow_periods));
-        let (t_speed, t_adapt) = (t_s * f64::from(speed_periods(slow_periods)), t_s * adapt);
+        let (t_speed, t_adapt) = (t_s * f64::from(speed_periods(Scheme::Paper, slow_periods)), t_s * adapt);
         let noise = if p.paper.noise_compensator { p.paper.noise_gain } else { (0.0, 0.0) };
         let r_s_periods = magnetise_periods / 4;
         let offset = OffsetConfig {

@@ -34,10 +34,14 @@ pub(crate) fn slow_periods(inverter: &Inverter) -> u32 {
     if inverter.f_c() >= 8.0 * SLOW_RATE { 8 } else { 4 }
 }
 
-/// Control periods from one run of the speed estimator to the next, given those of speed and flux control: at least 80 runs in
-/// the reciprocal of its bandwidth, 25 Hz.
-pub(crate) fn speed_periods(slow_periods: u32) -> u32 {
-    slow_periods / 2
+/// Control periods from one run of the speed estimator to the next, given those of speed and flux control. In the enhanced
+/// scheme at least 80 runs in the reciprocal of its bandwidth, 25 Hz; in the published one, where gain and clock of the flux
+/// estimator follow it, every second: with every fourth it loses 4 of 40 reversals at 11 kW, and Fig. 16.
+pub(crate) fn speed_periods(scheme: Scheme, slow_periods: u32) -> u32 {
+    match scheme {
+        Scheme::Paper => 2,
+        Scheme::Enhanced => slow_periods / 2,
+    }
 }
 
 /// Control periods from one run to the next of field weakening, resistance adaptation, confidence and flux shift: sixteen, 0.1
@@ -539,8 +543,8 @@ impl DriveParams {
         };
         check("encoder_lines", if used && !BUILT { lines.max(1.0) } else { lines }, least, most, "")
             .map_err(|e| e.with_note(NOTE))?;
-        let turns =
-            f64::from(speed_periods(slow_periods(inverter))) / inverter.f_c() * self.omega_max / core::f64::consts::TAU;
+        let turns = f64::from(speed_periods(self.scheme, slow_periods(inverter))) / inverter.f_c() * self.omega_max
+            / core::f64::consts::TAU;
         check(
             "encoder_states",
             f64::from(self.encoder_states),
