@@ -21,8 +21,6 @@
 //! **Validity.** `|e|` above the error of the inverter model, 0.06: a rated flux that turns faster than 0.06 pu. The decay of the flux within
 //! the blocks is neglected.
 
-#[cfg(feature = "restart")]
-use super::turning::{STRONG, TURN};
 use crate::base::{PerUnit, rounded};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
@@ -31,6 +29,12 @@ use crate::words::words;
 /// Blocks, and those before the current is back at zero.
 pub(crate) const BLOCKS: u32 = 8;
 const SURGE: u32 = 3;
+/// Voltage without current from which on that shows the direction of the flux; below it the current turns, and the normalised
+/// time of a turn: half of it is what a machine at 1.25 pu turns by `3/4`.
+#[cfg(feature = "restart")]
+const STRONG: f64 = 0.2;
+#[cfg(feature = "restart")]
+const TURN: f64 = 1.2;
 /// Least induced voltage.
 pub(crate) const LEAST: f64 = 0.06;
 /// Speed up to which the angle over four blocks is below a quarter turn.

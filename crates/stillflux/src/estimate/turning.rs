@@ -34,10 +34,7 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 
 /// Blocks before the first turn of the current, in which it rises.
 pub(crate) const RISE: u32 = 2;
-/// Normalised time of a turn: half of it is what a machine at 1.25 pu turns by `3/4`.
-pub(super) const TURN: f64 = 1.2;
-/// Voltage without current from which on that shows the direction of the flux; over turns the least, and `U`.
-pub(super) const STRONG: f64 = 0.2;
+/// Voltage over turns: the least, and `U`.
 const FAINT: f64 = 0.0015;
 const CERTAIN: f64 = 0.003;
 /// Speed up to which the known flux tells it better than the angle of a turn.
