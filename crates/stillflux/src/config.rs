@@ -96,7 +96,7 @@ const REALIGN: f64 = 0.12;
 #[cfg(feature = "supervision")]
 const LOST_FIELD: f64 = 0.04;
 #[cfg(feature = "supervision")]
-const FLUX_FALLS: f64 = 0.25;
+const FLUX_FALLS: f64 = 0.75;
 #[cfg(feature = "supervision")]
 const FLUX_FALLS_LEAST: f64 = 0.06;
 

@@ -4,7 +4,7 @@
 //! g = max(0, g + (x - k) dt)      (Page's CUSUM),      a fault at g_1/h_1 + g_2/h_2 > 1
 //!
 //! 1, any contradiction      x = NIS at |ω̂_s| < 0.08, else 0                              k = 0.2,     h = 40 ms
-//! 2, flux that falls        x = NIS at |ω̂_s| < 0.03, m > |ψ̂_R| or g > h/2, else 0       k = 0.05,    h = max(60 ms, τ_r/4)
+//! 2, flux that falls        x = NIS at |ω̂_s| < 0.03, m > |ψ̂_R| or g > h/2, else 0       k = 0.05,    h = max(60 ms, 3/4 τ_r)
 //! ```
 //!
 //! NIS: normalised innovation squared of [`crate::estimate::kalman`], low-passed over 20 ms. The first test sums what exceeds
