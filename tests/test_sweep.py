@@ -73,7 +73,7 @@ def test_the_same_bytes_from_any_executor() -> None:
         found["dask pool"] = sf.sweep(points(), metrics, client.get_executor())
     assert {x.to_csv() for x in found.values()} == {found["serial"].to_csv()}
     assert len(found["serial"]) == 4
-    # The load turns the shaft before there is torque, and the start catches it: 6 to 7 degrees for some tens of ms.
+    # The load turns the shaft before there is torque, and the start catches it, 6 to 7° off at first.
     assert found["serial"]["angle_max"].max() < 8.0
     with pytest.raises(TypeError, match=r"has no submit"):
         sf.sweep(points(), metrics, 3)
