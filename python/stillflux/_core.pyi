@@ -185,9 +185,9 @@ class Estimate:
         scheme "paper"."""
     @property
     def nis(self) -> float:
-        """Normalised innovation squared (NIS), low-passed over 20 ms with the innovation's sign: one where it
-        stays at the deviation that the filter expects, less where it alternates; zero in the scheme
-        "paper"."""
+        """Normalised innovation squared (NIS), low-passed with the innovation's sign over one turn of the
+        rated field: one where it stays at the deviation that the filter expects, less where it alternates;
+        zero in the scheme "paper"."""
     @property
     def angle_deviation(self) -> float:
         """Standard deviation that the drive expects of its field angle, rad; π while it does not run."""

@@ -170,8 +170,8 @@ estimate! {
     /// Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s; zero in the
     /// scheme "paper".
     innovation,
-    /// Normalised innovation squared (NIS), low-passed over 20 ms with the innovation's sign: one where it stays at the
-    /// deviation that the filter expects, less where it alternates; zero in the scheme "paper".
+    /// Normalised innovation squared (NIS), low-passed with the innovation's sign over one turn of the rated field:
+    /// one where it stays at the deviation that the filter expects, less where it alternates; zero in the scheme "paper".
     nis,
     /// Standard deviation that the drive expects of its field angle, rad; π while it does not run.
     angle_deviation,

@@ -8,9 +8,10 @@
 //! **Timing.** Currents sampled at the start of period *k* give the duties applied during period *k + 1*.
 //!
 //! **Rates.** Estimators, current control and modulator run in every period; with at least 8000 periods a second the
-//! speed estimator and the supervision in every fourth, speed and flux control in every eighth, the limits of the references
-//! and the slow adaptation in every sixteenth, with fewer in every second, fourth, fourth and fourth one: each in a period
-//! of its own and after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
+//! speed estimator and the supervision in every fourth (the published scheme's speed estimator in every second), speed and
+//! flux control in every eighth, the limits of the references and the slow adaptation in every sixteenth, with fewer in every
+//! second, fourth, fourth and fourth one: each in a period of its own and after the duties are known. Their bandwidths
+//! allow it, and no period has to compute all of them.
 //!
 //! **Schemes.** The published scheme estimates by Figs. 4, 7 and 12, the enhanced one by one filter
 //! ([`crate::estimate::kalman`]). Each has its own start-up for the stage `Magnetising` of the sequence `Stopped` →

@@ -141,7 +141,7 @@ impl Units {
         let product = x * inverse;
         // NaN stays what it is where there is one.
         let y = R::from_f32(product);
-        // One check, which that of the reference by the drive repeats.
+        // A product that is finite needs no further check.
         if !likely(product.is_finite()) && !x.is_finite() && y.is_finite() {
             return Reference::Stop;
         }

@@ -41,6 +41,7 @@ from stillflux.commissioning import Commissioned, commission, pulse_delay
 from stillflux.evidence.claims import Claim, at_most, reported
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.draws import CUT, DELAY
+from stillflux.evidence.effects import DEEP_BAR, EDDY_TIME, IRON_RESISTANCE, iron_loss
 from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import angle
 from stillflux.evidence.machines import scaled
@@ -181,15 +182,14 @@ def draw(seed: int) -> Draw:
         r_d=sheet.r_d * off(0.2),
         c_out=1e-9 * math.exp(r.uniform(math.log(0.2), math.log(2.0))),
     )
-    R_fe = r.uniform(25.0, 60.0) * z
-    leakage = motor.to_gamma()["L_l"]
+    R_fe = r.uniform(*IRON_RESISTANCE) * z
     plant: PlantOptions = {
         "seed": seed,
         "adc_noise": 0.004 * motor.I_N,
         "current_offset": tuple(0.01 * math.sqrt(2) * motor.I_N * r.uniform(-1, 1, 3)),
         "current_gain": tuple(1.0 + 0.01 * r.uniform(-1, 1, 3)),
-        "iron_loss": (R_fe, max(r.uniform(60e-6, 200e-6), 2.1 * leakage / R_fe)),
-        "deep_bar": (r.uniform(0.05, 0.25), r.uniform(0.25, 0.5)),
+        "iron_loss": iron_loss(motor, R_fe, r.uniform(*EDDY_TIME)),
+        "deep_bar": (r.uniform(*DEEP_BAR[0]), r.uniform(*DEEP_BAR[1])),
     }
 
     def delays() -> list[tuple[float, float]]:

@@ -22,7 +22,17 @@ from statistics import NormalDist
 from stillflux.options import PlantOptions
 from stillflux.parameters import Motor
 
-__all__ = ["effects"]
+__all__ = ["DEEP_BAR", "EDDY_TIME", "IRON_RESISTANCE", "effects", "iron_loss"]
+
+IRON_RESISTANCE, EDDY_TIME = (25.0, 60.0), (60e-6, 200e-6)
+"""Resistance of the iron in units of the rated impedance, and time constant of its eddy currents, s."""
+DEEP_BAR = ((0.05, 0.25), (0.25, 0.5))
+"""Shares of the second rotor branch: of the cage's conductance, of the inverse leakage."""
+
+
+def iron_loss(motor: Motor, R_fe: float, time: float) -> tuple[float, float]:
+    """The plant's option, with more than the time constant that leakage and `R_fe` have: it asks for that."""
+    return R_fe, max(time, 2.1 * motor.to_gamma()["L_l"] / R_fe)
 
 
 def effects(motor: Motor, seed: int) -> PlantOptions:
@@ -37,13 +47,11 @@ def effects(motor: Motor, seed: int) -> PlantOptions:
         return NormalDist().inv_cdf(uniform(1e-6, 1.0 - 1e-6))
 
     peak = math.sqrt(2) * motor.I_N
-    R_fe = uniform(25.0, 60.0) * motor.base["z"]
-    eddy = uniform(60e-6, 200e-6)
     drift = 1e-3 * peak / 60.0
+    conductance, leakage = DEEP_BAR
     return {
-        # The plant asks for more than the time constant that leakage and R_fe have.
-        "iron_loss": (R_fe, max(eddy, 2.1 * motor.to_gamma()["L_l"] / R_fe)),
-        "deep_bar": (uniform(0.05, 0.25), uniform(0.25, 0.5)),
+        "iron_loss": iron_loss(motor, uniform(*IRON_RESISTANCE) * motor.base["z"], uniform(*EDDY_TIME)),
+        "deep_bar": (uniform(*conductance), uniform(*leakage)),
         "leakage_saturation": (uniform(0.05, 0.25), 1.5 * peak),
         "slot_ripple": (motor.n_p * int(uniform(11.0, 19.0)), uniform(0.0, 0.01), uniform(0.005, 0.03)),
         "adc_skew": [uniform(0.0, 1.5e-6) for _ in range(3)],

@@ -25,8 +25,8 @@ pub(crate) const SUPERVISION_PERIODS: u32 = 4;
 /// model.
 pub const BALANCE_PERIODS: u32 = 8;
 
-/// Least rate, Hz, of speed and flux control, resistance adaptation and confidence where they run in every eighth period
-/// only: a hundred times the bandwidths of the default settings (docs/gains.md), 5 to 9 Hz.
+/// Least rate, Hz, of speed and flux control where they run in every eighth period only: a hundred times the bandwidths of
+/// the default settings (docs/gains.md), 5 to 9 Hz.
 const SLOW_RATE: f64 = 1e3;
 
 /// Control periods from one run of these to the next: eight, or four where the control is slow.
@@ -50,7 +50,9 @@ pub(crate) fn adapt_periods(slow_periods: u32) -> u32 {
     if slow_periods == 8 { 16 } else { slow_periods }
 }
 
-/// Poles, by default and at the limit, of the part of the stator flux on which flux control acts at once.
+/// Poles, by default and at the limit, of the part of the stator flux on which flux control acts at once. Beyond -1 it
+/// oscillates. The default leaves the 160-kW drive of the evidence its 5 Hz at 4 kHz: with less, and -0.5, its flux falls further
+/// when rated load comes at zero speed, and one of 60 draws is lost that is held with 5 Hz.
 const FLUX_POLE: (f64, f64) = (-0.85, -0.95);
 
 /// Bandwidth of flux control, Hz, at which it has a `pole` behind current control with a bandwidth in Hz.

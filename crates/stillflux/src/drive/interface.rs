@@ -169,9 +169,9 @@ pub struct Estimate<R: Real> {
     /// Innovation of the filter, the rotor flux of the current model less that of the voltage model; zero in the
     /// published scheme.
     pub innovation: R,
-    /// Normalised innovation squared (NIS): innovation squared over its expected variance, low-passed over 20 ms with the
-    /// innovation's sign, so that one that alternates gives less than one that stays. The expected variance contains
-    /// allowances: an undisturbed drive has 0.001 to 0.04, above 0.3 the filter assumes a step. Zero in the published scheme.
+    /// Normalised innovation squared (NIS): innovation squared over its expected variance, low-passed with the innovation's
+    /// sign over one turn of the rated field (20 ms at 50 Hz), so that one that alternates gives less than one that stays.
+    /// The expected variance contains allowances: an undisturbed drive has 0.001 to 0.04, above 0.3 the filter assumes a step. Zero in the published scheme.
     pub nis: R,
     /// Standard deviation that the scheme expects of its field angle, rad; π while the drive does not run.
     pub angle_deviation: R,

@@ -45,9 +45,9 @@ const LONGEST: u32 = 40;
 /// Factor on the older blocks, beyond the first eight, in the speed's sums.
 const FORGET: f64 = 0.75;
 /// Least speed.
-const TURNING: f64 = 0.03;
+pub(super) const TURNING: f64 = 0.03;
 /// Largest flux that is taken for one.
-const LARGEST: f64 = 1.5;
+pub(super) const LARGEST: f64 = 1.5;
 
 /// What the induced voltage shows.
 #[derive(Clone, Copy, Debug, PartialEq)]

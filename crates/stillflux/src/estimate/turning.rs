@@ -28,7 +28,7 @@
 //!
 //! **Validity.** `|ω|` up to 1.25; a speed that does not pass zero meanwhile.
 
-use super::catch::{BLOCKS, Catch, CatchConfig, Found};
+use super::catch::{BLOCKS, Catch, CatchConfig, Found, LARGEST, TURNING};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -46,13 +46,10 @@ const BY_DECAY: f64 = 0.4;
 /// Turns of the current after which a flux that is not known is taken for what it seems, or none; and the most that count.
 const LONGEST: u32 = 8;
 const MOST: u32 = 64;
-/// Of a flux that is not known the least speed, the least amount, which what the current changes of its estimate through an error
-/// of the leakage is a third of, and the angle by which `e` has turned.
-const TURNING: f64 = 0.03;
+/// Of a flux that is not known the least magnitude, three times what an error of the leakage lets the current change of its
+/// estimate, and the least angle by which `e` has turned.
 const CLEAR: f64 = 0.06;
 const TURNED: f64 = 0.25;
-/// Largest flux that is taken for one.
-const LARGEST: f64 = 1.5;
 /// Scale of small vectors of which the direction counts.
 const SCALE: f64 = 16.0;
 

@@ -7,8 +7,8 @@
 //! 2, flux that falls        x = NIS at |ω̂_s| < 0.03, m > |ψ̂_R| or g > h/2, else 0       k = 0.05,    h = max(60 ms, 3/4 τ_r)
 //! ```
 //!
-//! NIS: normalised innovation squared of [`crate::estimate::kalman`], low-passed over 20 ms. The first test sums what exceeds
-//! the level that allowances and transients of a field that is not lost explain: a violent contradiction is found
+//! NIS: normalised innovation squared of [`crate::estimate::kalman`], low-passed over one turn of the rated field. The
+//! first test sums what exceeds the level that allowances and transients of a field that is not lost explain: a violent contradiction is found
 //! within tens of ms.
 //!
 //! The second finds a flux that collapses. At `ω_s = 0` the field may turn away from the estimate and decay, while the filter

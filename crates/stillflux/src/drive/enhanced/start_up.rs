@@ -139,44 +139,60 @@ impl<R: Real> EnhancedEstimators<R> {
         i_ref: R,
         stage: u32,
     ) -> FieldQuantities<R> {
-        let (filter, config) = (&mut self.filter, &c.enhanced.filter);
-        let (i_s, psi_r) = (filter.i_s(), filter.rotor_flux(config));
-        let (catch, config_of) = (&mut self.catch, &c.enhanced.catch);
+        let i_s = self.filter.i_s();
+        let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         #[cfg(feature = "restart")]
-        let turning = stage > config_of.block * BLOCKS;
-        #[cfg(not(feature = "restart"))]
-        let turning = false;
-        let output = if turning {
-            #[cfg(feature = "restart")]
-            let field = catch.turn(config_of, stage - config_of.block * BLOCKS, psi_r);
-            #[cfg(not(feature = "restart"))]
-            let field = Rotator::default();
-            #[cfg(feature = "restart")]
-            let omega_s = config_of.omega_p;
-            #[cfg(not(feature = "restart"))]
-            let omega_s = R::ZERO;
-            let (psi_s, r_s) = (filter.sigma_l_s(config) * i_ref, filter.r_s());
-            FieldQuantities { field, psi_s, omega_s, r_s, i_dq: field.to_field(&i_s) }
+        let output = if stage > c.enhanced.catch.block * BLOCKS {
+            self.with_turning_current(c, (i_s, psi_r), i_ref, stage - c.enhanced.catch.block * BLOCKS)
         } else {
-            let (field, psi_s) = catch.step(config_of, stage, (u_s, i_s, psi_r));
-            // Current control feeds jω_s ψ_s forward: with ω_s = 1 that is the induced voltage.
-            FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) }
+            self.without_current(c, (u_s, i_s, psi_r), stage)
         };
+        #[cfg(not(feature = "restart"))]
+        let output = self.without_current(c, (u_s, i_s, psi_r), stage);
         if stage == self.catch_periods {
-            self.decide(c, stage, &i_s);
+            self.conclude_catch(c, stage, &i_s);
         }
         output
     }
 
+    /// A period in which the current is to be zero.
+    #[inline(always)]
+    fn without_current(
+        &mut self,
+        c: &DriveConfig<R>,
+        (u_s, i_s, psi_r): (&AlphaBeta<R>, AlphaBeta<R>, AlphaBeta<R>),
+        stage: u32,
+    ) -> FieldQuantities<R> {
+        let (field, psi_s) = self.catch.step(&c.enhanced.catch, stage, (u_s, i_s, psi_r));
+        // Current control feeds jω_s ψ_s forward: with ω_s = 1 that is the induced voltage.
+        FieldQuantities { field, psi_s, omega_s: R::ONE, r_s: R::ZERO, i_dq: field.to_field(&i_s) }
+    }
+
+    /// A period in which the current turns, counted from one; `i_ref`: its magnitude.
+    #[cfg(feature = "restart")]
+    #[inline(always)]
+    fn with_turning_current(
+        &mut self,
+        c: &DriveConfig<R>,
+        (i_s, psi_r): (AlphaBeta<R>, AlphaBeta<R>),
+        i_ref: R,
+        period: u32,
+    ) -> FieldQuantities<R> {
+        let field = self.catch.turn(&c.enhanced.catch, period, psi_r);
+        let psi_s = self.filter.sigma_l_s(&c.enhanced.filter) * i_ref;
+        let (omega_s, r_s) = (c.enhanced.catch.omega_p, self.filter.r_s());
+        FieldQuantities { field, psi_s, omega_s, r_s, i_dq: field.to_field(&i_s) }
+    }
+
     /// At the end of the catch: what the start-up goes on with, or how much longer it takes.
     #[cfg_attr(feature = "restart", cold, inline(never))]
-    fn decide(&mut self, c: &DriveConfig<R>, stage: u32, i_s: &AlphaBeta<R>) {
+    fn conclude_catch(&mut self, c: &DriveConfig<R>, stage: u32, i_s: &AlphaBeta<R>) {
         let above = |psi_r: &AlphaBeta<R>, least: f64| psi_r.norm_sq() > R::from_f64(least * least);
         let kept = match self.start {
             Start::Fresh(psi_r, directed) if above(&psi_r, GONE) => Some((psi_r, directed)),
             _ => None,
         };
-        let flux = match self.flux_that_is_there(c, stage, kept, above) {
+        let flux = match self.remaining_flux(c, stage, kept, above) {
             Ok(flux) => flux,
             Err(longer) => {
                 self.catch_periods += longer;
@@ -207,7 +223,7 @@ impl<R: Real> EnhancedEstimators<R> {
 
     /// Rotor flux and speed, if there is a flux, or the periods that it takes to know.
     #[cfg(not(feature = "restart"))]
-    fn flux_that_is_there(
+    fn remaining_flux(
         &mut self,
         c: &DriveConfig<R>,
         _: u32,
@@ -225,7 +241,7 @@ impl<R: Real> EnhancedEstimators<R> {
     /// Rotor flux and speed, if there is a flux, or the periods that it takes to know: without current, then with one that
     /// turns, then again without.
     #[cfg(feature = "restart")]
-    fn flux_that_is_there(
+    fn remaining_flux(
         &mut self,
         c: &DriveConfig<R>,
         stage: u32,

@@ -64,8 +64,8 @@ impl<R: Real> FilterConfig<R> {
     ) -> Self {
         let (slot_bits, seconds) = Self::block(machine, inverter);
         let block = SLOTS << slot_bits;
-        let pace = machine.f_N / STATED_FREQUENCY;
-        let part = f64::from(SLOTS).max(STATED_BLOCK_TIME / pace * inverter.f_c()) / f64::from(block);
+        let relative_frequency = machine.f_N / STATED_FREQUENCY;
+        let part = f64::from(SLOTS).max(STATED_BLOCK_TIME / relative_frequency * inverter.f_c()) / f64::from(block);
         let saturated = Saturated::of(machine);
         Self {
             t_s: rounded(pu.t_s),
@@ -74,7 +74,7 @@ impl<R: Real> FilterConfig<R> {
             slot_mask: (1 << slot_bits) - 1,
             slot_bits,
             model: Model::new(machine, pu, psi_ref, seconds),
-            noise: Noise::new(pu, (seconds, pace, part), calibrated, saturated.known, identified),
+            noise: Noise::new(pu, (seconds, relative_frequency, part), calibrated, saturated.known, identified),
             saturation: rounded(saturated.c),
             load_corner: rounded(seconds / LOAD_TIME),
             correct: identified.flux,

@@ -186,13 +186,13 @@ words!(Noise: offset, resistance, knee, calibrated, c_known, prior, walk, induce
     remembered, hold_off);
 
 impl<R: Real> Noise<R> {
-    /// For validated parameters and blocks of `seconds`, of which the stated block is a `part`, of a machine with a rated
-    /// frequency of `pace` times that for which it is stated; `calibrated`: the offsets of the current sensors are read
-    /// before each start; `c_known`: the saturation is that of the machine's curve.
+    /// For validated parameters and blocks of `seconds`, of which the stated block is a `part`, of a machine whose
+    /// rated frequency is `relative_frequency` times that for which it is stated; `calibrated`: the offsets of the
+    /// current sensors are read before each start; `c_known`: the saturation is that of the machine's curve.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn new(
         pu: &PerUnit,
-        (seconds, pace, part): (f64, f64, f64),
+        (seconds, relative_frequency, part): (f64, f64, f64),
         calibrated: bool,
         c_known: bool,
         identified: Identified,
@@ -220,7 +220,7 @@ impl<R: Real> Noise<R> {
             KNEE => knee,
             _ => true,
         };
-        let duration = |k: usize| if k <= M { seconds * pace } else { seconds };
+        let duration = |k: usize| if k <= M { seconds * relative_frequency } else { seconds };
         let variance = |k: usize| r(if on(k) { scaled(walk[k], scale[k]) * duration(k) } else { 0.0 });
         Self {
             offset,
@@ -230,7 +230,7 @@ impl<R: Real> Noise<R> {
             c_known,
             prior: variances(&Priors::default()),
             walk: [PSI, M, B, RS, V, KNEE, LEAKAGE, GAMMA, C].map(variance),
-            induced: r(INDUCED * INDUCED * seconds * pace / (SCALE_PSI * SCALE_PSI)),
+            induced: r(INDUCED * INDUCED * seconds * relative_frequency / (SCALE_PSI * SCALE_PSI)),
             zero: r(pu.dead_time_swing.max(ZERO_MIN)),
             part: r(part),
             stated: r(1.0 / part),
