@@ -88,6 +88,9 @@ pub(super) struct EnhancedEstimators<R: Real> {
     /// Periods by which it has delayed the start-up.
     #[cfg(feature = "legs")]
     put_off: u32,
+    /// The speed search has been repeated, after it contradicted that measurement.
+    #[cfg(feature = "legs")]
+    searched_again: bool,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
     /// Rotor resistance at its temperature and at the present saturation, relative to the parameter.
@@ -124,6 +127,8 @@ impl<R: Real> EnhancedEstimators<R> {
             alternation: None,
             #[cfg(feature = "legs")]
             put_off: 0,
+            #[cfg(feature = "legs")]
+            searched_again: false,
             torque_ref: R::ZERO,
             rotor: R::ONE,
         }
@@ -160,6 +165,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         #[cfg(feature = "legs")]
         {
             (self.alternation, self.put_off, self.at_rest) = (None, 0, false);
+            self.searched_again = false;
             self.legs_probe = LegsProbe::default();
         }
         self.shift = FluxShift::default();
