@@ -203,8 +203,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             integrate_only = self.start != Start::Caught && self.search.is_searching();
         }
         let i_m = self.balance.remove(&x.i_s);
-        let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref: i_dq_ref, omega_s: self.speed.omega_s };
-        let mut i_dq = self.filter.step(&c.enhanced.filter, &input, integrate_only);
+        let mut omega_s = self.speed.omega_s;
+        let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref: i_dq_ref, omega_s };
+        let (mut field, mut psi_s, mut i_dq) = self.filter.step(&c.enhanced.filter, &input, integrate_only);
         // What follows from quantities that change slowly takes its turn.
         match x.period % BALANCE_PERIODS {
             4 => {
@@ -219,7 +220,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
             _ => {}
         }
-        let (mut field, mut complete, mut current_control) = (self.filter.field(), false, CurrentControl::Continues);
+        let (mut complete, mut current_control) = (false, CurrentControl::Continues);
         if let Some(at) = start_up {
             let catch_periods = self.catch_periods;
             if at.stage <= catch_periods {
@@ -236,6 +237,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 current_control = CurrentControl::FollowsFlux;
             }
             i_dq = Dq::new(i.re(), i.im());
+            (psi_s, omega_s) = (self.filter.magnitude(), self.speed.omega_s);
             #[cfg(feature = "modes")]
             if c.two_sensors() {
                 let gone_back = self.gone_back;
@@ -245,7 +247,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 }
             }
         }
-        let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
+        let r_s = self.filter.r_s();
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete, current_control }
     }
 

@@ -78,6 +78,11 @@ macro_rules! impl_real {
                     1.0 / $tiny
                 }
             }
+            // The division takes no more time than Newton's step with the check of its guess.
+            #[inline(always)]
+            fn recip_near(self, _: Self) -> Self {
+                1.0 / self
+            }
             #[inline(always)]
             fn dividend(self) -> Self {
                 self * (1.0 / 64.0)

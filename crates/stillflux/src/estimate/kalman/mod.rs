@@ -199,27 +199,30 @@ pub struct Filter<R: Real> {
 }
 
 impl<R: Real> Filter<R> {
-    /// One period; returns the current of its sample in field coordinates. With `integrate_only` nothing is corrected: the
-    /// machine has no flux yet.
+    /// One period; returns field angle and magnitude of the flux, which stay as they are until the next one, and the current
+    /// of this sample in field coordinates. With `integrate_only` nothing is corrected: the machine has no flux yet.
     #[inline(always)]
-    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, integrate_only: bool) -> Dq<R> {
+    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, integrate_only: bool) -> (Rotator<R>, R, Dq<R>) {
         let i_s = x.i_m - self.b();
         self.u_i = x.u_s - (self.i_s + i_s) * self.r_s().half();
         self.i_s = i_s;
         self.psi_s.add(c.t_s, &self.u_i);
-        let i_dq = self.field().to_field(&i_s);
+        let (field, psi_s) = (self.field(), self.magnitude());
+        let i_dq = field.to_field(&i_s);
         self.sum += i_dq;
-        self.period += 1;
+        // In a whole word: the sum of two bytes would have to be cut to one.
+        let period = u32::from(self.period) + 1;
+        self.period = period as u8;
         // A block is a whole number of slots.
-        if self.period & c.slot_mask == 0 {
-            if likely(self.period < c.block) {
+        if period & u32::from(c.slot_mask) == 0 {
+            if likely(period < u32::from(c.block)) {
                 self.work(c);
             } else {
                 self.period = 0;
                 self.close(c, x.i_ref, x.loss, x.omega_s, integrate_only);
             }
         }
-        i_dq
+        (field, psi_s, i_dq)
     }
 
     /// End of a block: current model, innovation, correction, and the next operating point.
