@@ -211,6 +211,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             4 => {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
+                if let Some(of_sum) = self.balance.rest() {
+                    self.filter.doubt_offset(&c.enhanced.filter, of_sum);
+                }
             }
             #[cfg(feature = "legs")]
             0 => self.knee.set_legs(&self.legs, x.u_dc),

@@ -30,7 +30,7 @@
 use super::covariance::N;
 use super::intermediate::{Gain, Intermediate, Regressors};
 use super::model::{
-    B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_GAMMA, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, V,
+    C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_GAMMA, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, V,
 };
 use super::noise::{FLOOR, MEASUREMENT, SECOND_ORDER, WARMED};
 use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
@@ -111,23 +111,22 @@ impl<R: Real> OperatingPoint<R> {
         self.held(model) || self.steady || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
     }
 
-    /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each,
-    /// zero where they are held; `predicted`: but for that of the resistance.
+    /// Regressors of offset, resistance, inverter error, knee and leakage at `(r̂_s, k̂)`: `r_s I + ∂u_l/∂i`, and `i`, `u_l`,
+    /// `u_k` and `l̂ Δi` with two components each, zero where they are held; `predicted`: but for that of the resistance.
     #[inline(always)]
-    fn regressors(&self, model: &Model<R>, predicted: bool) -> Regressors<R> {
-        if !self.held(model) {
-            // by_knee is -∂u_l/∂ln k.
-            let u_k = -AlphaBeta::from_phases(self.loss.by_knee());
-            Regressors {
-                i_s: self.i_s.into(),
-                u_l: self.loss.vector().into(),
-                u_k: u_k.into(),
-                d_leakage_flux: self.d_leakage_flux.into(),
-            }
-        } else if predicted {
-            Regressors { i_s: self.i_s.into(), ..Regressors::default() }
-        } else {
-            Regressors::default()
+    fn regressors(&self, model: &Model<R>, predicted: bool, (r_s, knee): (R, R)) -> Regressors<R> {
+        if self.held(model) {
+            let i_s = if predicted { self.i_s.into() } else { [R::ZERO; 2] };
+            return Regressors { by_i: [r_s, R::ZERO, r_s], i_s, ..Regressors::default() };
+        }
+        // by_knee is -∂u_l/∂ln k.
+        let u_k = -AlphaBeta::from_phases(self.loss.by_knee());
+        Regressors {
+            by_i: model.voltage_by_current(&self.loss, r_s, knee),
+            i_s: self.i_s.into(),
+            u_l: self.loss.vector().into(),
+            u_k: u_k.into(),
+            d_leakage_flux: self.d_leakage_flux.into(),
         }
     }
 }
@@ -177,7 +176,11 @@ impl<R: Real> Filter<R> {
     fn magnetise(&mut self, c: &FilterConfig<R>) {
         self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
         if matches!(self.intermediate, Intermediate::Begun) {
-            self.intermediate = Intermediate::Transition(self.point.regressors(&c.model, c.temperature.predicts()));
+            self.intermediate = Intermediate::Transition(self.point.regressors(
+                &c.model,
+                c.temperature.predicts(),
+                (self.r_s(), self.knee()),
+            ));
         }
     }
 
@@ -193,10 +196,8 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn flux_advance(&mut self, c: &FilterConfig<R>, second: bool) {
         let Intermediate::Transition(regressors) = &self.intermediate else { return };
-        let [i, u_l, u_k, d_leakage_flux] = regressors.component(second);
-        let [by_b, by_r_s, by_v, by_k, by_l] = c.model.flux_row(i, u_l, u_k, d_leakage_flux, self.r_s());
-        let terms = [(B, by_b), (RS, by_r_s), (V, by_v), (KNEE, by_k), (LEAKAGE, by_l)];
-        self.p.advance_pair::<B, 5>(second, &terms);
+        let terms = c.model.flux_row(&regressors.component(second));
+        self.p.advance_component(second, &terms);
     }
 
     /// Process noise `Q`, and decorrelation of consider states.
