@@ -157,6 +157,25 @@ def test_an_offset_that_appears_once_running_is_found(machine: str, scheme: str)
     assert failing(point(machine, scheme, regenerating, 1.0, "drift")) == []
 
 
+@pytest.mark.parametrize("torque", [-1.0, -0.8])
+@pytest.mark.parametrize("machine", ["11kW", "11kW-leaky"])
+def test_the_step_of_one_sensor_at_rest_is_seen_in_the_sum_of_the_currents(
+    machine: str, torque: float
+) -> None:
+    """1.5 % of rated peak current in one channel before a load at rest; the control is a step of the same space
+    vector that leaves the sum as it was."""
+    scenario = points.plane(machine, "enhanced", omega=0.0, torque=torque, kind="rest-drift")
+    ((at, unseen),) = scenario.changes
+    size = 0.015 * scenario.motor.base["i"]
+    for channel in range(3):
+        step = tuple(size if k == channel else 0.0 for k in range(3))
+        result = sf.simulate(scenario.replace(changes=[(at, {"current_offset": step})]))
+        assert result.status == "running"
+        assert np.abs(judge.angle(result)[result.t > conditions.REACHED + 5.0]).max() < 15.0
+    lost = sf.simulate(scenario.replace(changes=[(at, unseen)]))
+    assert lost.status == "fault"
+
+
 @MACHINE
 @pytest.mark.parametrize("scheme", ["enhanced"])
 @pytest.mark.parametrize("error", ["r_s step +25 %", "L_M −10 %", "gain of a channel +2 %"])
@@ -623,27 +642,31 @@ def test_a_winding_that_changes_at_speed_turns_no_field_and_is_found_on_the_way_
     """Above ω_s = 0.2 nothing of the resistance is seen: its error must not go to the leakage instead.
 
     At 2.2 kW in regeneration the way back ends at ω_s = 0.024: at 0.014 three of eight realisations are lost,
-    see the limits.
+    see the limits. Where it ends depends on the noise: the median of three realisations is judged.
     """
     motor, inverter = DRIVES[drive].motor, DRIVES[drive].inverter
     fast, slow = 0.6 * motor.base["omega_m"], back * motor.base["omega_m"]
-    result = sf.simulate(
-        sf.Scenario(
-            motor=motor,
-            inverter=inverter,
-            duration=56.0,
-            record_every=50,
-            omega_ref=[(0, 0), (2, 0), (4, fast), (44, fast), (47, slow)],
-            load_torque=[(0, 0), (2.5, 0), (3, torque * motor.T_N)],
-            changes=[(6.0, {"R_s": warmed * motor.R_s})],
-            plant={"adc_bits": 12, "adc_noise": 0.004 * motor.I_N},
+    at_the_end, resistances = [], []
+    for seed in range(3):
+        result = sf.simulate(
+            sf.Scenario(
+                motor=motor,
+                inverter=inverter,
+                duration=56.0,
+                record_every=50,
+                omega_ref=[(0, 0), (2, 0), (4, fast), (44, fast), (47, slow)],
+                load_torque=[(0, 0), (2.5, 0), (3, torque * motor.T_N)],
+                changes=[(6.0, {"R_s": warmed * motor.R_s})],
+                plant={"adc_bits": 12, "adc_noise": 0.004 * motor.I_N, "seed": seed},
+            )
         )
-    )
-    angle = np.abs(judge.angle(result))
-    assert angle[(result.t > 10) & (result.t < 44)].max() < 3.0
-    assert angle[result.t > 44].max() < 15.0
-    assert angle[result.t > 54].max() < 3.0
+        angle = np.abs(judge.angle(result))
+        assert angle[(result.t > 10) & (result.t < 44)].max() < 3.0
+        assert angle[result.t > 44].max() < 15.0
+        at_the_end.append(angle[result.t > 54].max())
+        resistances.append(result["estimate.R_s"][-1])
+    assert np.median(at_the_end) < 3.0
     # One current shows one voltage in phase with it: how it divides between resistance and loss of the
     # bridge (a tenth of it at 4 kW) is decided by their priors. 5 to 8 % of the resistance are left there,
     # the field is right.
-    assert result["estimate.R_s"][-1] == pytest.approx(warmed * motor.R_s + inverter.r_d, rel=0.09)
+    assert np.median(resistances) == pytest.approx(warmed * motor.R_s + inverter.r_d, rel=0.09)

@@ -78,7 +78,7 @@ macro_rules! impl_real {
                     1.0 / $tiny
                 }
             }
-            // The division takes no more time than Newton's step with the check of its guess.
+            // One instruction of 14 cycles; Newton's step with the check of its guess is seven, of about as many.
             #[inline(always)]
             fn recip_near(self, _: Self) -> Self {
                 1.0 / self

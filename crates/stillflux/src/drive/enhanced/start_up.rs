@@ -139,6 +139,7 @@ impl<R: Real> EnhancedEstimators<R> {
     /// A period of the catch: the flux that the machine has, and at the end what the start-up goes on with.
     #[cold]
     #[inline(never)]
+    #[cfg_attr(not(feature = "restart"), allow(unused_variables))]
     pub(super) fn catch_flux(
         &mut self,
         c: &DriveConfig<R>,
