@@ -356,13 +356,14 @@ impl<R: Real> Distortion<R> {
     #[inline(always)]
     pub fn by_current(&self, slope: R) -> [R; 3] {
         let inv = (self.full - self.least).max(R::from_f64(DEAD_MIN)).recip();
-        [0, 1, 2].map(|k| {
-            let e = self.phases[k];
-            #[cfg(feature = "legs")]
-            let e = e - self.legs[k];
+        let of_leg = |e: R| {
             let y = ((self.full - e.abs()) * inv * R::TWO).clamp(R::ZERO, R::ONE);
             slope * (y * y)
-        })
+        };
+        let [a, b, c] = self.phases;
+        #[cfg(feature = "legs")]
+        let [a, b, c] = [a - self.legs[0], b - self.legs[1], c - self.legs[2]];
+        [of_leg(a), of_leg(b), of_leg(c)]
     }
 
     /// Decrease of the loss of each phase per relative increase of the knee,
