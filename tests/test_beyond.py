@@ -159,8 +159,8 @@ def test_an_offset_that_appears_once_running_is_found(machine: str, scheme: str)
 
 @pytest.mark.parametrize("machine", ["11kW", "11kW-leaky"])
 def test_the_step_of_one_sensor_at_rest_is_seen_in_the_sum_of_the_currents(machine: str) -> None:
-    """1.5 % of rated peak current in one channel before a regenerative load at rest. The control is a step of the
-    same size that leaves the sum as it was."""
+    """1.5 % of rated peak current in one channel before a regenerative load at rest. The control is a step of
+    the same size that leaves the sum as it was."""
     lost = 0
     for torque in (-1.0, -0.8, -0.6):
         scenario = points.plane(machine, "enhanced", omega=0.0, torque=torque, kind="rest-drift")

@@ -26,7 +26,8 @@
 //!
 //! Current control keeps `i_m - b̂` at its reference, so the current is less than the reference by the error of `b̂`, and the
 //! loss is that of the smaller current: near a current zero of a leg `∂u_l/∂i`, 20 Ω with 2 µs, 10 kHz and 1 nF, is many times
-//! `r_s`, and a filter without it takes an offset for an error of `r_s`. It is that of the dead time alone: the threshold's
+//! `r_s`, and a filter without it takes the step of an offset for an error of `r_s`. It counts where the offset is doubted
+//! ([`super::noise`]). It is that of the dead time alone: the threshold's
 //! lies within a band narrower than an offset.
 //!
 //! `|i_q|/|ψ_R|` is limited to 2 there. `i` in `∂χ⁺/∂r_s` and `Δi` are those of the current *reference*: noise of a

@@ -110,7 +110,7 @@ fn point(model: &Model<f64>, x: &State, block: &Block<'_>, omega_s: f64) -> Oper
 }
 
 /// `F` of the scaled states, row by row from the model.
-fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, (r_s, knee): (f64, f64), gamma: f64) -> Matrix {
+fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, (r_s, knee): (f64, Option<f64>), gamma: f64) -> Matrix {
     let mut big_f = Matrix::identity();
     big_f[(M, M)] = model.rotor_own(at);
     for (j, x) in model.rotor_row(at, gamma) {
@@ -120,7 +120,8 @@ fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, (r_s, knee): (f64, f
     for k in 0..2 {
         let seen = if held { 0.0 } else { 1.0 };
         let (u_l, u_k) = (vector(&at.loss.vector()), -vector(&AlphaBeta::from_phases(at.loss.by_knee())));
-        let [aa, ab, bb] = if held { [r_s, 0.0, r_s] } else { model.voltage_by_current(&at.loss, r_s, knee) };
+        let knee = knee.filter(|_| !held);
+        let [aa, ab, bb] = knee.map_or([r_s, 0.0, r_s], |knee| model.voltage_by_current(&at.loss, r_s, knee));
         let by_i = [[aa, ab], [ab, bb]][k];
         let [i, d_leakage_flux] = [&at.i_s, &at.d_leakage_flux].map(|x| vector(x)[k] * seen);
         let row = model.flux_row(&[by_i[0], by_i[1], i, u_l[k] * seen, u_k[k] * seen, d_leakage_flux]);
@@ -206,7 +207,7 @@ fn transition_and_measurement_rows_are_the_derivatives_of_the_model() {
             (x[GAMMA], x[C]) = (1.0 + 0.1 * r(), 0.2 + 0.1 * r());
             let at = point(model, &x, &block, 0.05);
 
-            let exact = transition(model, &at, (x[RS], 1.0), x[GAMMA]);
+            let exact = transition(model, &at, (x[RS], Some(1.0)), x[GAMMA]);
             let numeric = differences(&x, &scale, |x| f(model, x, &block).component_div(&scale));
             assert!((exact - numeric).amax() < 1e-6, "F is off by {}", exact - numeric);
 
@@ -379,9 +380,10 @@ impl Reference {
     }
 
     /// Prediction with noise, gain, update.
-    fn update_covariance(&mut self, at: &OperatingPoint<f64>, r_s_and_knee: (f64, f64), gamma: f64) {
+    fn update_covariance(&mut self, at: &OperatingPoint<f64>, (r_s, knee): (f64, f64), gamma: f64) {
         let model = &self.c.model;
-        let big_f = transition(model, at, r_s_and_knee, gamma);
+        let doubted = self.p[(B, B)] + self.p[(B + 1, B + 1)] > 2.0 * noise::DOUBTED;
+        let big_f = transition(model, at, (r_s, doubted.then_some(knee)), gamma);
         let mut p = big_f * self.p * big_f.transpose();
 
         let omega = at.omega_s.abs();

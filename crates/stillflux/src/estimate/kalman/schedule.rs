@@ -30,9 +30,9 @@
 use super::covariance::N;
 use super::intermediate::{Gain, Intermediate, Regressors};
 use super::model::{
-    C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_GAMMA, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, V,
+    B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_GAMMA, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, V,
 };
-use super::noise::{FLOOR, MEASUREMENT, SECOND_ORDER, WARMED};
+use super::noise::{DOUBTED, FLOOR, MEASUREMENT, SECOND_ORDER, WARMED};
 use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
@@ -111,18 +111,19 @@ impl<R: Real> OperatingPoint<R> {
         self.held(model) || self.steady || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
     }
 
-    /// Regressors of offset, resistance, inverter error, knee and leakage at `(r̂_s, k̂)`: `r_s I + ∂u_l/∂i`, and `i`, `u_l`,
-    /// `u_k` and `l̂ Δi` with two components each, zero where they are held; `predicted`: but for that of the resistance.
+    /// Regressors of offset, resistance, inverter error, knee and leakage at `r̂_s`, and `k̂` where the offset is doubted:
+    /// `r_s I + ∂u_l/∂i` or `r_s I`, and `i`, `u_l`, `u_k` and `l̂ Δi` with two components each, zero where they are held; `predicted`: but for that of the resistance.
     #[inline(always)]
-    fn regressors(&self, model: &Model<R>, predicted: bool, (r_s, knee): (R, R)) -> Regressors<R> {
+    fn regressors(&self, model: &Model<R>, predicted: bool, (r_s, knee): (R, Option<R>)) -> Regressors<R> {
+        let by_r_s = [r_s, R::ZERO, r_s];
         if self.held(model) {
             let i_s = if predicted { self.i_s.into() } else { [R::ZERO; 2] };
-            return Regressors { by_i: [r_s, R::ZERO, r_s], i_s, ..Regressors::default() };
+            return Regressors { by_i: by_r_s, i_s, ..Regressors::default() };
         }
         // by_knee is -∂u_l/∂ln k.
         let u_k = -AlphaBeta::from_phases(self.loss.by_knee());
         Regressors {
-            by_i: model.voltage_by_current(&self.loss, r_s, knee),
+            by_i: knee.map_or(by_r_s, |knee| model.voltage_by_current(&self.loss, r_s, knee)),
             i_s: self.i_s.into(),
             u_l: self.loss.vector().into(),
             u_k: u_k.into(),
@@ -176,11 +177,9 @@ impl<R: Real> Filter<R> {
     fn magnetise(&mut self, c: &FilterConfig<R>) {
         self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
         if matches!(self.intermediate, Intermediate::Begun) {
-            self.intermediate = Intermediate::Transition(self.point.regressors(
-                &c.model,
-                c.temperature.predicts(),
-                (self.r_s(), self.knee()),
-            ));
+            let doubted = self.p.get(B, B) + self.p.get(B + 1, B + 1) > R::from_f64(2.0 * DOUBTED);
+            let at = (self.r_s(), doubted.then(|| self.knee()));
+            self.intermediate = Intermediate::Transition(self.point.regressors(&c.model, c.temperature.predicts(), at));
         }
     }
 
