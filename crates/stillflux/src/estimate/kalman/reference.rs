@@ -516,7 +516,9 @@ impl ClosedLoop {
     pub fn step(&mut self, omega: f64, i_q: f64) -> Input<'_, f64> {
         let (c, t_s) = (&self.c, self.c.t_s);
         let i_ref = Dq::new(self.i_d, i_q);
-        let next = vector(&self.filter.field().to_stator(&i_ref));
+        let controlled = vector(&self.filter.field().to_stator(&i_ref));
+        // Current control sees the current by the sensor, less what the filter knows of its offset.
+        let next = controlled + vector(&self.filter.b()) - self.offset;
         let sigma = c.model.sigma_l_s * self.leakage;
         let before = self.psi_r + self.i * sigma;
         for k in 0..10 {
@@ -526,16 +528,17 @@ impl ClosedLoop {
         }
         let mean = (self.i + next) * 0.5;
         let after = self.psi_r + next * sigma;
-        // The inverter model takes a third of LOSS per phase, by the sign of its current.
-        let phases = AlphaBeta::new(mean.x, mean.y).to_phases();
-        let loss = Distortion {
-            phases: phases.map(|i| LOSS * (i * 20.0).clamp(-1.0, 1.0)),
+        // The bridge takes LOSS per phase, by the sign of its current; the inverter model knows the controlled one.
+        let loss_at = |i: Vector2<f64>| Distortion {
+            phases: AlphaBeta::new(i.x, i.y).to_phases().map(|i| LOSS * (i * 20.0).clamp(-1.0, 1.0)),
             #[cfg(feature = "legs")]
             legs: [0.0; 3],
             least: 0.0,
             full: LOSS,
         };
-        let u = (after - before) / t_s + mean * (c.model.r_s * self.r_s) + vector(&loss.vector()) * LOSS_ERROR;
+        let (lost, loss) = (vector(&loss_at(mean).vector()), loss_at(mean + controlled - next));
+        let of_model = vector(&loss.vector());
+        let u = (after - before) / t_s + mean * (c.model.r_s * self.r_s) + lost * (1.0 + LOSS_ERROR) - of_model;
         self.i = next;
         let i_m = next + self.offset;
         let omega_s = omega + self.r_r * i_q / self.psi_r.norm();
