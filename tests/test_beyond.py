@@ -157,24 +157,6 @@ def test_an_offset_that_appears_once_running_is_found(machine: str, scheme: str)
     assert failing(point(machine, scheme, regenerating, 1.0, "drift")) == []
 
 
-@pytest.mark.parametrize("machine", ["11kW", "11kW-leaky"])
-def test_the_step_of_one_sensor_at_rest_is_seen_in_the_sum_of_the_currents(machine: str) -> None:
-    """1.5 % of rated peak current in one channel before a regenerative load at rest. The control is a step of
-    the same size that leaves the sum as it was."""
-    lost = 0
-    for torque in (-1.0, -0.8, -0.6):
-        scenario = points.plane(machine, "enhanced", omega=0.0, torque=torque, kind="rest-drift")
-        ((at, unseen),) = scenario.changes
-        size = 0.015 * scenario.motor.base["i"]
-        for channel in range(3):
-            step = tuple(size if k == channel else 0.0 for k in range(3))
-            result = sf.simulate(scenario.replace(changes=[(at, {"current_offset": step})]))
-            assert result.status == "running"
-            assert np.abs(judge.angle(result)[result.t > conditions.REACHED + 5.0]).max() < 15.0
-        lost += sf.simulate(scenario.replace(changes=[(at, unseen)])).status == "fault"
-    assert lost >= 1
-
-
 @MACHINE
 @pytest.mark.parametrize("scheme", ["enhanced"])
 @pytest.mark.parametrize("error", ["r_s step +25 %", "L_M −10 %", "gain of a channel +2 %"])
@@ -641,12 +623,13 @@ def test_a_winding_that_changes_at_speed_turns_no_field_and_is_found_on_the_way_
     """Above ω_s = 0.2 nothing of the resistance is seen: its error must not go to the leakage instead.
 
     At 2.2 kW in regeneration the way back ends at ω_s = 0.024: at 0.014 three of eight realisations are lost,
-    see the limits. Where it ends depends on the noise: the median of three realisations is judged.
+    see the limits. Where it ends depends on the noise (4 kW warmed: 1.6 to 3.8°): the median of five
+    realisations is judged.
     """
     motor, inverter = DRIVES[drive].motor, DRIVES[drive].inverter
     fast, slow = 0.6 * motor.base["omega_m"], back * motor.base["omega_m"]
     at_the_end, resistances = [], []
-    for seed in range(3):
+    for seed in SEEDS:
         result = sf.simulate(
             sf.Scenario(
                 motor=motor,

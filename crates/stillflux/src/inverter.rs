@@ -101,8 +101,6 @@ const FAST_RAMP: f64 = 0.27;
 const SCALE: f64 = 64.0;
 /// Largest knee, per unit.
 const KNEE_MAX: f64 = 1.0;
-/// Least loss by dead time, per unit, that is divided by: its reciprocal fits fixed point.
-const DEAD_MIN: f64 = 1.0 / 64.0;
 /// Largest component of [`Legs`]: 1 µs at 10 kHz.
 pub const LEGS_MAX: f64 = 0.01;
 
@@ -345,25 +343,6 @@ impl<R: Real> Distortion<R> {
     fn leg_by_knee(&self, e: R) -> R {
         let magnitude = (e.abs() - self.least).min(self.full - e.abs()).max(R::ZERO);
         if e < R::ZERO { -magnitude } else { magnitude }
-    }
-
-    /// Derivative of the dead-time part of each phase's loss by its current, for a `slope` `U/(2 I_k)` within the knee; it
-    /// follows from the loss without the current:
-    ///
-    /// ```text
-    /// ∂e/∂i = U/(2 I_k) y²,    y = min(1, 2 (1 - |e|/U))
-    /// ```
-    #[inline(always)]
-    pub fn by_current(&self, slope: R) -> [R; 3] {
-        let inv = (self.full - self.least).max(R::from_f64(DEAD_MIN)).recip();
-        let of_leg = |e: R| {
-            let y = ((self.full - e.abs()) * inv * R::TWO).clamp(R::ZERO, R::ONE);
-            slope * (y * y)
-        };
-        let [a, b, c] = self.phases;
-        #[cfg(feature = "legs")]
-        let [a, b, c] = [a - self.legs[0], b - self.legs[1], c - self.legs[2]];
-        [of_leg(a), of_leg(b), of_leg(c)]
     }
 
     /// Decrease of the loss of each phase per relative increase of the knee,

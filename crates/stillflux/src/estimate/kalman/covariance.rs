@@ -104,14 +104,17 @@ impl<R: Real> Covariance<R> {
         *self.get_mut(I, I) = variance;
     }
 
-    /// The same for one of the first two states, a vector, `x_0 ← x_0 + Σ c_j x_j` or `x_1` (`second`), with `j` beyond
-    /// both: one code for both.
+    /// The same for one of the first two states, a vector whose components have rows of the same shape:
+    /// `x_0 ← x_0 + Σ c_j x_j`, the first term with `j = O`, or `x_1` with the first of `x_(O+1)` (`second`). One code
+    /// for both.
     #[inline(always)]
-    pub fn advance_component<const T: usize>(&mut self, second: bool, terms: &[(usize, R); T]) {
+    pub fn advance_pair<const O: usize, const T: usize>(&mut self, second: bool, terms: &[(usize, R); T]) {
         let from = usize::from(second);
-        let row = self.project(terms);
-        let of_self = if second { row[1] } else { row[0] };
-        let variance = R::sum_of_products(terms.map(|(_, c)| c), terms.map(|(j, _)| row[j]));
+        let element = |k: usize| self.pair_row::<O, T>(from, terms, k);
+        let row: Column<R> = written_out!(element);
+        let (of_self, first) = if second { (row[1], row[O + 1]) } else { (row[0], row[O]) };
+        let of = |t: usize| if t == 0 { first } else { row[terms[t].0] };
+        let variance = R::sum_of_products(terms.map(|(_, c)| c), core::array::from_fn(of));
         // Columns 0 and 1 lie side by side, also where the element is (0, 1) = (1, 0): with another origin all positions
         // are constants.
         let flat = self.p.as_flattened_mut();
@@ -121,6 +124,15 @@ impl<R: Real> Covariance<R> {
         }
         // The element of the variance has got the row once.
         column[from] += of_self + variance;
+    }
+
+    /// Element of the row that [`Covariance::advance_pair`] adds.
+    #[inline(always)]
+    fn pair_row<const O: usize, const T: usize>(&self, from: usize, terms: &[(usize, R); T], k: usize) -> R {
+        // Row O + 1 begins O + 1 elements behind row O; columns O and O + 1 lie side by side.
+        let of_first = self.p.as_flattened()[at(O, k) + if k <= O { (O + 1) * from } else { from }];
+        let of = |t: usize| if t == 0 { of_first } else { self.get(terms[t].0, k) };
+        R::sum_of_products(terms.map(|(_, c)| c), core::array::from_fn(of))
     }
 
     /// `P h` for a sparse `h`.

@@ -5,13 +5,11 @@
 use super::covariance::Column;
 use crate::scalar::Real;
 
-/// Regressors of the flux rows in `F` ([`super::model::Model::flux_row`]).
+/// Regressors of the flux rows in `F` ([`super::model::Model::flux_row`]), two components each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(super) struct Regressors<R: Real> {
-    /// `r_s I + ∂u_l/∂i`, of the offset, a symmetric matrix: αα, αβ, ββ.
-    pub by_i: [R; 3],
     /// Current `i`, of the resistance.
     pub i_s: [R; 2],
     /// Loss `u_l` of the inverter model, of its error.
@@ -23,13 +21,10 @@ pub(super) struct Regressors<R: Real> {
 }
 
 impl<R: Real> Regressors<R> {
-    /// A row of the first and a component of each other, in the order of the fields; `second`: that of β.
+    /// One component of each, in the order of the fields; `second`: the β component.
     #[inline(always)]
-    pub fn component(&self, second: bool) -> [R; 6] {
-        let [aa, ab, bb] = self.by_i;
-        let [by_a, by_b] = if second { [ab, bb] } else { [aa, ab] };
-        let [i, u_l, u_k, l] = [self.i_s, self.u_l, self.u_k, self.d_leakage_flux].map(|x| x[usize::from(second)]);
-        [by_a, by_b, i, u_l, u_k, l]
+    pub fn component(&self, second: bool) -> [R; 4] {
+        [self.i_s, self.u_l, self.u_k, self.d_leakage_flux].map(|x| x[usize::from(second)])
     }
 }
 

@@ -16,19 +16,13 @@
 //! constant beyond. `l` is the leakage inductance `σl_s`, `Δi` the change of the current over the block. With `t = jn` and the current components `i_d = i·n`, `i_q = i·t` the derivatives are
 //!
 //! ```text
-//! F:   ∂χ⁺/∂b = Δ (r_s I + ∂u_l/∂i),   ∂χ⁺/∂r_s = -Δ i,   ∂χ⁺/∂ε_v = -Δ u_l,   ∂χ⁺/∂ε_k = -Δ u_k,   ∂χ⁺/∂ε_l = -l̂ Δi
+//! F:   ∂χ⁺/∂b = Δ r_s I,   ∂χ⁺/∂r_s = -Δ i,   ∂χ⁺/∂ε_v = -Δ u_l,   ∂χ⁺/∂ε_k = -Δ u_k,   ∂χ⁺/∂ε_l = -l̂ Δi
 //!      ∂m⁺/∂χ = r_R Δ (i_q/|ψ_R|) tᵀ                                rotation of n in i·n
 //!      ∂m⁺/∂b = -r_R Δ nᵀ
 //!      ∂m⁺/∂m = 1 - (r_R Δ/l_M) γ d(m g)/dm,   d(m g)/dm = g + S c (m/m_N)^S
 //!      ∂m⁺/∂γ = -(r_R Δ/l_M) m g,   ∂m⁺/∂c = -(r_R Δ/l_M) γ m ((m/m_N)^S - 1)
 //! H:   ∂h/∂χ  = nᵀ,   ∂h/∂m = -1
 //! ```
-//!
-//! Current control keeps `i_m - b̂` at its reference, so the current is less than the reference by the error of `b̂`, and the
-//! loss is that of the smaller current: near a current zero of a leg `∂u_l/∂i`, 20 Ω with 2 µs, 10 kHz and 1 nF, is many times
-//! `r_s`, and a filter without it takes the step of an offset for an error of `r_s`. It counts where the offset is doubted
-//! ([`super::noise`]). It is that of the dead time alone: the threshold's
-//! lies within a band narrower than an offset.
 //!
 //! `|i_q|/|ψ_R|` is limited to 2 there. `i` in `∂χ⁺/∂r_s` and `Δi` are those of the current *reference*: noise of a
 //! measured regressor would act as excitation. `1 + v̂`, `k̂` and `l̂` are factors, and `ε_v`, `ε_k` and `ε_l` errors about
@@ -119,8 +113,6 @@ pub(super) struct Model<R: Real> {
     pub sigma_l_s: R,
     /// Stator resistance of the parameters, with `r_d`: scale of its state.
     pub r_s: R,
-    /// Slope `U/(2 I_k)` of the loss of a leg within the knee of the parameters; zero without one.
-    pub slope: R,
     /// Magnetising inductance at rated flux.
     pub l_m: R,
     /// Length `Δ` of a block (normalised time), `r_R Δ` and `r_R Δ/l_M = Δ/τ_r`.
@@ -137,7 +129,7 @@ pub(super) struct Model<R: Real> {
     /// Stator frequency above which resistance, inverter error, knee and leakage are held ([`super::schedule`]).
     pub omega_held: R,
 }
-words!(Model: sigma_l_s, r_s, slope, l_m, delta, r_r_block, decay, inv_m_rated, by_saturation, exponent, x_max, omega_held);
+words!(Model: sigma_l_s, r_s, l_m, delta, r_r_block, decay, inv_m_rated, by_saturation, exponent, x_max, omega_held);
 
 /// The magnetising curve `i_μ = (m/L_M) (1 - c + c (m/m_N)^S)` of a machine.
 #[derive(Clone, Copy, Debug)]
@@ -174,13 +166,6 @@ impl Saturated {
         Self { c: c.min(C_MAX), exponent: exponent.clamp(1.0, 20.0), known: true }
     }
 }
-
-/// Largest slope of the loss of a leg by its current, per unit. With a knee that is smaller than the errors of an offset
-/// nothing is proportional to them any more.
-const SLOPE_MAX: f64 = 4.0;
-
-/// Largest slope that is stored, for a knee that grows.
-const SLOPE_RANGE: f64 = 32.0;
 
 /// Largest `(m/m_N)^S` that the curve follows: keeps it within fixed point.
 const SATURATED_MAX: f64 = 8.0;
@@ -263,7 +248,6 @@ impl<R: Real> Model<R> {
         Self {
             sigma_l_s: r(pu.sigma_l_s),
             r_s: r(pu.r_s),
-            slope: r(if pu.knee > 0.0 { (0.5 * pu.dead_time * pu.u_dc / pu.knee).min(SLOPE_RANGE) } else { 0.0 }),
             l_m: r(pu.l_m),
             delta: r(delta),
             r_r_block: r(pu.r_r * delta),
@@ -375,33 +359,16 @@ impl<R: Real> Model<R> {
         ]
     }
 
-    /// Row of one component of `χ` in `F`, given that row of [`Self::voltage_by_current`] and that component of `i`, `u_l`,
-    /// `u_k` and `l̂ Δi`: coefficients of `b`, `r_s`, `ε_v`, `ε_k` and `ε_l`; that of the component itself is one.
+    /// Row of one component of `χ` in `F`, given that component of `i`, `u_l`, `u_k` and `l̂ Δi`: coefficients of the
+    /// same component of `b`, of `r_s`, `ε_v`, `ε_k` and `ε_l`; that of the component itself is one.
     #[inline(always)]
-    pub fn flux_row(&self, &[by_i_a, by_i_b, i, u_l, u_k, d_leakage_flux]: &[R; 6]) -> [(usize, R); 6] {
+    pub fn flux_row(&self, i: R, u_l: R, u_k: R, d_leakage_flux: R, r_s: R) -> [R; 5] {
         let r = R::from_f64;
         let by_b = self.delta * r(SCALE_B / SCALE_PSI);
         let by_r_s = self.delta * self.r_s * r(SCALE_R / SCALE_PSI);
         let by_v = self.delta * r(SCALE_V / SCALE_PSI);
         let by_k = self.delta * r(SCALE_K / SCALE_PSI);
-        [
-            (B, by_b * by_i_a),
-            (B + 1, by_b * by_i_b),
-            (RS, -by_r_s * i),
-            (V, -by_v * u_l),
-            (KNEE, -by_k * u_k),
-            (LEAKAGE, -r(SCALE_LEAKAGE / SCALE_PSI) * d_leakage_flux),
-        ]
-    }
-
-    /// `r_s I + ∂u_l/∂i`, components αα, αβ, ββ, at a resistance and a knee relative to that of the parameters.
-    #[inline(always)]
-    pub fn voltage_by_current(&self, loss: &Distortion<R>, r_s: R, knee: R) -> [R; 3] {
-        let slope = (self.slope * knee.recip()).min(R::from_f64(SLOPE_MAX));
-        // Two thirds of the sum of a_k a_kᵀ with the axes of the phases, (1, 0) and (-1/2, ±√3/2).
-        let [a, b, c] = loss.by_current(slope * R::from_f64(2.0 / 3.0));
-        let both = (b + c).quarter();
-        [r_s + a + both, (c - b) * R::from_f64(0.433_012_701_892_219_3), r_s + both + both + both]
+        [by_b * r_s, -by_r_s * i, -by_v * u_l, -by_k * u_k, -r(SCALE_LEAKAGE / SCALE_PSI) * d_leakage_flux]
     }
 
     /// `H`, the row of the measurement `h = |ψ_R| - m`.

@@ -116,12 +116,6 @@ const STEP_R_S: f64 = 0.02;
 /// low-pass and the fit have taken part of `e` away before it is largest. Physical.
 const OF_SUM: f64 = 2.0 / 3.0;
 
-/// Scaled variance of a component of the offset from which its effect through the bridge counts: that of a step, or of an
-/// offset that was not read, with four times the deviation of one that was. Of a known offset nothing is learned that way:
-/// an error of the knee looks the same, and at rest without load, where a leg may stand near its current zero, 4 of 20 draws
-/// at 15 and 45 kW lost their angle by it. Measured.
-pub(super) const DOUBTED: f64 = scaled(2e-3, SCALE_B);
-
 /// Correlations with the leakage that a block takes off while it is not corrected: they fade with 4096 blocks, some seconds.
 /// A change of load is weighed by them; over minutes errors of the bridge near current zero, which are no noise, would go by
 /// them into the flux. Allowance.

@@ -15,7 +15,7 @@ use super::{
     SIGMA_LOST, V_MAX, noise,
 };
 use crate::base::{Base, PerUnit};
-use crate::inverter::{Distortion, InverterModel};
+use crate::inverter::Distortion;
 use crate::params::{Inverter, Machine, Saturation};
 use crate::space::{AlphaBeta, Dq, Rotator};
 use nalgebra::{SMatrix, SVector, Vector2};
@@ -56,27 +56,23 @@ fn parts(model: &Model<f64>, x: &State, i_m: Vector2<f64>) -> (Vector2<f64>, f64
     (Vector2::new(x[PSI], x[PSI + 1]) - i_m * model.sigma_l_s, x[M], Vector2::new(x[B], x[B + 1]))
 }
 
-/// Inputs of a block: measured current and its change, voltage, and the inverter model's loss at the reference that
-/// current control keeps the current at, less the present estimate of the offset.
-struct Block<'a> {
+/// Inputs of a block: measured current and its change, voltage, and the inverter model's loss.
+struct Block {
     i_m: Vector2<f64>,
     d_i: Vector2<f64>,
     u_s: Vector2<f64>,
     loss: Distortion<f64>,
-    bridge: &'a dyn Fn(Vector2<f64>) -> Distortion<f64>,
 }
 
 /// `f` of the model: a state after a block. `V`, `KNEE` and `LEAKAGE` hold the logarithmic errors.
-fn f(model: &Model<f64>, x: &State, &Block { i_m, d_i, u_s, ref loss, bridge }: &Block<'_>) -> State {
+fn f(model: &Model<f64>, x: &State, &Block { i_m, d_i, u_s, ref loss }: &Block) -> State {
     let (u_l, u_k) = (vector(&loss.vector()), -vector(&AlphaBeta::from_phases(loss.by_knee())));
     let (psi_r, m, b) = parts(model, x, i_m);
     let (i, n) = (i_m - b, psi_r.normalize());
     let leakage = model.sigma_l_s * x[LEAKAGE].exp();
     let mut next = *x;
     let psi_s = psi_r + i * leakage;
-    // What the loss has changed by with the current, for the present estimates of the bridge.
-    let d_u_l = vector(&bridge(i).vector()) - u_l;
-    let psi_next = psi_s + (u_s - d_u_l - u_l * x[V] - u_k * x[KNEE] - i * x[RS]) * model.delta;
+    let psi_next = psi_s + (u_s - u_l * x[V] - u_k * x[KNEE] - i * x[RS]) * model.delta;
     let psi_r_next = psi_next - (i + d_i) * leakage;
     let chi = psi_r_next + (i_m + d_i) * model.sigma_l_s;
     (next[PSI], next[PSI + 1]) = (chi.x, chi.y);
@@ -91,7 +87,7 @@ fn h(model: &Model<f64>, x: &State, i_m: Vector2<f64>) -> f64 {
 }
 
 /// The operating point of a state.
-fn point(model: &Model<f64>, x: &State, block: &Block<'_>, omega_s: f64) -> OperatingPoint<f64> {
+fn point(model: &Model<f64>, x: &State, block: &Block, omega_s: f64) -> OperatingPoint<f64> {
     let (psi_r, m, b) = parts(model, x, block.i_m);
     let i = block.i_m - b;
     let n = psi_r.normalize();
@@ -110,7 +106,7 @@ fn point(model: &Model<f64>, x: &State, block: &Block<'_>, omega_s: f64) -> Oper
 }
 
 /// `F` of the scaled states, row by row from the model.
-fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, (r_s, knee): (f64, Option<f64>), gamma: f64) -> Matrix {
+fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, r_s: f64, gamma: f64) -> Matrix {
     let mut big_f = Matrix::identity();
     big_f[(M, M)] = model.rotor_own(at);
     for (j, x) in model.rotor_row(at, gamma) {
@@ -120,12 +116,14 @@ fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, (r_s, knee): (f64, O
     for k in 0..2 {
         let seen = if held { 0.0 } else { 1.0 };
         let (u_l, u_k) = (vector(&at.loss.vector()), -vector(&AlphaBeta::from_phases(at.loss.by_knee())));
-        let knee = knee.filter(|_| !held);
-        let [aa, ab, bb] = knee.map_or([r_s, 0.0, r_s], |knee| model.voltage_by_current(&at.loss, r_s, knee));
-        let by_i = [[aa, ab], [ab, bb]][k];
-        let [i, d_leakage_flux] = [&at.i_s, &at.d_leakage_flux].map(|x| vector(x)[k] * seen);
-        let row = model.flux_row(&[by_i[0], by_i[1], i, u_l[k] * seen, u_k[k] * seen, d_leakage_flux]);
-        for (j, x) in row {
+        let row = model.flux_row(
+            vector(&at.i_s)[k] * seen,
+            u_l[k] * seen,
+            u_k[k] * seen,
+            vector(&at.d_leakage_flux)[k] * seen,
+            r_s,
+        );
+        for (j, x) in [B + k, RS, V, KNEE, LEAKAGE].into_iter().zip(row) {
             big_f[(PSI + k, j)] = x;
         }
     }
@@ -177,37 +175,29 @@ fn machines() -> [(Machine, Inverter); 4] {
 fn transition_and_measurement_rows_are_the_derivatives_of_the_model() {
     let mut r = noise_source();
     for (machine, inverter) in machines() {
-        // Without the jump of the threshold, and without the ripple, which the derivatives leave out.
-        let inverter = Inverter { u_th: 0.0, half_periods: 1, ..inverter };
-        let (c, pu) = config(&machine, &inverter);
+        let (c, _) = config(&machine, &inverter);
         let (model, scale) = (&c.model, scale(&c.model));
-        let bridge = InverterModel::new(&pu);
-        let bridge = |i: Vector2<f64>| {
-            bridge.distortion(
-                bridge.nominal(),
-                &AlphaBeta::new(i.x, i.y),
-                if pu.knee > 0.0 { pu.u_dc } else { 0.0 },
-                1.0,
-            )
-        };
         for _ in 0..200 {
+            let block = Block {
+                i_m: Vector2::new(r(), r()),
+                d_i: Vector2::new(r(), r()) * 0.1,
+                u_s: Vector2::new(r(), r()) * 0.1,
+                loss: Distortion {
+                    phases: [r() * 0.03, r() * 0.03, r() * 0.03],
+                    #[cfg(feature = "legs")]
+                    legs: [0.0; 3],
+                    least: 0.003,
+                    full: 0.033,
+                },
+            };
             let mut x = State::zeros();
             (x[PSI], x[PSI + 1]) = (0.8 + 0.2 * r(), 0.6 + 0.2 * r());
             (x[M], x[B], x[B + 1]) = (0.9 + 0.2 * r(), 0.01 * r(), 0.01 * r());
-            // One current in two is small: within the knee, or beyond.
-            let i_m = Vector2::new(r(), r()) * if r() < 0.0 { 0.05 } else { 1.0 };
-            let block = Block {
-                i_m,
-                d_i: Vector2::new(r(), r()) * 0.1,
-                u_s: Vector2::new(r(), r()) * 0.1,
-                loss: bridge(i_m - Vector2::new(x[B], x[B + 1])),
-                bridge: &bridge,
-            };
             (x[RS], x[V], x[KNEE]) = (model.r_s * (1.0 + 0.2 * r()), 0.1 * r(), 0.2 * r());
             (x[GAMMA], x[C]) = (1.0 + 0.1 * r(), 0.2 + 0.1 * r());
             let at = point(model, &x, &block, 0.05);
 
-            let exact = transition(model, &at, (x[RS], Some(1.0)), x[GAMMA]);
+            let exact = transition(model, &at, x[RS], x[GAMMA]);
             let numeric = differences(&x, &scale, |x| f(model, x, &block).component_div(&scale));
             assert!((exact - numeric).amax() < 1e-6, "F is off by {}", exact - numeric);
 
@@ -376,14 +366,13 @@ impl Reference {
         self.x.rows_mut(0, RS).copy_from(&x.rows(0, RS));
         self.x[LEAKAGE] = x[LEAKAGE];
         self.pending = Some(x);
-        self.update_covariance(&at, (x[RS], x[KNEE]), x[GAMMA]);
+        self.update_covariance(&at, x[RS], x[GAMMA]);
     }
 
     /// Prediction with noise, gain, update.
-    fn update_covariance(&mut self, at: &OperatingPoint<f64>, (r_s, knee): (f64, f64), gamma: f64) {
+    fn update_covariance(&mut self, at: &OperatingPoint<f64>, r_s: f64, gamma: f64) {
         let model = &self.c.model;
-        let doubted = self.p[(B, B)] + self.p[(B + 1, B + 1)] > 2.0 * noise::DOUBTED;
-        let big_f = transition(model, at, (r_s, doubted.then_some(knee)), gamma);
+        let big_f = transition(model, at, r_s, gamma);
         let mut p = big_f * self.p * big_f.transpose();
 
         let omega = at.omega_s.abs();
@@ -516,9 +505,7 @@ impl ClosedLoop {
     pub fn step(&mut self, omega: f64, i_q: f64) -> Input<'_, f64> {
         let (c, t_s) = (&self.c, self.c.t_s);
         let i_ref = Dq::new(self.i_d, i_q);
-        let controlled = vector(&self.filter.field().to_stator(&i_ref));
-        // Current control sees the current by the sensor, less what the filter knows of its offset.
-        let next = controlled + vector(&self.filter.b()) - self.offset;
+        let next = vector(&self.filter.field().to_stator(&i_ref));
         let sigma = c.model.sigma_l_s * self.leakage;
         let before = self.psi_r + self.i * sigma;
         for k in 0..10 {
@@ -528,17 +515,16 @@ impl ClosedLoop {
         }
         let mean = (self.i + next) * 0.5;
         let after = self.psi_r + next * sigma;
-        // The bridge takes LOSS per phase, by the sign of its current; the inverter model knows the controlled one.
-        let loss_at = |i: Vector2<f64>| Distortion {
-            phases: AlphaBeta::new(i.x, i.y).to_phases().map(|i| LOSS * (i * 20.0).clamp(-1.0, 1.0)),
+        // The inverter model takes a third of LOSS per phase, by the sign of its current.
+        let phases = AlphaBeta::new(mean.x, mean.y).to_phases();
+        let loss = Distortion {
+            phases: phases.map(|i| LOSS * (i * 20.0).clamp(-1.0, 1.0)),
             #[cfg(feature = "legs")]
             legs: [0.0; 3],
             least: 0.0,
             full: LOSS,
         };
-        let (lost, loss) = (vector(&loss_at(mean).vector()), loss_at(mean + controlled - next));
-        let of_model = vector(&loss.vector());
-        let u = (after - before) / t_s + mean * (c.model.r_s * self.r_s) + lost * (1.0 + LOSS_ERROR) - of_model;
+        let u = (after - before) / t_s + mean * (c.model.r_s * self.r_s) + vector(&loss.vector()) * LOSS_ERROR;
         self.i = next;
         let i_m = next + self.offset;
         let omega_s = omega + self.r_r * i_q / self.psi_r.norm();

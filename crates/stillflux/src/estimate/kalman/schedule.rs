@@ -32,7 +32,7 @@ use super::intermediate::{Gain, Intermediate, Regressors};
 use super::model::{
     B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_GAMMA, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, V,
 };
-use super::noise::{DOUBTED, FLOOR, MEASUREMENT, SECOND_ORDER, WARMED};
+use super::noise::{FLOOR, MEASUREMENT, SECOND_ORDER, WARMED};
 use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
@@ -111,23 +111,23 @@ impl<R: Real> OperatingPoint<R> {
         self.held(model) || self.steady || self.omega_s.within(R::from_f64(OMEGA_LEAKAGE_HELD))
     }
 
-    /// Regressors of offset, resistance, inverter error, knee and leakage at `r̂_s`, and `k̂` where the offset is doubted:
-    /// `r_s I + ∂u_l/∂i` or `r_s I`, and `i`, `u_l`, `u_k` and `l̂ Δi` with two components each, zero where they are held; `predicted`: but for that of the resistance.
+    /// Regressors of resistance, inverter error, knee and leakage: `i`, `u_l`, `u_k` and `l̂ Δi`, two components each,
+    /// zero where they are held; `predicted`: but for that of the resistance.
     #[inline(always)]
-    fn regressors(&self, model: &Model<R>, predicted: bool, (r_s, knee): (R, Option<R>)) -> Regressors<R> {
-        let by_r_s = [r_s, R::ZERO, r_s];
-        if self.held(model) {
-            let i_s = if predicted { self.i_s.into() } else { [R::ZERO; 2] };
-            return Regressors { by_i: by_r_s, i_s, ..Regressors::default() };
-        }
-        // by_knee is -∂u_l/∂ln k.
-        let u_k = -AlphaBeta::from_phases(self.loss.by_knee());
-        Regressors {
-            by_i: knee.map_or(by_r_s, |knee| model.voltage_by_current(&self.loss, r_s, knee)),
-            i_s: self.i_s.into(),
-            u_l: self.loss.vector().into(),
-            u_k: u_k.into(),
-            d_leakage_flux: self.d_leakage_flux.into(),
+    fn regressors(&self, model: &Model<R>, predicted: bool) -> Regressors<R> {
+        if !self.held(model) {
+            // by_knee is -∂u_l/∂ln k.
+            let u_k = -AlphaBeta::from_phases(self.loss.by_knee());
+            Regressors {
+                i_s: self.i_s.into(),
+                u_l: self.loss.vector().into(),
+                u_k: u_k.into(),
+                d_leakage_flux: self.d_leakage_flux.into(),
+            }
+        } else if predicted {
+            Regressors { i_s: self.i_s.into(), ..Regressors::default() }
+        } else {
+            Regressors::default()
         }
     }
 }
@@ -177,9 +177,7 @@ impl<R: Real> Filter<R> {
     fn magnetise(&mut self, c: &FilterConfig<R>) {
         self.point.magnetisation = c.model.magnetisation(self.m.value(), self.gamma.value(), self.c.value());
         if matches!(self.intermediate, Intermediate::Begun) {
-            let doubted = self.p.get(B, B) + self.p.get(B + 1, B + 1) > R::from_f64(2.0 * DOUBTED);
-            let at = (self.r_s(), doubted.then(|| self.knee()));
-            self.intermediate = Intermediate::Transition(self.point.regressors(&c.model, c.temperature.predicts(), at));
+            self.intermediate = Intermediate::Transition(self.point.regressors(&c.model, c.temperature.predicts()));
         }
     }
 
@@ -195,8 +193,10 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn flux_advance(&mut self, c: &FilterConfig<R>, second: bool) {
         let Intermediate::Transition(regressors) = &self.intermediate else { return };
-        let terms = c.model.flux_row(&regressors.component(second));
-        self.p.advance_component(second, &terms);
+        let [i, u_l, u_k, d_leakage_flux] = regressors.component(second);
+        let [by_b, by_r_s, by_v, by_k, by_l] = c.model.flux_row(i, u_l, u_k, d_leakage_flux, self.r_s());
+        let terms = [(B, by_b), (RS, by_r_s), (V, by_v), (KNEE, by_k), (LEAKAGE, by_l)];
+        self.p.advance_pair::<B, 5>(second, &terms);
     }
 
     /// Process noise `Q`, and decorrelation of consider states.
