@@ -238,7 +238,7 @@ impl Replay {
                 }
                 let i_m = balance.remove(&i_m);
                 let input = Input { u_s, loss: &loss, i_m, i_ref: &self.i_slow, omega_s };
-                let i_dq = filter.step(c.filter_config(), &input, self.integrating > 0);
+                let (_, _, i_dq) = filter.step(c.filter_config(), &input, self.integrating > 0);
                 self.integrating = self.integrating.saturating_sub(1);
                 if slow_due {
                     filter.confine(c.filter_config());

@@ -79,6 +79,8 @@ const U_REACH: f64 = 0.622;
 /// The steady state stays on the circle, of which field weakening leaves it a part. On the edge of the hexagon current
 /// control has little room.
 const U_OVERMODULATED: f64 = 1.0 / (1.732_050_807_568_877_2 * weakening::UTILISATION);
+/// Least dc-link voltage of a bridge that switches, per unit: its reciprocal is computed without a check.
+const U_DC_LEAST: f64 = 1.0 / 32.0;
 /// Flux control in field weakening ([`crate::control::flux`]): gain by the leakage, and crossing frequency of its integral
 /// part in parts of the bandwidth of current control. Largest correction at high frequency in units of the magnetising
 /// current: the flux of the largest machines falls over some tenths of a second only by a current against it.
@@ -530,7 +532,7 @@ impl<R: Real> DriveConfig<R> {
             pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
             u_limit: r(u_limit),
             u_use: r(u_use),
-            u_dc_min: r(p.u_dc_min / b.u),
+            u_dc_min: r((p.u_dc_min / b.u).max(U_DC_LEAST)),
             u_dc_max: r(p.u_dc_max / b.u),
             omega_least: r(omega_least / b.omega_m),
             omega_most: r(omega_most / b.omega_m),

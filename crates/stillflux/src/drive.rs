@@ -98,8 +98,10 @@ impl<R: Real> Drive<R> {
     pub fn step(&mut self, measured: &Measurement<R>, reference: &Reference<R>) -> Output<R> {
         let Self { config, estimators, common } = self;
         // Where a load does not reach the configuration from the address of the state, an address of its own, opaque to the
-        // compiler: seen as a part of the same object, every constant would cost the sum of address and offset.
-        let config = if R::SHORT_REACH { core::hint::black_box(&*config) } else { &*config };
+        // compiler: seen as a part of the same object, every constant would cost the sum of address and offset. The state of
+        // the published scheme alone is short enough.
+        let config =
+            if R::SHORT_REACH && cfg!(feature = "enhanced") { core::hint::black_box(&*config) } else { &*config };
         with_estimators!(estimators, e => common.step(config, e, measured, reference))
     }
 

@@ -225,7 +225,7 @@ pub struct DriveParams {
     pub i_trip: f64,
     /// Full scale of the current sensors, A: a reading at or beyond it is a fault.
     pub i_range: f64,
-    /// Smallest dc-link voltage, V.
+    /// Smallest dc-link voltage, V; below 1/32 of the base voltage it is that.
     pub u_dc_min: f64,
     /// Largest dc-link voltage, V.
     pub u_dc_max: f64,

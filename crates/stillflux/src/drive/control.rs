@@ -214,28 +214,11 @@ impl<R: Real> Control<R> {
         let i_ref = self.i_dq_ref;
         // The duties act from one to two periods after the sample: references are turned to the middle of that.
         let ahead = x.field.ahead(x.omega_s * c.t_ahead);
-        let i_ahead = ahead.to_stator(&self.current_ahead(c, &i_ref));
         let u_ff = Dq::new(i_ref.re() * x.r_s, i_ref.im() * x.r_s + x.omega_s * x.psi_s);
         let u = self.current.step(&c.current, &i_ref, &self.i_dq, &u_ff, u_dc * c.u_limit);
-        self.voltage.command(c, period, &ahead.to_stator(&u), &i_ahead, u_dc, inverter)
-    }
-
-    /// Current in the middle of the period in which the duties act, by which the inverter model takes its loss: the reference,
-    /// which is free of noise. In field weakening the current without load is small, so that its deviation from a reference
-    /// that swings turns it by tens of degrees. The loss of the bridge, which has the direction of the current, is then wrong
-    /// by a voltage that swings with it, and the flux estimate, whose error makes the reference swing, integrates that. The
-    /// current itself does without noise there; within the delay current control corrects a part of its deviation.
-    ///
-    /// So it is while the current of a start follows a flux that turns and builds up. An error `δ` of the flux that stands in
-    /// the stator turns the current by `δ e^(-jωτ)/ψ` against its reference, and the loss `U` of the bridge with it; seen from
-    /// the stator a part `U δ/2ψ` of that is a direct voltage, which lets `δ` grow within `2ψ/U`. At 160 kW and 4 kHz
-    /// (`U` = 0.02) that is 30 ms at a tenth of rated flux.
-    #[inline(always)]
-    fn current_ahead(&self, c: &DriveConfig<R>, i_ref: &Dq<R>) -> Dq<R> {
-        if likely(self.psi_weak == c.flux_control.psi_rated) {
-            return *i_ref;
-        }
-        self.i_dq + (*i_ref - self.i_dq) * c.part_ahead
+        let Self { voltage, i_dq, psi_weak, .. } = self;
+        let i_ahead = || ahead.to_stator(&current_ahead(c, *psi_weak, &i_ref, i_dq));
+        voltage.command(c, period, &ahead.to_stator(&u), i_ahead, u_dc, inverter)
     }
 
     /// References: flux, torque, i_q* within current limit and pull-out, i_d* of (12).
@@ -388,4 +371,22 @@ impl<R: Real> Control<R> {
         let along = if i_q_ref < R::ZERO { -i_q } else { i_q };
         along.max(R::ZERO) + R::from_f64(AHEAD_OF_CURRENT)
     }
+}
+
+/// Current in the middle of the period in which the duties act, by which the inverter model takes its loss: the reference,
+/// which is free of noise. In field weakening the current without load is small, so that its deviation from a reference
+/// that swings turns it by tens of degrees. The loss of the bridge, which has the direction of the current, is then wrong
+/// by a voltage that swings with it, and the flux estimate, whose error makes the reference swing, integrates that. The
+/// current itself does without noise there; within the delay current control corrects a part of its deviation.
+///
+/// So it is while the current of a start follows a flux that turns and builds up. An error `δ` of the flux that stands in
+/// the stator turns the current by `δ e^(-jωτ)/ψ` against its reference, and the loss `U` of the bridge with it; seen from
+/// the stator a part `U δ/2ψ` of that is a direct voltage, which lets `δ` grow within `2ψ/U`. At 160 kW and 4 kHz
+/// (`U` = 0.02) that is 30 ms at a tenth of rated flux.
+#[inline(always)]
+fn current_ahead<R: Real>(c: &DriveConfig<R>, psi_weak: R, i_ref: &Dq<R>, i_dq: &Dq<R>) -> Dq<R> {
+    if likely(psi_weak == c.flux_control.psi_rated) {
+        return *i_ref;
+    }
+    *i_dq + (*i_ref - *i_dq) * c.part_ahead
 }

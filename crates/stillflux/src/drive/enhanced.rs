@@ -88,6 +88,9 @@ pub(super) struct EnhancedEstimators<R: Real> {
     /// Periods by which it has delayed the start-up.
     #[cfg(feature = "legs")]
     put_off: u32,
+    /// The speed search has been repeated, after it contradicted that measurement.
+    #[cfg(feature = "legs")]
+    searched_again: bool,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
     /// Rotor resistance at its temperature and at the present saturation, relative to the parameter.
@@ -124,6 +127,8 @@ impl<R: Real> EnhancedEstimators<R> {
             alternation: None,
             #[cfg(feature = "legs")]
             put_off: 0,
+            #[cfg(feature = "legs")]
+            searched_again: false,
             torque_ref: R::ZERO,
             rotor: R::ONE,
         }
@@ -160,6 +165,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         #[cfg(feature = "legs")]
         {
             (self.alternation, self.put_off, self.at_rest) = (None, 0, false);
+            self.searched_again = false;
             self.legs_probe = LegsProbe::default();
         }
         self.shift = FluxShift::default();
@@ -197,13 +203,17 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             integrate_only = self.start != Start::Caught && self.search.is_searching();
         }
         let i_m = self.balance.remove(&x.i_s);
-        let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref: i_dq_ref, omega_s: self.speed.omega_s };
-        let mut i_dq = self.filter.step(&c.enhanced.filter, &input, integrate_only);
+        let mut omega_s = self.speed.omega_s;
+        let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref: i_dq_ref, omega_s };
+        let (mut field, mut psi_s, mut i_dq) = self.filter.step(&c.enhanced.filter, &input, integrate_only);
         // What follows from quantities that change slowly takes its turn.
         match x.period % BALANCE_PERIODS {
             4 => {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
+                if let Some(of_sum) = self.balance.rest() {
+                    self.filter.doubt_offset(&c.enhanced.filter, of_sum);
+                }
             }
             #[cfg(feature = "legs")]
             0 => self.knee.set_legs(&self.legs, x.u_dc),
@@ -213,7 +223,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
             _ => {}
         }
-        let (mut field, mut complete, mut current_control) = (self.filter.field(), false, CurrentControl::Continues);
+        let (mut complete, mut current_control) = (false, CurrentControl::Continues);
         if let Some(at) = start_up {
             let catch_periods = self.catch_periods;
             if at.stage <= catch_periods {
@@ -230,6 +240,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 current_control = CurrentControl::FollowsFlux;
             }
             i_dq = Dq::new(i.re(), i.im());
+            (psi_s, omega_s) = (self.filter.magnitude(), self.speed.omega_s);
             #[cfg(feature = "modes")]
             if c.two_sensors() {
                 let gone_back = self.gone_back;
@@ -239,7 +250,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 }
             }
         }
-        let (psi_s, omega_s, r_s) = (self.filter.magnitude(), self.speed.omega_s, self.filter.r_s());
+        let r_s = self.filter.r_s();
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete, current_control }
     }
 

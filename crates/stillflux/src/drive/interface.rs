@@ -7,7 +7,7 @@ use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::SpeedEstimate;
 #[cfg(feature = "legs")]
 use crate::inverter::Legs;
-use crate::scalar::Real;
+use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Dq};
 use crate::supervision::Fault;
 use crate::words::words;
@@ -56,10 +56,12 @@ impl<R: Real> Reference<R> {
     /// A finite speed or torque reference.
     #[inline]
     pub(super) fn is_admissible(&self) -> bool {
-        match self {
-            Self::Stop => false,
-            Self::Speed(x) | Self::Torque(x) => x.is_finite(),
-        }
+        // A branch for each question: a value that answers both would have to be made first.
+        likely(!matches!(self, Self::Stop))
+            && match self {
+                Self::Stop => false,
+                Self::Speed(x) | Self::Torque(x) => likely(x.is_finite()),
+            }
     }
 }
 

@@ -99,13 +99,14 @@ impl<R: Real> Voltage<R> {
 
     /// dc-link voltage of the latest period under voltage, if there was one.
     pub fn u_dc(&self) -> Option<R> {
-        (self.inv_u_dc > R::ZERO).then(|| self.inv_u_dc.recip())
+        // No guess: it seldom runs.
+        (self.inv_u_dc > R::ZERO).then(|| self.inv_u_dc.recip_near(R::ZERO))
     }
 
     /// Voltage applied between the last two samples.
     #[inline(always)]
     pub fn applied(&mut self, period: u32, u_dc: R) -> AlphaBeta<R> {
-        self.inv_u_dc = u_dc.recip_next(self.inv_u_dc).unwrap_or_else(|| u_dc.recip());
+        self.inv_u_dc = u_dc.recip_near(self.inv_u_dc);
         // Commanded two calls ago; this call's command overwrites it.
         let last = &self.commanded[(period & 1) as usize];
         self.u_s = last.ideal * u_dc - last.loss;
@@ -166,16 +167,17 @@ impl<R: Real> Voltage<R> {
         c: &DriveConfig<R>,
         (period, ripple): (u32, bool),
         u_ref: &AlphaBeta<R>,
-        i_ref: &AlphaBeta<R>,
+        i_ref: impl FnOnce() -> AlphaBeta<R>,
         u_dc: R,
         (gain, knee): (R, &Knee<R>),
     ) -> Duty<R> {
         let (u, mut clamped) = (u_ref.to_phases(), None);
         // A leg that is held at a rail changes the loss that is kept.
         if period & (c.slow_mask >> 2) == 0 || !likely(c.discontinuous_sq().is_none()) {
-            self.loss = c.inverter.distortion(knee, i_ref, u_dc, gain);
+            let i_ref = i_ref();
+            self.loss = c.inverter.distortion(knee, &i_ref, u_dc, gain);
             if ripple {
-                self.follow_ripple(c, u_ref, i_ref, knee);
+                self.follow_ripple(c, u_ref, &i_ref, knee);
             }
             for (e, ripple) in self.loss.phases.iter_mut().zip(&self.ripple) {
                 *e += *ripple;
@@ -229,7 +231,7 @@ mod tests {
                 let at = |period: u32| AlphaBeta::new(if period < step { 0.0 } else { 0.5 }, 0.0);
                 let i_ref = at(period);
                 voltage.applied(period, u_dc);
-                voltage.command(&c, (period, period % 4 == 2), &AlphaBeta::default(), &i_ref, u_dc, (1.0, &knee));
+                voltage.command(&c, (period, period % 4 == 2), &AlphaBeta::default(), || i_ref, u_dc, (1.0, &knee));
                 // The loss of an even period holds for two.
                 let first = c.inverter.distortion(&knee, &at(period & !1), u_dc, 1.0);
                 let added = (voltage.loss.vector() - first.vector()).norm_sq().sqrt();

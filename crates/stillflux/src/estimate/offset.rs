@@ -194,7 +194,7 @@ impl<R: Real> OffsetEstimator<R> {
     }
 
     /// One call, with the mean of `û_i` since the last one.
-    #[inline(never)]
+    #[inline(always)]
     pub fn step(&mut self, c: &OffsetConfig<R>, u_i: &AlphaBeta<R>, psi_ref: R) {
         let a = self.axes[0].step(c, u_i.re(), psi_ref);
         let b = self.axes[1].step(c, u_i.im(), psi_ref);

@@ -168,6 +168,11 @@ pub trait Real:
         let e = Self::ONE - self * guess;
         likely(e.within(Self::from_f64(0.01))).then_some(guess + guess * e)
     }
+    /// `1/x` for `|x| >= 2^-5`, of which `guess` is the value of an earlier period.
+    #[inline]
+    fn recip_near(self, guess: Self) -> Self {
+        self.recip_next(guess).unwrap_or_else(|| self.recip())
+    }
 
     /// `√x`, zero for `x <= 0`.
     #[inline]

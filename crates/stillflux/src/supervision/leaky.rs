@@ -38,6 +38,12 @@ impl LeakyCounter {
         self.0 > n.saturating_mul(RISE)
     }
 
+    /// Forgets what is more than `n` calls of uninterrupted violation.
+    #[cold]
+    pub fn limit(&mut self, n: u32) {
+        self.0 = self.0.min(n.saturating_mul(RISE));
+    }
+
     /// Nothing has been violated lately.
     #[inline(always)]
     pub fn is_empty(self) -> bool {

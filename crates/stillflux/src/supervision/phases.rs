@@ -184,6 +184,10 @@ impl<R: Real> Phases<R> {
         let admissible = n2 * r(DEVIATION * DEVIATION) + floor_sq;
         let violated = deviation > admissible;
         let lasting = self.counter.step(violated, c.calls_control);
+        if omega_s.is_none() {
+            // What lasts in a start-up is no fault of the current control that follows.
+            self.counter.limit(c.calls_open.saturating_add(1));
+        }
         if !violated {
             return None;
         }
@@ -248,6 +252,16 @@ mod tests {
         assert_eq!(found(0.04, None), None);
         assert_eq!(found(0.13, Some(0.0)), None);
         assert!(found(0.3, Some(0.0)).is_some_and(|call| call <= CALLS));
+    }
+
+    #[test]
+    fn a_deviation_that_lasts_in_a_start_up_is_forgotten_by_the_control_that_follows() {
+        let (mut phases, c) = (Phases::default(), PhaseConfig { calls_control: 100, ..CONFIG });
+        let (i_ref, field) = (Dq::new(0.5, 0.5), Rotator { cos: 0.8, sin: 0.6 });
+        let mut step = |omega_s| phases.step(&c, &(i_ref * 1.5), &i_ref, &field, omega_s);
+        assert!((0..1000).all(|_| step(None).is_none()));
+        assert!((0..100 - CALLS - 1).all(|_| step(Some(0.5)).is_none()));
+        assert!((0..2).any(|_| step(Some(0.5)).is_some_and(|trip| trip.cause == Fault::CurrentControl)));
     }
 
     #[test]

@@ -77,6 +77,9 @@
 //! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 of the blocks for which noise is
 //!   stated, means that something has stepped that the random walks do not contain: noise is added to flux, offset and
 //!   resistance. Not where these are held, and not in the first 200 such blocks of a start.
+//! * What the fit of the sensors' gains leaves of the sum of the phase currents ([`crate::estimate::balance`]) is an error of
+//!   the sensors that is new, a step of an offset: the variance of the offset is at least what it tells. Without that the
+//!   filter, for which an offset only drifts, takes a step of one for errors of resistance and bridge.
 //! * Below a rotor flux of 0.1 pu its direction is not defined well enough: `m` is set to `|ψ_R|`, nothing is
 //!   corrected.
 //! * Every identified state is limited to a range; a standard deviation of the angle above `SIGMA_LOST` initialises
@@ -105,7 +108,7 @@ use self::intermediate::{Gain, Intermediate};
 use self::learned::Initial;
 use self::load::Load;
 use self::model::{
-    BlockMeans, C_MAX, Model, OperatingPoint, PSI, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI,
+    B, BlockMeans, C_MAX, Model, OperatingPoint, PSI, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI,
     SCALE_R, SCALE_V,
 };
 use super::confidence::SIGMA_HALF;
@@ -199,27 +202,30 @@ pub struct Filter<R: Real> {
 }
 
 impl<R: Real> Filter<R> {
-    /// One period; returns the current of its sample in field coordinates. With `integrate_only` nothing is corrected: the
-    /// machine has no flux yet.
+    /// One period; returns field angle and magnitude of the flux, which stay as they are until the next one, and the current
+    /// of this sample in field coordinates. With `integrate_only` nothing is corrected: the machine has no flux yet.
     #[inline(always)]
-    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, integrate_only: bool) -> Dq<R> {
+    pub fn step(&mut self, c: &FilterConfig<R>, x: &Input<'_, R>, integrate_only: bool) -> (Rotator<R>, R, Dq<R>) {
         let i_s = x.i_m - self.b();
         self.u_i = x.u_s - (self.i_s + i_s) * self.r_s().half();
         self.i_s = i_s;
         self.psi_s.add(c.t_s, &self.u_i);
-        let i_dq = self.field().to_field(&i_s);
+        let (field, psi_s) = (self.field(), self.magnitude());
+        let i_dq = field.to_field(&i_s);
         self.sum += i_dq;
-        self.period += 1;
+        // In a whole word: the sum of two bytes would have to be cut to one.
+        let period = u32::from(self.period) + 1;
+        self.period = period as u8;
         // A block is a whole number of slots.
-        if self.period & c.slot_mask == 0 {
-            if likely(self.period < c.block) {
+        if period & u32::from(c.slot_mask) == 0 {
+            if likely(period < u32::from(c.block)) {
                 self.work(c);
             } else {
                 self.period = 0;
                 self.close(c, x.i_ref, x.loss, x.omega_s, integrate_only);
             }
         }
-        i_dq
+        (field, psi_s, i_dq)
     }
 
     /// End of a block: current model, innovation, correction, and the next operating point.
@@ -329,6 +335,16 @@ impl<R: Real> Filter<R> {
         correct_state(&mut self.knee, of_knee, z * r(SCALE_K) * knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1));
         correct_state(&mut self.gamma, of_gamma, z * r(SCALE_GAMMA), r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
         correct_state(&mut self.c, of_c, z * r(SCALE_C), R::ZERO, r(C_MAX));
+    }
+
+    /// The sum of the phase currents shows an error of the sensors, per unit, that is new: the offset may be off by as much.
+    #[cold]
+    #[inline(never)]
+    pub fn doubt_offset(&mut self, c: &FilterConfig<R>, of_sum: R) {
+        let variance = c.noise.of_sum(of_sum);
+        for k in [B, B + 1] {
+            self.p.set(k, k, self.p.get(k, k).max(variance));
+        }
     }
 
     /// A current sample while the bridge is blocked: start value of the trapezoidal rule.
@@ -485,7 +501,7 @@ fn correct_state<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
 
 #[cfg(test)]
 mod tests {
-    use super::model::{B, GAMMA, KNEE, LEAKAGE, OMEGA_HELD, RS, V};
+    use super::model::{GAMMA, KNEE, LEAKAGE, OMEGA_HELD, RS, V};
     use super::*;
     use crate::base::{Base, PerUnit};
     use crate::estimate::priors::Priors;
@@ -641,6 +657,20 @@ mod tests {
                 assert!((r_s - if found { 1.04 } else { 1.0 }).abs() < 0.01, "{i_q} {omega}: {r_s}");
             }
         }
+    }
+
+    #[test]
+    fn an_error_of_the_sum_of_the_currents_is_doubt_about_the_offset() {
+        let Rig { c, mut filter, .. } = run(true, |_| 0.6, [1.0, 1.0], 10.0);
+        let before = [B, B + 1].map(|k| filter.p.get(k, k).sqrt() * SCALE_B);
+        filter.doubt_offset(&c, 1e-5);
+        assert_eq!([B, B + 1].map(|k| filter.p.get(k, k).sqrt() * SCALE_B), before, "less than it expects anyway");
+        filter.doubt_offset(&c, -0.015);
+        let after = [B, B + 1].map(|k| filter.p.get(k, k).sqrt() * SCALE_B);
+        assert!(
+            before.iter().all(|&x| x < 1e-3) && after.iter().all(|&x| (x - 0.01).abs() < 1e-12),
+            "{before:?} {after:?}"
+        );
     }
 
     #[test]

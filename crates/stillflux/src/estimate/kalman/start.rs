@@ -131,7 +131,7 @@ impl<R: Real> Filter<R> {
     }
 
     /// Adds the variance of a flux whose components and whose rotor flux are known to a standard deviation, per unit.
-    fn widen(&mut self, deviation: R) {
+    pub fn widen(&mut self, deviation: R) {
         let scaled = deviation * R::from_f64(1.0 / SCALE_PSI);
         for k in [PSI, PSI + 1, M] {
             self.p.add_at(k, k, scaled * scaled);
