@@ -319,8 +319,9 @@ fn other_machines_hold_torque_at_low_speed_in_every_quadrant() {
     }
 }
 
-/// Leakage and magnetising inductance, of the parameters, and the speed error after minutes of rated load in one point.
-fn after_minutes_of_load(omega: f64, seed: u64, hold: bool) -> ([f64; 2], f64) {
+/// Leakage and magnetising inductance, of the parameters, and the speed error after minutes of rated load in one point;
+/// no speed error where the field is lost on the way.
+fn after_minutes_of_load(omega: f64, seed: u64, hold: bool) -> ([f64; 2], Option<f64>) {
     const END: f64 = 200.0;
     let machine = Machine::preset_2k2();
     let o = Bench::new(machine, Inverter::preset_2k2(), END)
@@ -333,9 +334,9 @@ fn after_minutes_of_load(omega: f64, seed: u64, hold: bool) -> ([f64; 2], f64) {
         .speed(&[(0.0, 0.0), (2.0, 0.0), (4.0, omega)])
         .load(&[(0.0, 0.0), (4.0, 0.0), (6.0, 1.0)])
         .run();
-    o.assert_running();
     let memory = o.drive.memory();
-    ([memory.L_sigma / machine.L_sigma, memory.L_M / machine.L_M], o.speed_error(END - 50.0, END, omega))
+    let error = (o.drive.status() == Status::Running).then(|| o.speed_error(END - 50.0, END, omega));
+    ([memory.L_sigma / machine.L_sigma, memory.L_M / machine.L_M], error)
 }
 
 #[test]
@@ -343,10 +344,12 @@ fn minutes_of_steady_load_leave_the_inductances_where_they_are() {
     for (omega, seed) in [(0.01, 3), (-0.06, 3), (-0.06, 4)] {
         let (inductances, error) = after_minutes_of_load(omega, seed, true);
         assert!(inductances.iter().all(|x| (x - 1.0).abs() < 0.05), "{omega}: {inductances:?}");
-        assert!(error < 0.001, "{omega}: {error}");
+        assert!(error.is_some_and(|error| error < 0.001), "{omega}: {error:?}");
     }
+    // The negative control: by how much the leakage walks off, and whether the field is lost with it, differs by realisation.
     let ([leakage, _], error) = after_minutes_of_load(-0.06, 3, false);
-    assert!((leakage - 1.0).abs() > 0.25 && error > 0.002, "corrected always: {leakage}, {error}");
+    assert!((leakage - 1.0).abs() > 0.25, "corrected always: {leakage}");
+    assert!(error.is_none_or(|error| error > 0.002), "corrected always: {error:?}");
 }
 
 /// Largest angle error of a drive that stands beside `ω_s = 0` under rated load in regeneration for 18 s, with dead times of
