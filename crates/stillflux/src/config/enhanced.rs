@@ -20,12 +20,10 @@ const CATCH_BLOCK: f64 = 1e-3;
 /// and three.
 pub(crate) const REDUCED: f64 = 0.7;
 pub(crate) const SMALL: f64 = 0.4;
-/// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, of its constant, and of the low-pass of
-/// what it leaves. Gains change with temperature; a faster fit follows the noise of its samples. A low-pass of 25 ms is fast
-/// against the half second after which the filter has taken the step of an offset for something else.
+/// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
+/// with temperature; a faster fit follows the noise of its samples.
 const BALANCE_RATE: f64 = 2.1;
 const BALANCE_OFFSET_RATE: f64 = 0.34;
-const BALANCE_REST_RATE: f64 = 40.0;
 /// Largest load in the shifted flux, relative to the pull-out torque there.
 const PULL_OUT_USE: f64 = 0.6;
 /// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
@@ -84,11 +82,7 @@ impl<R: Real> EnhancedConfig<R> {
                 // Nothing to fit where the third current is computed.
                 let on = if p.current_sensors == 3 { f64::from(BALANCE_PERIODS) / inverter.f_c() } else { 0.0 };
                 // The state is a third of the difference of the gains.
-                BalanceConfig {
-                    step: rounded(BALANCE_RATE / 3.0 * on),
-                    step_offset: rounded(BALANCE_OFFSET_RATE * on),
-                    step_rest: rounded(BALANCE_REST_RATE * on),
-                }
+                BalanceConfig { step: rounded(BALANCE_RATE / 3.0 * on), step_offset: rounded(BALANCE_OFFSET_RATE * on) }
             },
             shift: ShiftConfig {
                 omega_s_min: rounded(p.enhanced.omega_s_min / pu.base.omega),

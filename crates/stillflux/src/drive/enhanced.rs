@@ -200,7 +200,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 // The speed estimator runs in odd periods, and takes less time than what runs in even ones.
                 self.filter.align(x.period);
             }
-            integrate_only = self.start != Start::Caught && self.search.is_searching();
+            integrate_only = self.is_searching();
         }
         let i_m = self.balance.remove(&x.i_s);
         let mut omega_s = self.speed.omega_s;
@@ -211,8 +211,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             4 => {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
-                if let Some(of_sum) = self.balance.rest() {
-                    self.filter.doubt_offset(&c.enhanced.filter, of_sum);
+                if start_up.is_some() {
+                    self.balance.settle(&c.enhanced.balance);
+                } else if let Some(of_sum) = self.balance.rest() {
+                    self.filter.doubt_offset(&c.enhanced.filter, of_sum, i_dq_ref.im());
                 }
             }
             #[cfg(feature = "legs")]
@@ -235,7 +237,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 };
             }
             let i;
-            (field, i, complete) = self.build_up(c, StartUp { stage: at.stage - catch_periods }, x.u_dc);
+            let stage = at.stage - catch_periods;
+            (field, i, complete) = if self.is_searching() {
+                self.search_speed(c, stage)
+            } else {
+                self.build_up(c, StartUp { stage }, x.u_dc)
+            };
             if self.follows_flux() {
                 current_control = CurrentControl::FollowsFlux;
             }
@@ -244,7 +251,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             #[cfg(feature = "modes")]
             if c.two_sensors() {
                 let gone_back = self.gone_back;
-                if self.compare_gains(c, x, i_dq_ref.re(), at.stage - catch_periods) {
+                if self.compare_gains(c, x, i_dq_ref.re(), stage) {
                     i_dq = Dq::new(i_m.re(), i_m.im());
                     complete &= self.gone_back == gone_back;
                 }

@@ -21,8 +21,8 @@
 //! **What the fit leaves.** An error of the sum that the fit has not explained yet is new: the step of an offset, as a sensor
 //! has that an overload has magnetised, or a gain that the present current shows for the first time. Either is an error of
 //! the measured space vector of about that size, of unknown direction. Low-passed, it is [`Balance::rest`], from which the
-//! filter learns that it does not know its offset any more. `s_0` follows within some seconds. A step of several offsets
-//! that leaves the sum as it was is not seen.
+//! filter learns that it does not know its offset any more. `s_0` follows within some seconds, in a start-up at once, where offsets
+//! are not new. A step of several offsets that leaves the sum as it was is not seen.
 //!
 //! With two sensors and a computed third the sum is zero and nothing is fitted: `pair` has what replaces it.
 
@@ -39,11 +39,20 @@ pub struct BalanceConfig<R: Real> {
     pub step: R,
     /// Step size of the constant `s_0`, an offset, which moves slowly.
     pub step_offset: R,
-    /// Coefficient of the low-pass of what the fit leaves of the sum.
-    pub step_rest: R,
 }
-words!(BalanceConfig: step, step_offset, step_rest);
+words!(BalanceConfig: step, step_offset);
 
+impl<R: Real> BalanceConfig<R> {
+    /// Coefficient of the low-pass of what the fit leaves of the sum.
+    #[inline(always)]
+    fn step_rest(&self) -> R {
+        self.step_offset * R::from_f64(REST)
+    }
+}
+
+/// Rate of the low-pass of what the fit leaves, relative to that of the constant `s_0`: 25 ms, fast against the half second
+/// after which the filter has taken the step of an offset for something else.
+const REST: f64 = 120.0;
 /// Largest `x/3` that is believed: differences of the gains of 20 %.
 const IMAGE_MAX: f64 = 0.2 / 3.0;
 /// Largest constant that is believed, and largest part of a sum that a single sample may show.
@@ -85,6 +94,14 @@ impl<R: Real> Balance<R> {
         (!likely(self.rest.within(R::from_f64(REST_MIN)))).then_some(self.rest)
     }
 
+    /// After a fit in a start-up: what is left of the sum is an offset that was there before, which the filter does not know
+    /// yet anyway. The constant takes it at once.
+    #[cold]
+    #[inline(never)]
+    pub fn settle(&mut self, c: &BalanceConfig<R>) {
+        self.offset.add_limited(c.step_rest(), self.rest, R::from_f64(OFFSET_MAX));
+    }
+
     /// The fit, by one sample: space vector `i` and `sum` of the phase currents as measured.
     #[inline(never)]
     pub fn fit(&mut self, c: &BalanceConfig<R>, i: &AlphaBeta<R>, sum: R) {
@@ -95,7 +112,7 @@ impl<R: Real> Balance<R> {
         self.image[0].add_limited(step, i.re(), R::from_f64(IMAGE_MAX));
         self.image[1].add_limited(step, i.im(), R::from_f64(IMAGE_MAX));
         self.offset.add_limited(c.step_offset, error, R::from_f64(OFFSET_MAX));
-        self.rest += c.step_rest * (error - self.rest);
+        self.rest += c.step_rest() * (error - self.rest);
     }
 }
 
@@ -106,7 +123,7 @@ mod tests {
 
     #[test]
     fn unequal_gains_are_found_and_their_image_is_removed() {
-        let c = BalanceConfig { step: 1.7e-3 / 3.0, step_offset: 3.4e-5, step_rest: 0.03 };
+        let c = BalanceConfig { step: 1.7e-3 / 3.0, step_offset: 3.4e-5 };
         let mut balance = Balance::<f64>::default();
         let gains = [1.02, 0.99, 0.99];
         let mut worst = 0.0_f64;
@@ -128,7 +145,7 @@ mod tests {
     /// Ten seconds of turning current by channels with these gains, with an offset from 5 s on: times at which the rest is more
     /// than noise, and the largest.
     fn rests(gains: [f64; 3], offset: [f64; 3]) -> (Vec<f64>, f64) {
-        let c = BalanceConfig { step: 1.7e-3 / 3.0, step_offset: 2.7e-4, step_rest: 0.032 };
+        let c = BalanceConfig { step: 1.7e-3 / 3.0, step_offset: 2.7e-4 };
         let mut balance = Balance::<f64>::default();
         let (mut times, mut largest) = (Vec::new(), 0.0_f64);
         let mut seed = 1_u32;
@@ -172,16 +189,34 @@ mod tests {
     }
 
     #[test]
+    fn an_offset_that_a_start_up_finds_is_not_new_after_it() {
+        let c = BalanceConfig { step: 1.7e-3 / 3.0, step_offset: 2.7e-4 };
+        let fits = |settles: bool| {
+            let mut balance = Balance::<f64>::default();
+            let i = AlphaBeta::new(0.5, 0.0);
+            for _ in 0..500 {
+                balance.fit(&c, &i, 0.015);
+                if settles {
+                    balance.settle(&c);
+                }
+            }
+            balance.rest()
+        };
+        assert_eq!(fits(true), None, "after 0.4 s");
+        assert!(fits(false).is_some());
+    }
+
+    #[test]
     fn two_sensors_and_a_computed_third_change_nothing() {
         let mut balance = Balance::<f64>::default();
         let i = AlphaBeta::new(0.4, -0.3);
-        balance.fit(&BalanceConfig { step: 1e-3, step_offset: 1e-5, step_rest: 0.03 }, &i, 0.0);
+        balance.fit(&BalanceConfig { step: 1e-3, step_offset: 1e-5 }, &i, 0.0);
         assert_eq!(balance.remove(&i), i);
     }
 
     #[test]
     fn a_disturbed_sample_moves_little_and_no_fit_leaves_its_bounds() {
-        let c = BalanceConfig { step: 0.01 / 3.0, step_offset: 0.01, step_rest: 0.03 };
+        let c = BalanceConfig { step: 0.01 / 3.0, step_offset: 0.01 };
         let i = AlphaBeta::new(1.0, 0.5);
         for sign in [1.0, -1.0] {
             let mut balance = Balance::<f64>::default();

@@ -106,10 +106,8 @@ pub(crate) struct SpeedSearch<R: Real> {
     x: R,
     lever: R,
     reach: R,
-    /// Speed found; zero at rest.
-    found: Option<R>,
-    /// Of a speed found by half a turn: the flux along the current relative to that across it.
-    along: Option<R>,
+    /// Whether a rotation was found.
+    found: Option<bool>,
 }
 
 impl<R: Real> SpeedSearch<R> {
@@ -117,7 +115,7 @@ impl<R: Real> SpeedSearch<R> {
     pub fn new() -> Self {
         let zero = R::ZERO;
         let (numerator, denominator, across, x, lever, reach) = (zero, zero, zero, zero, zero, zero);
-        Self { numerator, denominator, across, x, lever, reach, found: None, along: None }
+        Self { numerator, denominator, across, x, lever, reach, found: None }
     }
 
     /// Whether it goes on.
@@ -129,22 +127,16 @@ impl<R: Real> SpeedSearch<R> {
     /// After the search: whether the machine rotates.
     #[inline]
     pub fn found_rotation(&self) -> bool {
-        self.found.is_some_and(|omega| omega != R::ZERO)
-    }
-
-    /// The rotor flux of a speed that was found by half a turn, of which the voltage has shown the component across the
-    /// current.
-    pub fn flux(&self, across: R) -> Option<AlphaBeta<R>> {
-        self.along.map(|along| AlphaBeta::new(across * along, across))
+        self.found == Some(true)
     }
 
     /// Rejects the rotation that was found.
     pub fn reject(&mut self) {
-        self.found = Some(R::ZERO);
+        self.found = Some(false);
     }
 
     /// One period, counted from one, with rotor resistance, estimated rotor flux before and now, and current; returns the
-    /// speed once it is decided, zero for a machine at rest.
+    /// speed once it is decided, zero for a machine at rest, and the rotor flux where half a turn shows that as well.
     #[cold]
     #[inline(never)]
     pub fn step(
@@ -154,7 +146,7 @@ impl<R: Real> SpeedSearch<R> {
         r_r: R,
         (before, psi_r): (AlphaBeta<R>, AlphaBeta<R>),
         i_s: &AlphaBeta<R>,
-    ) -> Option<R> {
+    ) -> Option<(R, Option<AlphaBeta<R>>)> {
         let r = R::from_f64;
         let induced = c.t_s * r_r;
         // The current has risen by then.
@@ -171,22 +163,23 @@ impl<R: Real> SpeedSearch<R> {
         if period < c.least || !(rotates || period >= c.most) {
             return None;
         }
-        let mut omega = R::ZERO;
+        let (mut omega, mut flux) = (R::ZERO, None);
         if rotates {
             let quotient = across.dividend().over_64(reach.max(across * r(1.0 / QUOTIENT_MAX))) * r(64.0 * ROTATING);
             let angle = quotient * (c.t_s * r(64.0)).periods(period);
             omega = quotient;
             if angle > R::ONE && period < c.most {
-                let flux = psi_r.im().abs();
+                let present = psi_r.im().abs();
                 let mean = across.dividend().over_64((c.inv_most * r(64.0)).periods(period)) * r(64.0);
-                if mean < flux.half() {
+                if mean < present.half() {
                     return None;
                 }
-                let excess = (mean.dividend().over_64(flux.max(r(1e-3))) * r(64.0)).min(r(1.5)) - R::HALF;
+                let excess = (mean.dividend().over_64(present.max(r(1e-3))) * r(64.0)).min(r(1.5)) - R::HALF;
                 let passed = excess * r(core::f64::consts::TAU) * (R::ONE + excess * r(2.6)).recip();
                 let tau = self.x.dividend().over_64(r_r * i_s.re());
                 omega = (passed + r(core::f64::consts::PI)) * tau.recip() * r(1.0 / 64.0);
-                self.along = Some(-passed.half() * (R::ONE + passed * passed * r(0.125)));
+                let along = -passed.half() * (R::ONE + passed * passed * r(0.125));
+                flux = Some(AlphaBeta::new(psi_r.im() * along, psi_r.im()));
             } else if angle > R::ONE {
                 let of_sums = self.numerator * self.denominator.max(c.floor).recip();
                 omega = omega.max(of_sums.abs());
@@ -196,8 +189,8 @@ impl<R: Real> SpeedSearch<R> {
                 omega = -omega;
             }
         }
-        self.found = Some(omega);
-        self.found
+        self.found = Some(omega != R::ZERO);
+        Some((omega, flux))
     }
 }
 
@@ -231,7 +224,7 @@ mod tests {
             let psi = AlphaBeta::new(pu.r_r * i * (x + along * tau), pu.r_r * i * y + hidden);
             let psi = AlphaBeta::new(R::from_f64(psi.re()), R::from_f64(psi.im()));
             let current = AlphaBeta::new(R::from_f64(i), R::ZERO);
-            if let Some(found) = state.step(&c, k, R::from_f64(pu.r_r), (before, psi), &current) {
+            if let Some((found, _)) = state.step(&c, k, R::from_f64(pu.r_r), (before, psi), &current) {
                 assert_eq!(state.found_rotation(), found != R::ZERO);
                 return (found.to_f32().into(), f64::from(k) / inverter.f_s);
             }

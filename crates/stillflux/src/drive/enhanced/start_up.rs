@@ -288,13 +288,56 @@ impl<R: Real> EnhancedEstimators<R> {
         })
     }
 
-    /// After it: the speed, the direction that the current takes with the current in its coordinates, and whether the
-    /// flux has built up.
+    /// Whether a current along the a-axis still has to show whether the machine turns.
+    pub(super) fn is_searching(&self) -> bool {
+        self.start != Start::Caught && self.search.is_searching()
+    }
+
+    /// After the catch, a period of the search for the speed; returns what [`Self::build_up`] does.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn search_speed(&mut self, c: &DriveConfig<R>, stage: u32) -> (Rotator<R>, Dq<R>, bool) {
+        let (i_s, psi_r) = (self.filter.i_s(), self.filter.rotor_flux(&c.enhanced.filter));
+        let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
+        self.speed.psi_r = psi_r;
+        let ahead = Rotator::default().to_field(&i_s);
+        #[cfg_attr(not(feature = "legs"), allow(unused_mut))]
+        if let Some((mut omega, flux)) = self.search.step(&c.enhanced.search, stage, r_r, (before, psi_r), &i_s) {
+            // In a machine that turns what is left of a flux may cancel what the search builds up: once it has decayed.
+            #[cfg(feature = "legs")]
+            if omega == R::ZERO && self.put_off > 0 && !self.at_rest && !self.searched_again {
+                self.searched_again = true;
+                self.search = SpeedSearch::new();
+                self.catch_periods += stage + c.magnetise_periods / 4;
+                return (Rotator::default(), ahead, false);
+            }
+            #[cfg(feature = "legs")]
+            if self.at_rest {
+                if omega.within(R::from_f64(PREVAILS)) {
+                    // The comparison of the legs has seen it for far longer.
+                    self.search.reject();
+                    omega = R::ZERO;
+                } else {
+                    // At a few speeds its mean passes zero, and what it found then are no legs.
+                    self.legs = *c.inverter.legs();
+                }
+            }
+            let flux = flux.filter(|_| self.search.found_rotation());
+            if let Some(psi_r) = flux {
+                self.filter.place(&c.enhanced.filter, psi_r, &i_s, R::from_f64(UNSEEN));
+            }
+            self.speed_estimator.start(&flux.unwrap_or(psi_r), omega);
+            (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
+        }
+        (Rotator::default(), ahead, stage >= c.magnetise_periods)
+    }
+
+    /// After the catch and the search: the speed, the direction that the current takes with the current in its coordinates,
+    /// and whether the flux has built up.
     #[cold]
     #[inline(never)]
     pub(super) fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp, u_dc: R) -> (Rotator<R>, Dq<R>, bool) {
-        let searching = self.start != Start::Caught && self.search.is_searching();
-        if !searching && at.stage.is_multiple_of(c.speed_periods()) {
+        if at.stage.is_multiple_of(c.speed_periods()) {
             self.update_speed(c);
         }
         let i_s = self.filter.i_s();
@@ -304,42 +347,7 @@ impl<R: Real> EnhancedEstimators<R> {
         let follows = self.follows_flux();
         let induced = self.filter.magnitude() * self.speed.omega_s;
         let at_limit = follows && !induced.within(u_dc * c.u_use * R::from_f64(VOLTAGE_USE));
-        if searching {
-            let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
-            self.speed.psi_r = psi_r;
-            #[cfg_attr(not(feature = "legs"), allow(unused_mut))]
-            if let Some(mut omega) = self.search.step(&c.enhanced.search, at.stage, r_r, (before, psi_r), &i_s) {
-                // In a machine that turns what is left of a flux may cancel what the search builds up: once it has decayed.
-                #[cfg(feature = "legs")]
-                if omega == R::ZERO && self.put_off > 0 && !self.at_rest && !self.searched_again {
-                    self.searched_again = true;
-                    self.search = SpeedSearch::new();
-                    self.catch_periods += at.stage + c.magnetise_periods / 4;
-                    return (field, field.to_field(&i_s), false);
-                }
-                #[cfg(feature = "legs")]
-                if self.at_rest {
-                    if omega.within(R::from_f64(PREVAILS)) {
-                        // The comparison of the legs has seen it for far longer.
-                        self.search.reject();
-                        omega = R::ZERO;
-                    } else {
-                        // At a few speeds its mean passes zero, and what it found then are no legs.
-                        self.legs = *c.inverter.legs();
-                    }
-                }
-                let psi_r = match self.search.flux(psi_r.im()).filter(|_| self.search.found_rotation()) {
-                    Some(psi_r) => {
-                        self.filter.catch(&c.enhanced.filter, psi_r, &i_s);
-                        self.filter.widen(R::from_f64(UNSEEN));
-                        psi_r
-                    }
-                    None => psi_r,
-                };
-                self.speed_estimator.start(&psi_r, omega);
-                (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
-            }
-        } else if matches!(self.start, Start::Caught | Start::Empty) {
+        if matches!(self.start, Start::Caught | Start::Empty) {
             if self.follows_flux() {
                 field = direction(&psi_r);
             }

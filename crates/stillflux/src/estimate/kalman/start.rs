@@ -122,16 +122,23 @@ impl<R: Real> Filter<R> {
 
     /// Begins like [`Filter::start`], at the rotor flux of a machine without current.
     pub fn catch(&mut self, c: &FilterConfig<R>, psi_r: AlphaBeta<R>, i_s: &AlphaBeta<R>) {
-        self.begin(c);
+        self.keep_variances(c);
+        self.place(c, psi_r, i_s, R::ZERO);
+    }
+
+    /// Begins anew, before anything has been corrected, at a rotor flux that is known to a part of it and to a standard
+    /// `deviation` of its components, per unit.
+    pub fn place(&mut self, c: &FilterConfig<R>, psi_r: AlphaBeta<R>, i_s: &AlphaBeta<R>, deviation: R) {
+        self.reset_from_initial(c);
         self.i_s = *i_s;
         self.psi_s.set(psi_r + *i_s * self.sigma_l_s(c));
         let magnitude = psi_r.norm_sq().sqrt();
         self.m = Integrator::new(magnitude);
-        self.widen(magnitude * R::from_f64(CAUGHT));
+        self.widen(magnitude * R::from_f64(CAUGHT) + deviation);
     }
 
     /// Adds the variance of a flux whose components and whose rotor flux are known to a standard deviation, per unit.
-    pub fn widen(&mut self, deviation: R) {
+    fn widen(&mut self, deviation: R) {
         let scaled = deviation * R::from_f64(1.0 / SCALE_PSI);
         for k in [PSI, PSI + 1, M] {
             self.p.add_at(k, k, scaled * scaled);
