@@ -214,7 +214,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 if start_up.is_some() {
                     self.balance.settle(&c.enhanced.balance);
                 } else if let Some(of_sum) = self.balance.rest() {
-                    self.filter.doubt_offset(&c.enhanced.filter, of_sum, i_dq_ref.im());
+                    self.filter.doubt_offset(&c.enhanced.filter, of_sum);
                 }
             }
             #[cfg(feature = "legs")]
