@@ -383,7 +383,8 @@ fn time_lost(seed: u64, realignment: bool) -> f64 {
 /// While a load comes in at rest: time with a speed error above 0.2 pu while running, s, and the fault that ended it.
 fn collapse(seed: u64, supervision: bool) -> (f64, Option<FaultSi>) {
     let mut s = COLLAPSES.scenario(seed, 4.5);
-    s.drive.supervision = supervision;
+    // The way out of a false equilibrium helps as well.
+    (s.drive.supervision, s.drive.realignment) = (supervision, supervision);
     let base = Base::new(&s.machine);
     let points = [(0.0, 0.0), (1.85, 0.0), (2.35, -0.0183), (3.55, -0.0183), (4.5, -0.024)];
     s.reference =
@@ -414,11 +415,11 @@ fn a_flux_that_collapses_at_rest_with_a_small_innovation_is_found_before_the_sha
 }
 
 #[test]
-fn a_field_that_is_wrong_by_the_angle_of_its_current_comes_right_without_torque() {
-    // Each loss is chaotic: only the sum over realisations of the noise says something. Most of what is lost here is lost
-    // again: over 24 realisations it is 70 s of 79 s.
+fn of_the_time_in_false_equilibria_at_rest_realignment_leaves_half() {
+    // Each loss is chaotic: only the sum over realisations of the noise says something. With the way out from a loss to one
+    // along the current it is 53 of 102 s.
     let time = |on: bool| (0..32).map(|seed| time_lost(seed, on)).sum::<f64>();
     let (on, off) = (time(true), time(false));
     assert!(off > 20.0, "without the way out the field stays lost: {off} s");
-    assert!(on < 0.96 * off, "{on} s, without it {off} s");
+    assert!(on < 0.7 * off, "{on} s, without it {off} s");
 }

@@ -1,5 +1,5 @@
-//! Way out of a false equilibrium: for a moment no torque, when the torque is at its limit and the field stands still. Per
-//! unit.
+//! Way out of a false equilibrium: when the torque is at its limit and the field stands still, the flux is taken to lie along
+//! the current. Per unit.
 //!
 //! A shaft that stands while the torque is at its limit has `ω_s = ω_r`. Where the field stands still instead, either the
 //! shaft turns backwards at the very speed of the slip, or the estimated angle is wrong by the angle of the current,
@@ -9,27 +9,43 @@
 //! ```
 //!
 //! and nothing in it changes: the speed controller asks for all the torque there is, the slip of that torque makes up the
-//! speed that it has not, and a dc current makes neither torque nor voltage. With `i_q = 0` the current has an angle to the
-//! flux again: what follows in flux and speed is seen by the filter.
+//! speed that it has not, and a dc current makes neither torque nor voltage. Under a load the angle is some degrees less, as
+//! the torque needs it, the load drives the shaft and the field slowly backwards, and the field wanders to and fro.
 //!
 //! ```text
-//! suspected: torque at its limit, |ω̂_s| < |ω̂_r|/4;     n += 1 suspected, n -= 1 not
-//! n = 0 wherever ω̂_s has moved by |ω̂_r|/8;     no torque for N calls after n = N
+//! suspected: torque at its limit, -1 < ω̂_s/ω̂_r < 1/2;     n += 1 suspected, n -= 1 not
+//! n = 0 wherever the low-pass of ω̂_s has moved by |ω̂_r|/8
+//! n = N:  ψ̂_R = |ψ̂_R| i/|i|,   ω̂ = ω̂_s
 //! ```
 //!
-//! Once within 12 N: what does not help is left to [`crate::supervision::stall`]. An acceleration, a braking through zero
+//! The speed is that of the field, since the flux along the current has no slip; the angle is as uncertain as after a loss.
+//! Without torque instead, the current would lie along a wrong axis: its torque against the reference throws a small machine
+//! back faster than the filter finds the field.
+//!
+//! Once within 10 N: what does not help is left to [`crate::supervision::stall`]. An acceleration, a braking through zero
 //! speed and a load beyond the torque limit move the field with the shaft, by `(T - T_L) dτ/j`: to stand for `N` they would
 //! have to meet the torque limit within `j |ω̂_r|/(8 N)`, some hundredths of rated torque, at the very speed of the slip.
 //!
-//! `N` is 0.12 s, an allowance: a third of the default of `stall_time`, so that suspicion and realignment have ended by
-//! then. A load falls meanwhile by `T_L N/j`.
+//! `N` is 0.12 s, an allowance: a third of the default of `stall_time`, so that suspicion and what the filter makes of the
+//! new angle have ended by then.
 //!
 //! Validity: speed control.
 
 use crate::scalar::{Real, likely};
+use crate::space::AlphaBeta;
 
 /// Calls until the next time, in units of those of the suspicion.
 const PAUSE: u32 = 10;
+/// Coefficient of the low-pass of the stator frequency: 25 ms at 10 kHz, against the wandering of the field.
+const LOW_PASS: f64 = 1.0 / 32.0;
+/// Least current that has a direction.
+const CURRENT_MIN: f64 = 0.1;
+
+/// Stator flux whose rotor flux, of this magnitude, lies along the current.
+pub fn flux_along<R: Real>(i_s: &AlphaBeta<R>, psi_r: R, sigma_l_s: R) -> Option<AlphaBeta<R>> {
+    let length = i_s.norm_sq().sqrt();
+    (length > R::from_f64(CURRENT_MIN)).then(|| *i_s * (sigma_l_s + psi_r * length.recip()))
+}
 
 /// State.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,16 +56,18 @@ pub struct Realign<R: Real> {
     calls: u32,
     /// Stator frequency when it began.
     omega_s: R,
+    /// Its low-pass.
+    mean: R,
 }
 
 impl<R: Real> Default for Realign<R> {
     fn default() -> Self {
-        Self { calls: 0, omega_s: R::ZERO }
+        Self { calls: 0, omega_s: R::ZERO, mean: R::ZERO }
     }
 }
 
 impl<R: Real> Realign<R> {
-    /// One call: whether there has to be no torque. `n`: calls of suspicion before that, `u32::MAX`: never. `limited`: 1 if
+    /// One call: whether the flux has to be turned to the current. `n`: calls of suspicion before that, `u32::MAX`: never. `limited`: 1 if
     /// the torque is at its upper limit, -1 at its lower one, else 0. `omega_r`: `ω_s - ω` of the estimate.
     #[inline(always)]
     pub fn step(&mut self, n: u32, limited: R, omega_s: R, omega_r: R) -> bool {
@@ -59,32 +77,33 @@ impl<R: Real> Realign<R> {
         self.advance(n, limited, omega_s, omega_r)
     }
 
-    /// Whether a way out is under way or has ended less than `n` calls ago: what the filter makes of it is no evidence
-    /// against the field yet, and the speed is that of a shaft without torque.
+    /// Whether the flux was turned less than `n` calls ago: what the filter makes of it is no evidence against the field yet.
     #[inline(always)]
     pub fn is_settling(&self, n: u32) -> bool {
-        !likely(self.calls < n) && self.calls < n.saturating_mul(3)
+        !likely(self.calls < n) && self.calls < n.saturating_mul(2)
     }
 
     #[cold]
     #[inline(never)]
     fn advance(&mut self, n: u32, limited: R, omega_s: R, omega_r: R) -> bool {
-        let quarter = omega_r.abs().quarter();
-        let suspected = limited != R::ZERO && omega_s.within(quarter);
-        if self.calls < n && (self.calls == 0 || !(omega_s - self.omega_s).within(quarter.half())) {
-            *self = Self { calls: 0, omega_s };
-        }
-        let hold = n.saturating_mul(2);
-        if self.calls < n && !suspected {
-            self.calls = self.calls.saturating_sub(1);
-        } else {
+        let quarter = omega_r.quarter();
+        if self.calls >= n {
             self.calls = self.calls.saturating_add(1);
+            if self.calls >= n.saturating_mul(PAUSE) {
+                self.calls = 0;
+            }
+            return false;
         }
-        let active = self.calls >= n && self.calls < hold;
-        if self.calls >= hold.saturating_add(n.saturating_mul(PAUSE)) {
-            self.calls = 0;
+        self.mean += (omega_s - self.mean) * R::from_f64(LOW_PASS);
+        if self.calls == 0 || !(self.mean - self.omega_s).within(quarter.half().abs()) {
+            *self = Self { calls: 0, mean: omega_s, omega_s };
         }
-        active
+        if limited != R::ZERO && (omega_s + quarter).within((omega_r - quarter).abs()) {
+            self.calls += 1;
+        } else {
+            self.calls = self.calls.saturating_sub(1);
+        }
+        self.calls >= n
     }
 }
 
@@ -97,8 +116,8 @@ mod tests {
 
     const N: u32 = 100;
 
-    /// Calls without torque of 2000: torque at its limit, `ω_s`, `ω_r`.
-    fn without_torque(x: impl Fn(f64) -> (f64, f64, f64)) -> Vec<u32> {
+    /// Calls of 2000 in which the flux is turned: torque at its limit, `ω_s`, `ω_r`.
+    fn turned(x: impl Fn(f64) -> (f64, f64, f64)) -> Vec<u32> {
         let mut realign = Realign::default();
         (0..2000)
             .filter(|&k| {
@@ -109,24 +128,38 @@ mod tests {
     }
 
     #[test]
-    fn a_field_that_stands_at_the_torque_limit_is_left_without_torque_once_in_a_while() {
+    fn a_field_that_stands_at_the_torque_limit_is_turned_once_in_a_while() {
         for sign in [1.0, -1.0] {
             // The slip grows, and with it the speed that makes up for it; the field stands.
-            let calls =
-                without_torque(|k| (sign, sign * (0.002 - 5e-5 * (k % 100.0)), sign * (0.08 + 1e-4 * (k % 100.0))));
-            assert_eq!(calls[..100], (99..199).collect::<Vec<_>>());
-            assert_eq!(calls[100], 199 + 1000 + 100, "not sooner");
+            let calls = turned(|k| (sign, sign * (0.002 - 5e-5 * (k % 100.0)), sign * (0.08 + 1e-4 * (k % 100.0))));
+            assert_eq!(calls, [99, 99 + 900 + 100], "not sooner");
         }
     }
 
     #[test]
-    fn a_shaft_that_is_blocked_or_moves_with_its_field_and_a_free_torque_are_none() {
-        assert!(without_torque(|_| (1.0, 0.08, 0.08)).is_empty(), "blocked");
+    fn a_field_that_wanders_to_and_fro_stands() {
         for sign in [1.0, -1.0] {
-            let moves = |rate: f64| without_torque(|k| (sign, sign * (0.02 - rate * (k - 1000.0)), sign * 0.08));
+            let calls = turned(|k| (sign, sign * (-0.015 + 0.01 * (0.4 * k).sin()), sign * 0.05));
+            assert!(!calls.is_empty() && calls[0] < 2 * N, "{calls:?}");
+        }
+    }
+
+    #[test]
+    fn the_rotor_flux_is_turned_to_the_current_with_its_magnitude() {
+        let i_s = AlphaBeta::new(-0.6, 0.8);
+        let psi_r = flux_along(&i_s, 0.9, 0.1).unwrap() - i_s * 0.1;
+        assert!(psi_r.cross(&i_s).abs() < 1e-12 && (psi_r.re() + 0.54_f64).abs() < 1e-12);
+        assert_eq!(flux_along(&AlphaBeta::new(0.0, 0.05), 0.9, 0.1), None, "no direction");
+    }
+
+    #[test]
+    fn a_shaft_that_is_blocked_or_moves_with_its_field_and_a_free_torque_are_none() {
+        assert!(turned(|_| (1.0, 0.08, 0.08)).is_empty(), "blocked");
+        for sign in [1.0, -1.0] {
+            let moves = |rate: f64| turned(|k| (sign, sign * (0.02 - rate * (k - 1000.0)), sign * 0.08));
             assert!(moves(2e-4).is_empty() && moves(-2e-4).is_empty(), "braking through zero, falling with its load");
         }
-        assert!(without_torque(|_| (0.0, 0.0, 0.08)).is_empty());
+        assert!(turned(|_| (0.0, 0.0, 0.08)).is_empty());
         let mut realign = Realign::default();
         assert!((0..100_000).all(|_| !realign.step(u32::MAX, 1.0, 0.0, 0.08)));
     }

@@ -274,10 +274,9 @@ impl<R: Real> Control<R> {
                 let omega = omega.clamp(c.omega_least, c.omega_most);
                 let omega = self.ramp.step(&c.ramp, omega, omega_m, self.limited);
                 #[cfg(feature = "supervision")]
-                let (lo, hi) = match self.realign.step(c.realign_calls, self.limited, speed.omega_s, speed.omega_r) {
-                    true => (R::ZERO, R::ZERO),
-                    false => (lo, hi),
-                };
+                if self.realign.step(c.realign_calls, self.limited, speed.omega_s, speed.omega_r) {
+                    estimators.turn_to_current(c);
+                }
                 // In field weakening a torque takes more current: where the gain from speed to torque current would come
                 // too near to the bandwidth of current control, the deviation counts less, by as much as the flux at most.
                 let part = self.psi_weak * c.flux_control.inv_psi_rated;

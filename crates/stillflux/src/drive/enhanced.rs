@@ -261,6 +261,15 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete, current_control }
     }
 
+    #[cfg(feature = "supervision")]
+    #[cold]
+    #[inline(never)]
+    fn turn_to_current(&mut self, c: &DriveConfig<R>) {
+        self.filter.turn_to_current(&c.enhanced.filter);
+        self.speed.omega_m = self.speed.omega_s;
+        self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), self.speed.omega_s);
+    }
+
     fn idle(&mut self, i_s: &AlphaBeta<R>) {
         self.filter.rest(i_s);
     }

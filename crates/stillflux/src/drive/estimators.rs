@@ -129,6 +129,10 @@ pub(super) trait Estimators<R: Real> {
         R::ZERO
     }
 
+    /// The flux lies along the current, and the shaft turns with the field ([`crate::control::realign`]).
+    #[cfg(feature = "supervision")]
+    fn turn_to_current(&mut self, c: &DriveConfig<R>);
+
     /// Speed and frequencies.
     fn speed(&self) -> &SpeedEstimate<R>;
 

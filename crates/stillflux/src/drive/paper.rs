@@ -7,6 +7,8 @@ use super::estimators::{CurrentControl, Estimated, Estimators, FieldQuantities, 
 use super::interface::Memory;
 use crate::config::{DriveConfig, PaperConfig};
 use crate::control::flux::weight_by_frequency;
+#[cfg(feature = "supervision")]
+use crate::control::realign::flux_along;
 use crate::estimate::confidence::Confidence;
 use crate::estimate::flux::FluxEstimator;
 #[cfg(feature = "variants")]
@@ -192,6 +194,18 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     fn update_speed(&mut self, c: &DriveConfig<R>) {
         self.speed = self.speed_estimator.step(&c.speed, &c.speed.rotor_flux(&self.flux.value(), &self.i_s), &self.i_s);
         self.flux.set_stator_frequency(&c.paper.flux, self.speed.omega_s);
+    }
+
+    #[cfg(feature = "supervision")]
+    #[cold]
+    #[inline(never)]
+    fn turn_to_current(&mut self, c: &DriveConfig<R>) {
+        let psi_r = c.speed.rotor_flux(&self.flux.value(), &self.i_s).norm_sq().sqrt();
+        if let Some(psi_s) = flux_along(&self.i_s, psi_r, c.speed.sigma_l_s) {
+            self.flux.start(psi_s, self.i_s);
+            self.speed.omega_m = self.speed.omega_s;
+            self.speed_estimator.start(&c.speed.rotor_flux(&psi_s, &self.i_s), self.speed.omega_s);
+        }
     }
 
     /// Resistance (Fig. 12) and confidence.

@@ -17,6 +17,7 @@ use super::learned::Learned;
 use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
 use super::noise::SIGMA_AGAIN;
 use super::{B_MAX, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, R_S_RANGE, V_MAX};
+use crate::control::realign::flux_along;
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
 
@@ -224,6 +225,14 @@ impl<R: Real> Filter<R> {
         self.psi_s.set(psi_s);
         self.m = Integrator::new((psi_s - self.i_s * self.sigma_l_s(c)).norm_sq().sqrt());
         self.widen(deviation);
+    }
+
+    /// Turns the rotor flux to the current, with an angle that is as uncertain as after a loss.
+    pub fn turn_to_current(&mut self, c: &FilterConfig<R>) {
+        if let Some(psi_s) = flux_along(&self.i_s, self.m.value(), self.sigma_l_s(c)) {
+            self.psi_s.set(psi_s);
+            self.forget(c);
+        }
     }
 
     /// Covariance after a loss of the angle: the prior, with the flux at [`SIGMA_AGAIN`]. The states stay.
