@@ -17,6 +17,7 @@ use super::learned::Learned;
 use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
 use super::noise::SIGMA_AGAIN;
 use super::{B_MAX, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, R_S_RANGE, V_MAX};
+#[cfg(feature = "supervision")]
 use crate::control::realign::flux_along;
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
@@ -228,6 +229,7 @@ impl<R: Real> Filter<R> {
     }
 
     /// Turns the rotor flux to the current, with an angle that is as uncertain as after a loss.
+    #[cfg(feature = "supervision")]
     pub fn turn_to_current(&mut self, c: &FilterConfig<R>) {
         if let Some(psi_s) = flux_along(&self.i_s, self.m.value(), self.sigma_l_s(c)) {
             self.psi_s.set(psi_s);
