@@ -29,7 +29,7 @@ class DriveSettings(TypedDict, total=False):
     i_range: float
     """Full scale of the current sensors, A: a reading at or beyond it is a fault."""
     u_dc_min: float
-    """Smallest dc-link voltage, V."""
+    """Smallest dc-link voltage, V; below 1/32 of the base voltage it is that."""
     u_dc_max: float
     """Largest dc-link voltage, V."""
     current_bandwidth: float

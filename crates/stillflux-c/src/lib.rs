@@ -294,7 +294,7 @@ pub struct stillflux_settings {
     pub i_trip: f64,
     /// Current at which a channel is taken for saturated, A.
     pub i_range: f64,
-    /// Smallest dc-link voltage, V.
+    /// Smallest dc-link voltage, V; below 1/32 of the base voltage it is that.
     pub u_dc_min: f64,
     /// Largest dc-link voltage, V.
     pub u_dc_max: f64,
