@@ -52,5 +52,5 @@ fn a_drive_whose_flux_lies_along_its_current_finds_it_and_reaches_its_speed() {
 fn so_does_the_published_scheme_under_little_load() {
     let [with, without] = [true, false].map(|on| come_right(Scheme::Paper, &[0.1, 0.2], &[0.15, 0.3], on));
     println!("{with} of 20, without realignment {without}");
-    assert!(with >= 17 && without <= 3, "{with} of 20, without realignment {without}");
+    assert!(with >= 18 && without <= 3, "{with} of 20, without realignment {without}");
 }

@@ -13,8 +13,8 @@
 //! the torque needs it, the load drives the shaft and the field slowly backwards, and the field wanders to and fro.
 //!
 //! ```text
-//! suspected: torque at its limit, -1 < ω̂_s/ω̂_r < 1/2;     n += 1 suspected, n -= 1 not
-//! n = 0 wherever the low-pass of ω̂_s has moved by |ω̂_r|/8
+//! suspected: torque at its limit, -1 < ω̂_s/ω̂_r < 1/8;     n += 1 suspected, n -= 1 not
+//! n = 0 wherever the low-pass of ω̂ has moved by |ω̂_r|/8
 //! n = N:  ψ̂_R = |ψ̂_R| i/|i|,   ω̂ = ω̂_s
 //! ```
 //!
@@ -23,8 +23,8 @@
 //! back faster than the filter finds the field.
 //!
 //! Once within 10 N: what does not help is left to [`crate::supervision::stall`]. An acceleration, a braking through zero
-//! speed and a load beyond the torque limit move the field with the shaft, by `(T - T_L) dτ/j`: to stand for `N` they would
-//! have to meet the torque limit within `j |ω̂_r|/(8 N)`, some hundredths of rated torque, at the very speed of the slip.
+//! speed and a load beyond the torque limit move the shaft by `(T - T_L) dτ/j`: to stand for `N` the load would have to meet
+//! the torque limit within `j |ω̂_r|/(8 N)`, some hundredths of rated torque, at about the speed of the slip.
 //!
 //! `N` is 0.12 s, an allowance: a third of the default of `stall_time`, so that suspicion and what the filter makes of the
 //! new angle have ended by then.
@@ -36,8 +36,11 @@ use crate::space::AlphaBeta;
 
 /// Calls until the next time, in units of those of the suspicion.
 const PAUSE: u32 = 10;
-/// Coefficient of the low-pass of the stator frequency: 25 ms at 10 kHz, against the wandering of the field.
+/// Coefficient of the low-pass of the speed: 25 ms at 10 kHz, against the wandering of the field.
 const LOW_PASS: f64 = 1.0 / 32.0;
+/// Bounds of the stator frequency of a field that stands, relative to `ω_r`, and the change that the speed may make.
+const STANDS: (f64, f64) = (-1.0, 0.5);
+const MOVED: f64 = 0.125;
 /// Least current that has a direction.
 const CURRENT_MIN: f64 = 0.1;
 
@@ -54,15 +57,15 @@ pub fn flux_along<R: Real>(i_s: &AlphaBeta<R>, psi_r: R, sigma_l_s: R) -> Option
 pub struct Realign<R: Real> {
     /// Suspicion; from its limit on the time since then.
     calls: u32,
-    /// Stator frequency when it began.
-    omega_s: R,
+    /// Speed when it began.
+    omega: R,
     /// Its low-pass.
     mean: R,
 }
 
 impl<R: Real> Default for Realign<R> {
     fn default() -> Self {
-        Self { calls: 0, omega_s: R::ZERO, mean: R::ZERO }
+        Self { calls: 0, omega: R::ZERO, mean: R::ZERO }
     }
 }
 
@@ -86,7 +89,6 @@ impl<R: Real> Realign<R> {
     #[cold]
     #[inline(never)]
     fn advance(&mut self, n: u32, limited: R, omega_s: R, omega_r: R) -> bool {
-        let quarter = omega_r.quarter();
         if self.calls >= n {
             self.calls = self.calls.saturating_add(1);
             if self.calls >= n.saturating_mul(PAUSE) {
@@ -94,11 +96,16 @@ impl<R: Real> Realign<R> {
             }
             return false;
         }
-        self.mean += (omega_s - self.mean) * R::from_f64(LOW_PASS);
-        if self.calls == 0 || !(self.mean - self.omega_s).within(quarter.half().abs()) {
-            *self = Self { calls: 0, mean: omega_s, omega_s };
+        let omega = omega_s - omega_r;
+        self.mean += (omega - self.mean) * R::from_f64(LOW_PASS);
+        if self.calls == 0 || !(self.mean - self.omega).within(omega_r.abs() * R::from_f64(MOVED)) {
+            *self = Self { calls: 0, mean: omega, omega };
         }
-        if limited != R::ZERO && (omega_s + quarter).within((omega_r - quarter).abs()) {
+        let (centre, width) = (
+            omega_r * R::from_f64((STANDS.0 + STANDS.1) / 2.0),
+            omega_r.abs() * R::from_f64((STANDS.1 - STANDS.0) / 2.0),
+        );
+        if limited != R::ZERO && (omega_s - centre).within(width) {
             self.calls += 1;
         } else {
             self.calls = self.calls.saturating_sub(1);
