@@ -194,7 +194,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         #[cfg(feature = "modes")]
         let start_up = start_up.map(|at| StartUp { stage: at.stage - self.gone_back });
         if let Some(at) = start_up {
-            let i_s = x.i_s;
+            let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
+            self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             *i_dq_ref = self.prepare(c, &i_s, at.stage);
             if at.stage <= 1 {
                 // The speed estimator runs in odd periods, and takes less time than what runs in even ones.
@@ -211,10 +212,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             4 => {
                 let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
                 self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
-                if start_up.is_some() {
-                    self.balance.settle(&c.enhanced.balance);
-                } else if let Some(of_sum) = self.balance.rest() {
-                    self.filter.doubt_offset(&c.enhanced.filter, of_sum);
+                if let Some(of_sum) = self.balance.rest().filter(|_| start_up.is_none()) {
+                    self.filter.doubt_offset(&c.enhanced.filter, of_sum, i_dq_ref.im());
                 }
             }
             #[cfg(feature = "legs")]

@@ -21,8 +21,9 @@
 //! **What the fit leaves.** An error of the sum that the fit has not explained yet is new: the step of an offset, as a sensor
 //! has that an overload has magnetised, or a gain that the present current shows for the first time. Either is an error of
 //! the measured space vector of about that size, of unknown direction. Low-passed, it is [`Balance::rest`], from which the
-//! filter learns that it does not know its offset any more. `s_0` follows within some seconds, in a start-up at once, where offsets
-//! are not new. A step of several offsets that leaves the sum as it was is not seen.
+//! filter learns that it does not know its offset any more. `s_0` follows within some seconds. A step of several offsets
+//! that leaves the sum as it was is not seen. A start-up fits in every period, so that its current has shown the gains when
+//! it ends.
 //!
 //! With two sensors and a computed third the sum is zero and nothing is fitted: `pair` has what replaces it.
 
@@ -92,14 +93,6 @@ impl<R: Real> Balance<R> {
     #[inline(always)]
     pub fn rest(&self) -> Option<R> {
         (!likely(self.rest.within(R::from_f64(REST_MIN)))).then_some(self.rest)
-    }
-
-    /// After a fit in a start-up: what is left of the sum is an offset that was there before, which the filter does not know
-    /// yet anyway. The constant takes it at once.
-    #[cold]
-    #[inline(never)]
-    pub fn settle(&mut self, c: &BalanceConfig<R>) {
-        self.offset.add_limited(c.step_rest(), self.rest, R::from_f64(OFFSET_MAX));
     }
 
     /// The fit, by one sample: space vector `i` and `sum` of the phase currents as measured.
@@ -186,24 +179,6 @@ mod tests {
         }
         let (times, _) = rests([1.0; 3], [0.01, -0.01, 0.0]);
         assert!(times.len() < 25, "not seen: the sum stays as it was");
-    }
-
-    #[test]
-    fn an_offset_that_a_start_up_finds_is_not_new_after_it() {
-        let c = BalanceConfig { step: 1.7e-3 / 3.0, step_offset: 2.7e-4 };
-        let fits = |settles: bool| {
-            let mut balance = Balance::<f64>::default();
-            let i = AlphaBeta::new(0.5, 0.0);
-            for _ in 0..500 {
-                balance.fit(&c, &i, 0.015);
-                if settles {
-                    balance.settle(&c);
-                }
-            }
-            balance.rest()
-        };
-        assert_eq!(fits(true), None, "after 0.4 s");
-        assert!(fits(false).is_some());
     }
 
     #[test]

@@ -51,6 +51,12 @@ impl<R: Real> Load<R> {
         self.omega_s += corner * of_omega;
         change.within((i_q.abs() - R::from_f64(LOADED)) * R::from_f64(STEADY)) && of_omega.within(R::from_f64(SAME))
     }
+
+    /// By how much a torque current has changed within the last second, per unit.
+    #[inline(always)]
+    pub fn change(&self, i_q: R) -> R {
+        (i_q - self.i_q).abs()
+    }
 }
 
 #[cfg(test)]

@@ -45,7 +45,7 @@
 //! | voltage error that grows with frequency | `INDUCED` 0.05 pu per √s and pu of `ω_s` | `ψ_s` |
 //! | voltage near a current zero | `ZERO_PU` 5e-3 pu a block, up to `ω_s` = 1/`INV_OMEGA_ZERO` = 0.1, at least `ZERO_MIN` 2e-3 pu of current | `ψ_s` along the phase's axis |
 //! | step assumed from the NIS, a block, times √excess | `STEP_PSI` 0.01 pu, `STEP_B` 2e-3 pu, `STEP_R_S` 0.02 relative | `ψ_s`, `b`, `r_s` |
-//! | error of the sum of the phase currents | `OF_SUM` 2/3 of it | `b`, at least |
+//! | error of the sum of the phase currents | `OF_SUM` 2/3 of what exceeds `OF_GAINS` 0.02 of a change of `i_q` | `b`, at least |
 //! | least scaled variance | `FLOOR` 1e-7 | every state |
 //! | angle after a loss | `SIGMA_AGAIN` 0.5 rad | `ψ_s`, instead of `σ_0` |
 
@@ -115,6 +115,9 @@ const STEP_R_S: f64 = 0.02;
 /// alone gives a vector of `2/3 e`, and `(2/9) e²` for a component of unknown direction: the same. Twice that, since the
 /// low-pass and the fit have taken part of `e` away before it is largest. Physical.
 const OF_SUM: f64 = 2.0 / 3.0;
+/// What the gains of the sensors may make of a change of the current, as long as the fit has not seen it: the sum of gains
+/// `1 + δ` has an amplitude of `√3 σ_δ` per unit of current, and 1 % is what sensors are sold with. Physical.
+const OF_GAINS: f64 = 0.02;
 
 /// Correlations with the leakage that a block takes off while it is not corrected: they fade with 4096 blocks, some seconds.
 /// A change of load is weighed by them; over minutes errors of the bridge near current zero, which are no noise, would go by
@@ -301,10 +304,12 @@ impl<R: Real> Noise<R> {
         R::from_f64(const { scaled(ZERO_PU, SCALE_PSI) }) * self.stated * slow * slow
     }
 
-    /// Least variance of a component of the offset where the sum of the phase currents has an error.
+    /// Least variance of a component of the offset where the sum of the phase currents has an error, and the torque current
+    /// has changed.
     #[inline(always)]
-    pub fn of_sum(&self, error: R) -> R {
-        let deviation = if self.offset { error * R::from_f64(OF_SUM / SCALE_B) } else { R::ZERO };
+    pub fn of_sum(&self, error: R, change: R) -> R {
+        let unexplained = (error.abs() - change * R::from_f64(OF_GAINS)).max(R::ZERO);
+        let deviation = if self.offset { unexplained * R::from_f64(OF_SUM / SCALE_B) } else { R::ZERO };
         deviation * deviation
     }
 
