@@ -561,14 +561,15 @@ def _tolerance_losses(table: Table, plant: str = "") -> str:
 
 
 def _consistency(table: Table, plant: str = "") -> str:
-    """NEES, NIS, rank correlation, and the truth of the confidence."""
+    """NEES, NIS, rank correlation, and the truth of the confidence; a quantity with two bounds in one row."""
     by = {m: table.find("consistency", "consistency" + plant, m, _ENHANCED) for m in DRIVES}
-    keys = dict.fromkeys((line.quantity, line.direction) for lines in by.values() for line in lines)
     rows = []
-    for key in keys:
-        cells = {m: next((x for x in by[m] if (x.quantity, x.direction) == key), None) for m in DRIVES}
-        first = next(line for line in cells.values() if line is not None)
-        rows.append([claim(first), *map(judged, cells.values())])
+    for quantity in dict.fromkeys(line.quantity for lines in by.values() for line in lines):
+        cells = [[x for x in lines if x.quantity == quantity] for lines in by.values()]
+        bounds = [claim(x).removeprefix(quantity) for x in next(filter(None, cells))]
+        # That which misses its bound, if any does.
+        shown = (min(lines, key=lambda x: x.holds, default=None) for lines in cells)
+        rows.append([quantity + ",".join(bounds), *map(judged, shown)])
     return markdown(["", *DRIVES], rows)
 
 
