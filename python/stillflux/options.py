@@ -74,8 +74,8 @@ class DriveSettings(TypedDict, total=False):
     reference, s, 0.1 to 60; 0: any."""
 
     realignment: bool
-    """The flux is taken to lie along the current where the torque is at its limit and the field stands still:
-    the way out of a false equilibrium. On by default."""
+    """The flux is taken to lie along the current where the torque is at its limit and the field stands still,
+    also at half of the torque: the way out of a false equilibrium. On by default."""
     discontinuous_above: float | None
     """Discontinuous modulation (60° clamp) from this voltage on, in parts of u_dc/√3, 0.3 to 1; None:
     continuous at every voltage."""

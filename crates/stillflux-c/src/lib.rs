@@ -342,8 +342,8 @@ pub struct stillflux_settings {
     pub supervision: u32,
     /// Time at the torque limit at low speed that is a stall, s; 0: any (feature `supervision`).
     pub stall_time: f64,
-    /// 1: the flux is taken to lie along the current where the torque is at its limit and the field stands still (feature
-    /// `supervision`).
+    /// 1: the flux is taken to lie along the current where the torque is at its limit and the field stands still, also at
+    /// half of the torque (feature `supervision`).
     pub realignment: u32,
     /// Lines of an encoder on the shaft, a quarter of the steps of a resolver; 0: none (feature `encoder`).
     pub encoder_lines: u32,

@@ -28,6 +28,8 @@ use crate::control::flux::FluxControlConfig;
 use crate::control::handover::{self, HandOverConfig};
 use crate::control::overload::{self, OverloadConfig};
 use crate::control::ramp::{self, RampConfig};
+#[cfg(feature = "supervision")]
+use crate::control::realign::RealignConfig;
 #[cfg(feature = "shunt")]
 use crate::control::shunt::ShuntConfig;
 use crate::control::speed::SpeedControlConfig;
@@ -90,9 +92,15 @@ const LIMIT_HIGH: f64 = 2.0;
 /// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control. At 17 a
 /// drive of 160 kW and 4 kHz oscillates at twice rated speed, at 15 one of 10 kHz does not.
 const SPEED_GAIN: f64 = 12.0;
-/// Time for which the field stands at the torque limit before it is realigned, s ([`crate::control::realign`]).
+/// Time for which the field stands at the torque limit before the torque is halved to see why, s, which is the least time
+/// of that as well, and part of the rotor time constant ([`crate::control::realign`]).
 #[cfg(feature = "supervision")]
 const REALIGN: f64 = 0.12;
+#[cfg(feature = "supervision")]
+const REALIGN_TEST: f64 = 0.5;
+/// Time constant of the speed's low-pass there, s.
+#[cfg(feature = "supervision")]
+const REALIGN_LOW_PASS: f64 = 0.025;
 /// Thresholds `h` of the tests for a lost field ([`crate::supervision::innovation`]): any contradiction, s, and a flux that
 /// falls, in rotor time constants, and at least, s. The part of the rotor time constant is measured, not derived: with a third
 /// of it steps of `r_s` by 25 % in regeneration at 11 kW end, which are held.
@@ -153,9 +161,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) omega_most: R,
     pub(crate) ramp: RampConfig<R>,
     pub(crate) overload: [OverloadConfig<R>; 2],
-    /// Calls for which the field stands at the torque limit before it is realigned; `u32::MAX`: never.
     #[cfg(feature = "supervision")]
-    pub(crate) realign_calls: u32,
+    pub(crate) realign: RealignConfig<R>,
     #[cfg(feature = "dclink")]
     pub(crate) dclink: DcLinkConfig<R>,
     /// Counter of an encoder, `None` without one, and what its speed is used for.
@@ -191,7 +198,7 @@ words! {
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, part_ahead, i_range, i_plain_sq,
     i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
-    #[cfg(feature = "supervision")] realign_calls,
+    #[cfg(feature = "supervision")] realign,
     #[cfg(feature = "dclink")] dclink,
     #[cfg(feature = "encoder")] encoder,
     #[cfg(feature = "encoder")] hand_over,
@@ -550,7 +557,17 @@ impl<R: Real> DriveConfig<R> {
                 OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
             }),
             #[cfg(feature = "supervision")]
-            realign_calls: if p.realignment { periods(REALIGN / f64::from(slow_periods)) } else { u32::MAX },
+            realign: {
+                let calls = |t: f64| periods(t / f64::from(slow_periods));
+                RealignConfig {
+                    suspicion: if p.realignment { calls(REALIGN) } else { u32::MAX },
+                    test: match p.scheme {
+                        Scheme::Paper => 0,
+                        Scheme::Enhanced => calls((REALIGN_TEST * tau_r / b.omega).max(REALIGN)),
+                    },
+                    low_pass: r((slow / REALIGN_LOW_PASS).min(1.0)),
+                }
+            },
             #[cfg(feature = "dclink")]
             dclink: {
                 let u = |volts: Option<f64>, without: f64| volts.map_or(without, |u| u / b.u);

@@ -452,15 +452,15 @@ impl<R: Real> Common<R> {
                 Reference::Speed(omega) => omega.clamp(c.omega_least, c.omega_most) - omega_m,
                 _ => R::ZERO,
             };
-            let realigning = control.is_realigning(c);
+            let (realigned, testing) = control.realigning(c);
             let tracking = Tracking {
                 psi_deviation: x.psi_s - control.psi_ref,
                 omega_m,
                 omega_s,
-                nis: if realigning { R::ZERO } else { estimators.nis() },
+                nis: if realigned { R::ZERO } else { estimators.nis() },
                 flux_falls: estimators.flux_falls(),
                 speed_deviation,
-                torque_limited: (!realigning).then_some(control.limited != R::ZERO),
+                torque_limited: (!realigned && !testing).then_some(control.limited != R::ZERO),
             };
             let confidence = || control.confidence(|| estimators.confidence());
             trip = trip.or_else(|| self.supervision.tracking(&c.supervision, &tracking, confidence));

@@ -272,8 +272,8 @@ pub struct DriveParams {
     /// Time for which the torque may be at its limit at low speed without the speed approaching its reference, s, 0.1 to
     /// 60; 0: any ([`crate::supervision::stall`]).
     pub stall_time: f64,
-    /// The flux is taken to lie along the current where the torque is at its limit and the field stands still
-    /// ([`crate::control::realign`]). Feature `supervision`.
+    /// The flux is taken to lie along the current where the torque is at its limit and the field stands still, whatever the
+    /// torque ([`crate::control::realign`]). Feature `supervision`.
     pub realignment: bool,
     /// Discontinuous modulation from this voltage on, in parts of the largest that continuous modulation makes, `u_dc/√3`;
     /// 0.3 to 1 ([`crate::control::modulator`]); `None`: continuous at every voltage.

@@ -184,14 +184,14 @@ impl<R: Real> Control<R> {
         confidence()
     }
 
-    /// Whether the field is being realigned.
+    /// Whether the field has just been realigned, and whether the drive takes torque away to see if it has to be.
     #[inline(always)]
     #[cfg_attr(not(feature = "supervision"), allow(unused_variables, clippy::unused_self))]
-    pub fn is_realigning(&self, c: &DriveConfig<R>) -> bool {
+    pub fn realigning(&self, c: &DriveConfig<R>) -> (bool, bool) {
         #[cfg(feature = "supervision")]
-        return self.realign.is_settling(c.realign_calls);
+        return (self.realign.is_settling(&c.realign), self.realign.is_testing(&c.realign));
         #[cfg(not(feature = "supervision"))]
-        false
+        (false, false)
     }
 
     /// Heat of machine and bridge.
@@ -274,9 +274,11 @@ impl<R: Real> Control<R> {
                 let omega = omega.clamp(c.omega_least, c.omega_most);
                 let omega = self.ramp.step(&c.ramp, omega, omega_m, self.limited);
                 #[cfg(feature = "supervision")]
-                if self.realign.step(c.realign_calls, self.limited, speed.omega_s, speed.omega_r) {
+                if self.realign.step(&c.realign, self.limited, speed.omega_s, speed.omega_r) {
                     estimators.turn_to_current(c);
                 }
+                #[cfg(feature = "supervision")]
+                let (lo, hi) = if self.realign.is_testing(&c.realign) { (lo.half(), hi.half()) } else { (lo, hi) };
                 // In field weakening a torque takes more current: where the gain from speed to torque current would come
                 // too near to the bandwidth of current control, the deviation counts less, by as much as the flux at most.
                 let part = self.psi_weak * c.flux_control.inv_psi_rated;
