@@ -98,8 +98,8 @@ def test_the_saliency_of_the_rotors_slots_is_no_lost_field(seed: int) -> None:
 
 
 def test_a_heavy_shaft_that_brakes_at_the_torque_limit_keeps_its_field() -> None:
-    """30 times the fan's inertia takes seconds through the speed of the slip, where a field that is lost would
-    stand. What half of the torque shows decides; turned on suspicion alone the field was wrong by 141°."""
+    """30 times the fan's inertia takes seconds through the speed of the slip, where a field that is lost
+    would stand. What half of the torque shows decides; on suspicion alone the field was turned by 141°."""
     motor, inverter = DRIVES["fan"].motor, DRIVES["fan"].inverter
     speed = 0.3 * motor.base["omega_m"]
     result = sf.simulate(
@@ -119,8 +119,8 @@ def test_a_heavy_shaft_that_brakes_at_the_torque_limit_keeps_its_field() -> None
 
 @pytest.mark.parametrize("noise", range(3))
 def test_a_load_that_meets_the_torque_limit_at_the_speed_of_the_slip_is_held(noise: int) -> None:
-    """A 48-V drive far beyond its tolerances: pull-out leaves it rated torque, at which the shaft stands below
-    its reference. On suspicion alone its field was turned by 118° and the shaft ran away."""
+    """A 48-V drive far beyond its tolerances: pull-out leaves it rated torque, at which the shaft stands
+    below its reference. On suspicion alone its field was turned by 118° and the shaft ran away."""
     seed = seed_of("48V", "beside-rated", 7)
     made, _ = scenario("48V", COURSES["beside-rated"], seed, scale=2.5)
     plant = {**made.plant, "seed": seed + noise}
