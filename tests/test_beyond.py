@@ -612,9 +612,9 @@ def test_every_case_is_named_once() -> None:
     ("drive", "warmed", "torque", "back"),
     [
         ("2.2kW", 1.3, -1.0, 0.06),
-        ("4kW", 0.85, 1.0, 0.05),
+        pytest.param("4kW", 0.85, 1.0, 0.05, marks=pytest.mark.slow),
         ("4kW", 1.3, 1.0, 0.05),
-        ("11kW", 1.3, -1.0, 0.05),
+        pytest.param("11kW", 1.3, -1.0, 0.05, marks=pytest.mark.slow),
     ],
 )
 def test_a_winding_that_changes_at_speed_turns_no_field_and_is_found_on_the_way_back(

@@ -136,6 +136,7 @@ def test_the_header_declares_every_function_with_a_comment(library: tuple[str, P
     assert found == FUNCTIONS
 
 
+@pytest.mark.parametrize("library", ["f32", pytest.param("q", marks=pytest.mark.slow)], indirect=True)
 def test_the_target_computes_every_bit_in_c_at_the_cost_of_rust(
     library: tuple[str, Path], in_rust: dict[str, float]
 ) -> None:

@@ -80,7 +80,7 @@ def test_target_computes_every_bit_as_the_host_does(built: tuple[str, Path]) -> 
     assert result.first is None, f"{result.different} words differ, first {result.first}"
 
 
-@pytest.mark.parametrize("arithmetic", ["f32", "q"])
+@pytest.mark.parametrize("arithmetic", ["f32", pytest.param("q", marks=pytest.mark.slow)])
 def test_target_commissions_as_the_host_does_and_the_drive_starts_from_its_page(
     chain: Any, arithmetic: str
 ) -> None:
@@ -157,6 +157,7 @@ def test_a_stack_beyond_the_budget_is_noticed(planted: Any) -> None:
     assert planted.stack("plant_nothing") < 64
 
 
+@pytest.mark.slow
 def test_an_image_with_both_schemes_runs_the_one_of_its_page(chain: Any) -> None:
     result = pil.run(toolchain.build(chain, "drive", "paper", "enhanced"), "f32")
     assert result.first is None, f"{result.different} words differ, first {result.first}"
@@ -190,8 +191,7 @@ def test_a_torn_parameter_page_keeps_the_bridge_blocked(chain: Any) -> None:
 
 def test_cost_stays_within_its_budget(chain: Any) -> None:
     """Instructions a call as measured, with little room: a change that costs shows here."""
-    report = cost.measure(chain)
-    cost.write(report)
+    report = cost.measure(chain, si=False)
     for block, arithmetics in BUDGET.items():
         for arithmetic, budget in arithmetics.items():
             assert report[block][arithmetic] <= budget, (block, arithmetic)
@@ -270,25 +270,31 @@ BUDGET = {
 }
 
 
-@pytest.mark.parametrize("target", ["thumbv6m-none-eabi", "thumbv7m-none-eabi"])
-def test_the_core_builds_without_fpu_with_each_scheme(chain: Any, target: str) -> None:
+@pytest.mark.parametrize(
+    ("target", "features"),
+    [
+        ("thumbv6m-none-eabi", "paper,enhanced,defmt,serde"),
+        *(
+            pytest.param(target, features, marks=pytest.mark.slow)
+            for target in ("thumbv6m-none-eabi", "thumbv7m-none-eabi")
+            for features in ("paper", "enhanced")
+        ),
+    ],
+)
+def test_the_core_builds_without_fpu(chain: Any, target: str, features: str) -> None:
     if not chain.build_std:
         try:
             chain = toolchain.find(target)
         except toolchain.MissingError as missing:
             pytest.skip(str(missing))
-    for features in ("paper", "enhanced", "paper,enhanced,defmt,serde"):
-        args = ["check", "-p", "stillflux", "--no-default-features", "--features", features]
-        chain.cargo(*args, target=target, cwd=toolchain.ROOT)
+    args = ["check", "-p", "stillflux", "--no-default-features", "--features", features]
+    chain.cargo(*args, target=target, cwd=toolchain.ROOT)
 
 
+@pytest.mark.slow
 def test_the_core_builds_on_the_host_with_every_combination_of_features() -> None:
     for features in _combinations():
-        subprocess.run(
-            ["cargo", "check", "--quiet", "-p", "stillflux", "--no-default-features", "--features", features],
-            cwd=toolchain.ROOT,
-            check=True,
-        )
+        _core_only("check", features)
 
 
 def test_the_core_says_what_is_missing_without_a_scheme() -> None:
@@ -299,11 +305,21 @@ def test_the_core_says_what_is_missing_without_a_scheme() -> None:
 
 
 @pytest.mark.parametrize("scheme", ["paper", "enhanced"])
+def test_the_core_and_its_tests_build_with_one_scheme(scheme: str) -> None:
+    _core_only("check", scheme, "--tests")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["paper", "enhanced"])
 def test_the_core_passes_its_unit_tests_with_one_scheme(scheme: str) -> None:
-    """Its closed-loop and random tests run with both; here they need to compile."""
-    scheme_only = ["-p", "stillflux", "--no-default-features", "--features", scheme]
-    subprocess.run(["cargo", "test", "--quiet", *scheme_only, "--lib"], cwd=toolchain.ROOT, check=True)
-    subprocess.run(["cargo", "check", "--quiet", *scheme_only, "--tests"], cwd=toolchain.ROOT, check=True)
+    """Its closed-loop and random tests run with both."""
+    _core_only("test", scheme, "--lib")
+
+
+def _core_only(command: str, features: str, *args: str) -> None:
+    """Has cargo check or test the core with some features and no others."""
+    core = ["-p", "stillflux", "--no-default-features", "--features", features]
+    subprocess.run(["cargo", command, "--quiet", *core, *args], cwd=toolchain.ROOT, check=True)
 
 
 def _combinations() -> list[str]:

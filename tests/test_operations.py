@@ -43,8 +43,8 @@ from stillflux.options import DriveSettings
         ("restart-300ms", "11kW"),
         ("supply-back", "2.2kW"),
         ("temperature-regenerating", "45kW"),
-        ("temperature-torque", "11kW"),
-        ("temperature-torque-regenerating", "2.2kW"),
+        pytest.param("temperature-torque", "11kW", marks=pytest.mark.slow),
+        pytest.param("temperature-torque-regenerating", "2.2kW", marks=pytest.mark.slow),
     ],
 )
 def test_operation_succeeds_and_its_control_fails_for_its_reason(name: str, machine: str) -> None:

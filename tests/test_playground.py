@@ -102,7 +102,7 @@ def test_module_computes_every_bit_as_the_host_does(
         pytest.skip("node not found (Debian/Ubuntu: apt-get install nodejs)")
     steps = course(installation, scheme, R_s, torque)
     host, target = tmp_path / "host", tmp_path / "target"
-    playground.toolchain.host_example("course", host, *steps, crate="stillflux-wasm")
+    playground.toolchain.host_example("course", host, *steps)
     command = [node, CRATE / "course.mjs", playground.module(chain), target, *steps]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert host.stat().st_size >= 100_000 * 20 * 8

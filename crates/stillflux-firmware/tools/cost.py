@@ -56,8 +56,8 @@ SIZES = {
 REPORT = toolchain.ROOT / "target" / "firmware-bench.json"
 
 
-def measure(chain: toolchain.Toolchain) -> dict[str, Any]:
-    """All figures, as they go into the report."""
+def measure(chain: toolchain.Toolchain, si: bool = True) -> dict[str, Any]:
+    """All figures, as they go into the report; `si`: with the images that convert SI values themselves."""
     lines = []
     for scheme, features in SCHEMES.items():
         frames = [pil.record(a, scheme)[0].name for a in ARITHMETICS]
@@ -74,13 +74,13 @@ def measure(chain: toolchain.Toolchain) -> dict[str, Any]:
     for name in (*BLOCKS, *ENHANCED):
         report[name]["operations"] = operations.get(name)
     for scheme, features in SCHEMES.items():
-        for key in SIZES:
-            report[size_key(key, scheme)] = {}
         for arithmetic in ARITHMETICS:
             of = [*features, *([] if arithmetic == "f32" else ["q"])]
-            si = toolchain.build(chain, "drive", *of, "si-page")
-            for key, size in _sizes(toolchain.build(chain, "drive", *of), si).items():
-                report[size_key(key, scheme)][arithmetic] = size
+            sizes = _sizes(toolchain.build(chain, "drive", *of))
+            if si:
+                sizes["flash_library_si"] = _library(Image(toolchain.build(chain, "drive", *of, "si-page")))
+            for key, size in sizes.items():
+                report.setdefault(size_key(key, scheme), {})[arithmetic] = size
     report["accuracy"] = json.loads(toolchain.host_example("accuracy"))
     return report
 
@@ -117,13 +117,12 @@ def size_key(key: str, scheme: str) -> str:
     return key if scheme == "paper" else f"{key}_{scheme}"
 
 
-def _sizes(elf: Path, si: Path) -> dict[str, Any]:
+def _sizes(elf: Path) -> dict[str, Any]:
     image = Image(elf)
     idle = json.loads(toolchain.emulate(elf))
     return {
         "flash_step": sum(f.size for f in image.reachable(ISR)),
         "flash_library": _library(image),
-        "flash_library_si": _library(Image(si)),
         "flash_image": sum(f.size for f in image.functions.values()),
         "ram_drive": idle["drive_bytes"],
         "ram_config": idle["config_bytes"],

@@ -128,14 +128,15 @@ def emulate(elf: Path, *args: str | Path, count: bool = False, timeout: float = 
     return done.stdout
 
 
-def host_example(name: str, *args: str | Path, crate: str = "stillflux-sim") -> str:
-    """Builds and runs an example of a crate on the host; what it prints."""
-    command = ["cargo", "build", "--release", "--locked", "-p", crate, "--example", name]
-    env = {**os.environ, "CARGO_TARGET_DIR": str(OUT / "host")}
-    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
+def host_example(name: str, *args: str | Path) -> str:
+    """Builds and runs an example of the workspace on the host; what it prints. `cargo test` builds them."""
+    command = ["cargo", "build", "--locked", "--example", name]
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"{' '.join(command)} failed:\n{done.stderr}")
-    binary = OUT / "host" / "release" / "examples" / name
+    OUT.mkdir(parents=True, exist_ok=True)
+    binary = target / "debug" / "examples" / name
     return subprocess.run(
         [str(binary), *map(str, args)], cwd=OUT, stdout=subprocess.PIPE, text=True, check=True
     ).stdout

@@ -209,6 +209,9 @@ class Table:
 
     def __init__(self, lines: Iterable[Line] = ()) -> None:
         self.lines = list(lines)
+        self._groups: dict[Group, list[Line]] = {}
+        for line in self.lines:
+            self._groups.setdefault(line.group, []).append(line)
 
     @classmethod
     def read(cls, path: Path) -> Table:
@@ -250,12 +253,12 @@ class Table:
 
     def find(self, kind: Kind, name: str, machine: str, scheme: str = _OF_PAPER) -> list[Line]:
         """The lines of a group."""
-        return [line for line in self.lines if line.group == (kind, name, machine, scheme)]
+        return list(self._groups.get((kind, name, machine, scheme), ()))
 
     def get(self, group: Group, quantity: str) -> Line:
         """The line of a quantity. Raises KeyError if there is none."""
-        for line in self.lines:
-            if line.group == group and line.quantity == quantity:
+        for line in self._groups.get(group, ()):
+            if line.quantity == quantity:
                 return line
         raise KeyError(f"no line {', '.join(group)}: {quantity}")
 
