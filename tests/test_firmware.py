@@ -277,7 +277,8 @@ BUDGET = {
         *(
             pytest.param(target, features, marks=pytest.mark.slow)
             for target in ("thumbv6m-none-eabi", "thumbv7m-none-eabi")
-            for features in ("paper", "enhanced")
+            for features in ("paper", "enhanced", "paper,enhanced,defmt,serde")
+            if (target, features) != ("thumbv6m-none-eabi", "paper,enhanced,defmt,serde")
         ),
     ],
 )

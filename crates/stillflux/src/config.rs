@@ -92,10 +92,11 @@ const LIMIT_HIGH: f64 = 2.0;
 /// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control. At 17 a
 /// drive of 160 kW and 4 kHz oscillates at twice rated speed, at 15 one of 10 kHz does not.
 const SPEED_GAIN: f64 = 12.0;
-/// Time for which the field stands at the torque limit before the torque is halved to see why, s, which is the least time
-/// of that as well, and part of the rotor time constant ([`crate::control::realign`]).
+/// Time for which the field stands at the torque limit before the torque is halved to see why, and the least time for which
+/// it is halved, s ([`crate::control::realign`]).
 #[cfg(feature = "supervision")]
 const REALIGN: f64 = 0.12;
+/// The time for which it is halved, in rotor time constants, where that is longer.
 #[cfg(feature = "supervision")]
 const REALIGN_TEST: f64 = 0.5;
 /// Time constant of the speed's low-pass there, s.
