@@ -386,6 +386,33 @@ fn the_flux_shift_holds_the_line_with_legs_that_differ_by_some_nanoseconds() {
     }
 }
 
+/// What moves the flux while the load comes through the range of the flux shift loses every one of these runs: its low-pass
+/// is tested there ([`stillflux::control::shift`]), a shaft that runs away is seen here.
+#[test]
+fn a_load_that_comes_as_the_offsets_step_is_held_at_rest() {
+    let mut kept = 0;
+    for torque in [-0.4, -0.6, -0.8] {
+        for seed in 1..4 {
+            let bench = Bench::new(Machine::preset_2k2(), Inverter::preset_2k2(), 5.0);
+            // 1 % of rated peak current.
+            let step = offset(0.01 * bench.base.i / 2f64.sqrt());
+            let o = bench
+                .with(|s| {
+                    s.plant.seed = seed;
+                    s.plant.adc.noise = 0.004 * s.machine.I_N;
+                    s.changes = vec![(1.6, Change::CurrentOffset(step))];
+                })
+                .speed(&[(0.0, 0.0)])
+                .load(&[(0.0, 0.0), (1.6, 0.0), (2.6, torque)])
+                .run();
+            kept += u32::from(
+                o.drive.status() == Status::Running && o.worst("omega_m", 1.6, 5.0, |w| w / o.base.omega_m) < 0.2,
+            );
+        }
+    }
+    assert!(kept >= 8, "{kept} of 9");
+}
+
 #[test]
 fn averaged_mode_runs_the_same_drive() {
     for bench in Bench::all(6.0) {

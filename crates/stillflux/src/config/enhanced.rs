@@ -28,6 +28,9 @@ const BALANCE_OFFSET_RATE: f64 = 0.34;
 const PULL_OUT_USE: f64 = 0.6;
 /// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
 const SHIFT_RATE: f64 = 0.5;
+/// Time constant of the low-pass that leaves loads alone which pass the flux shift's range, s: several rotor time constants of
+/// large machines, and a tenth of the time that a drive can stand on the line without the shift.
+const SHIFT_TIME: f64 = 2.0;
 
 /// Settings of the estimators.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,9 +62,10 @@ impl<R: Real> EnhancedConfig<R> {
     #[allow(non_snake_case)]
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         let build_up_time = p.build_up_time(machine);
+        // Seconds from one call of the flux shift to the next.
+        let call = f64::from(adapt_periods(slow_periods(inverter))) / inverter.f_c();
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
-        // At rest the rotor flux rises as r_R i τ, up to l_M i.
         // ψ² (1 - σ)/(2 σl_s).
         let pull_out = p.psi_ref * p.psi_ref * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s);
         let identified = {
@@ -92,7 +96,8 @@ impl<R: Real> EnhancedConfig<R> {
                 // A tenth of the torque that the current allows is kept in reserve.
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
-                step: rounded(SHIFT_RATE * f64::from(adapt_periods(slow_periods(inverter))) / inverter.f_c()),
+                step: rounded(SHIFT_RATE * call),
+                corner: rounded(call / SHIFT_TIME),
             },
             catch: CatchConfig::new(pu, CATCH_BLOCK, inverter.f_c()),
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
