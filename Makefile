@@ -69,6 +69,7 @@ metrics: build
 	$(BIN)/stillflux reproduce --sensitivity --beyond --metrics $(METRICS) --journal target/metrics.journal
 	$(BIN)/stillflux beyond tolerance --metrics $(METRICS) --journal target/tolerance.journal
 	$(BIN)/stillflux beyond tolerance --beyond-model --draws 12 --metrics $(METRICS) --journal target/effects.journal
+	$(BIN)/stillflux beyond guarantee --metrics $(METRICS) --journal target/guarantee.journal
 	$(BIN)/stillflux beyond consistency --metrics $(METRICS) --journal target/consistency.journal
 	$(BIN)/stillflux beyond consistency --beyond-model --metrics $(METRICS) --journal target/consistency.journal
 

@@ -26,11 +26,22 @@ from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.errors import ERRORS
+from stillflux.evidence.guarantee import (
+    ENDED,
+    GO_ON,
+    LONGEST_ANGLE,
+    LONGEST_SPEED,
+    NEEDLESSLY,
+    RUNS,
+    SCALES,
+    WITHOUT,
+)
+from stillflux.evidence.guarantee import rerun as rerun_guarantee
 from stillflux.evidence.machines import ALL_MACHINES, MACHINES
 from stillflux.evidence.registry import experiments, figures, operations, targets
 from stillflux.evidence.sensitivity import FIGURES as OF_MARGINS
 from stillflux.evidence.sensitivity import LESS, MORE, Margin
-from stillflux.evidence.table import BEYOND_MODEL, LOST_AFTER, Group, Kind, Line, Table
+from stillflux.evidence.table import BEYOND_MODEL, LOST_AFTER, Group, Kind, Line, Table, guarantee_at
 from stillflux.evidence.tolerance import EXCURSIONS, MISSES, NEEDLESS, interval, rerun
 
 __all__ = ["DOCUMENTS", "PLANE", "TABLES", "draw_plane", "drawn_from", "rendered", "tests_named", "update"]
@@ -573,6 +584,36 @@ def _consistency(table: Table, plant: str = "") -> str:
     return markdown(["", *DRIVES], rows)
 
 
+def _guarantee(table: Table) -> str:
+    """Runs that go on lost, and what supervision costs, by scale and drive."""
+    rows = []
+    for scale in SCALES:
+        by = {m: table.find("guarantee", guarantee_at(scale), m, _ENHANCED) for m in DRIVES}
+        for quantity in (RUNS, GO_ON, WITHOUT, ENDED, NEEDLESSLY, LONGEST_SPEED, LONGEST_ANGLE):
+            found = [next((x for x in by[m] if x.quantity == quantity), None) for m in DRIVES]
+            measured = [line for line in found if line is not None]
+            together = _UNKNOWN
+            if measured:
+                of_all = max if measured[0].unit else sum
+                together = f"{_number(of_all(x.number for x in measured))}{_unit(measured[0])}"
+            rows.append([f"{scale:g} times: {quantity}", *map(judged, found), together])
+    return markdown(["", *DRIVES, "all"], rows)
+
+
+def _guarantee_runs(table: Table) -> str:
+    """Every run that goes on lost or is ended needlessly, and how to run it again."""
+    rows = []
+    for scale in SCALES:
+        for machine in DRIVES:
+            lines = table.find("guarantee", guarantee_at(scale), machine, _ENHANCED)
+            for line in (x for x in lines if x.seed):
+                what = line.quantity.removeprefix(f"draw {line.seed} of {line.run} ")
+                seconds = f", {value(line)}" if line.number else ""
+                again = rerun_guarantee(machine, line.run, int(line.seed), scale)
+                rows.append([machine, line.run, f"{scale:g}", line.seed, what + seconds, f"`{again}`"])
+    return markdown(["drive", "course", "times", "draw", "what", "run again"], rows)
+
+
 def _operations(table: Table) -> str:
     """What was asked, and the worst over the drives of what happened."""
     rows = []
@@ -643,6 +684,8 @@ TABLES: Mapping[str, Callable[[Table], str]] = {
     "tolerance-beyond-model": partial(_tolerance, plant=BEYOND_MODEL),
     "tolerance-beyond-model-losses": partial(_tolerance_losses, plant=BEYOND_MODEL),
     "consistency-beyond-model": partial(_consistency, plant=BEYOND_MODEL),
+    "guarantee": _guarantee,
+    "guarantee-runs": _guarantee_runs,
     "operations": _operations,
     "temperature": _temperature,
 }

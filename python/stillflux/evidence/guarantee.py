@@ -12,8 +12,8 @@ needlessly.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from stillflux.evidence.claims import Claim, at_most, reported
 from stillflux.evidence.courses import COURSES
+from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import angle
 from stillflux.evidence.seeds import seed_of
@@ -30,10 +31,23 @@ from stillflux.parallel import run_jobs
 from stillflux.result import Result
 from stillflux.status import StatusCode
 
-__all__ = ["DRAWS", "SCALES", "Job", "Outcome", "claims", "held", "judged", "run", "run_all", "table"]
+__all__ = [
+    "DRAWS",
+    "SCALES",
+    "Found",
+    "Job",
+    "Outcome",
+    "found",
+    "held",
+    "judged",
+    "rerun",
+    "run",
+    "run_all",
+    "table",
+]
 
-DRAWS = 3
-"""Draws of each drive, course and scale, some minutes on two cores."""
+DRAWS = 8
+"""Draws of each drive, course and scale, five minutes on two cores."""
 SCALES = (1.0, 2.5)
 """Tolerances, in units of those of `draws`."""
 SPEED, SPEED_TIME = 0.2, 0.2
@@ -140,25 +154,65 @@ def progress(done: int, total: int, outcome: Outcome) -> None:
         print(f"[{done}/{total}]", file=sys.stderr, flush=True)
 
 
-def claims(outcomes: Sequence[Outcome]) -> list[Claim]:
-    """Of the runs at one scale."""
+RUNS, GO_ON, WITHOUT = "runs", "runs that go on lost", "go on lost without supervision"
+ENDED, NEEDLESSLY = "runs ended by a fault", "ended needlessly"
+LONGEST_SPEED = f"longest time with {SPEED:g} pu of speed error"
+LONGEST_ANGLE = f"longest time with {LOST_ANGLE:g}° of angle error"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What all runs of a drive at one scale showed."""
+
+    machine: str
+    scale: float
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def claims(self) -> list[Claim]:
+        """Counts and longest times, then every run that goes on lost or is ended needlessly."""
+        runs = self.outcomes
+        return [
+            reported(RUNS, len(runs)),
+            at_most(GO_ON, sum(x.violated for x in runs), 0),
+            reported(WITHOUT, sum(x.violated_off for x in runs)),
+            reported(ENDED, sum(bool(x.fault) for x in runs)),
+            reported(NEEDLESSLY, sum(x.needless for x in runs)),
+            reported(LONGEST_SPEED, max(x.speed for x in runs), "s"),
+            reported(LONGEST_ANGLE, max(x.angle for x in runs), "s"),
+            *(_of_run(x, "goes on lost", max(x.speed, x.angle)) for x in runs if x.violated),
+            *(_of_run(x, f"ended needlessly by {x.fault}") for x in runs if x.needless),
+        ]
+
+
+def _of_run(x: Outcome, what: str, seconds: float = 0.0) -> Claim:
+    """Of one run."""
+    return replace(reported(f"draw {x.draw} of {x.course} {what}", seconds, "s"), run=x.course, seed=x.draw)
+
+
+def found(outcomes: Iterable[Outcome]) -> list[Found]:
+    """By scale and drive, in the order of `DRIVES`."""
+    by: dict[tuple[float, str], list[Outcome]] = {}
+    for outcome in outcomes:
+        by.setdefault((outcome.scale, outcome.machine), []).append(outcome)
+    scales = sorted({scale for scale, _ in by})
     return [
-        reported("runs", len(outcomes)),
-        at_most("runs that go on lost", sum(x.violated for x in outcomes), 0),
-        reported("without supervision", sum(x.violated_off for x in outcomes)),
-        reported("longest time with 0.2 pu of speed error", max(x.speed for x in outcomes), "s"),
-        reported("longest time with 30° of angle error", max(x.angle for x in outcomes), "s"),
-        reported("runs ended by a fault", sum(bool(x.fault) for x in outcomes)),
-        reported("of them needlessly", sum(x.needless for x in outcomes)),
+        Found(machine, scale, tuple(by[scale, machine]))
+        for scale in scales
+        for machine in DRIVES
+        if (scale, machine) in by
     ]
+
+
+def rerun(machine: str, course: str, draw: int, scale: float) -> str:
+    """The command that runs one draw again."""
+    return f"stillflux beyond guarantee --machine {machine} --course {course} --draw {draw} --scale {scale:g}"
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
     """What was found, as text."""
     lines = []
-    for scale in sorted({x.scale for x in outcomes}):
-        of_scale = [x for x in outcomes if x.scale == scale]
-        lines.append(f"tolerances x {scale:g}")
-        lines += [f"  {x.quantity}: {x.value:.3g} {x.unit}".rstrip() for x in claims(of_scale)]
-        lines += [f"  ended needlessly: {x}" for x in of_scale if x.needless]
+    for of_drive in found(outcomes):
+        lines.append(f"{of_drive.machine}, tolerances x {of_drive.scale:g}")
+        lines += [f"  {x.quantity}: {x.measured}" for x in of_drive.claims]
     return "\n".join(lines)

@@ -2,11 +2,12 @@
 
 `kind` says what a line is about: a "figure" of the paper, its negative "control", the "margin" of a
 parameter, a "target" of the plane, losses over drawn installations on a course ("tolerance"), the
-"consistency" of the estimate over them, or an "operation" with its negative control ("without: …"). `value`
-is the worst that was found; `run` and `seed` say where: which run of a target it was, and under which
-realisation of the noise, empty where there is none; of a figure the realisation of noise and offset
-(`seeds.REALISATIONS`), of a loss what was lost and the number of the draw. `ok` says that it is as it should
-be: that the claim holds, or, of a control, that it fails for its reason and not before its time.
+"consistency" of the estimate over them, the "guarantee" that none of them goes on lost, or an "operation"
+with its negative control ("without: …"). `value` is the worst that was found; `run` and `seed` say where:
+which run of a target it was, and under which realisation of the noise, empty where there is none; of a figure
+the realisation of noise and offset (`seeds.REALISATIONS`), of a loss what was lost and the number of the
+draw. `ok` says that it is as it should be: that the claim holds, or, of a control, that it fails for its
+reason and not before its time.
 
 The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A line that
 agrees with the one there (see `agree`), is of the same run and seed and no worse, is left as it stands: only
@@ -29,6 +30,7 @@ from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.consistency import Consistency
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.guarantee import SCALES, Found
 from stillflux.evidence.machines import ALL_MACHINES
 from stillflux.evidence.operate import Performed
 from stillflux.evidence.registry import experiments, operations, targets
@@ -43,8 +45,10 @@ __all__ = [
     "Line",
     "Table",
     "agree",
+    "guarantee_at",
     "line_of",
     "of_consistency",
+    "of_guarantee",
     "of_margin",
     "of_operation",
     "of_outcome",
@@ -53,7 +57,9 @@ __all__ = [
     "shown",
 ]
 
-Kind: TypeAlias = Literal["figure", "control", "margin", "target", "tolerance", "consistency", "operation"]
+Kind: TypeAlias = Literal[
+    "figure", "control", "margin", "target", "tolerance", "consistency", "guarantee", "operation"
+]
 Group: TypeAlias = tuple[Kind, str, str, str]
 """Kind, name, machine, scheme: lines that are measured together."""
 
@@ -179,6 +185,17 @@ def of_consistency(found: Consistency, scheme: str, beyond_model: bool = False) 
     return [line_of(group, claim) for claim in found.claims]
 
 
+def guarantee_at(scale: float) -> str:
+    """Name of the lines at so many times the tolerances."""
+    return f"guarantee-{scale:g}"
+
+
+def of_guarantee(found: Found, scheme: str) -> list[Line]:
+    """The lines of the guarantee of a drive at one scale."""
+    group: Group = ("guarantee", guarantee_at(found.scale), found.machine, scheme)
+    return [line_of(group, claim) for claim in found.claims]
+
+
 def of_operation(found: Performed) -> list[Line]:
     """The lines of an operation at one drive under one scheme, and of its negative control."""
     group: Group = ("operation", found.name, found.machine, found.scheme)
@@ -288,6 +305,9 @@ def order() -> list[Group]:
     for plant in ("", BEYOND_MODEL):
         name = "consistency" + plant
         found += [("consistency", name, machine, scheme) for machine in DRIVES for scheme in SCHEMES]
+    for scale in SCALES:
+        name = guarantee_at(scale)
+        found += [("guarantee", name, machine, scheme) for machine in DRIVES for scheme in SCHEMES]
     for name in operations():
         found += [("operation", name, machine, scheme) for machine in DRIVES for scheme in SCHEMES]
     return found

@@ -28,8 +28,8 @@ const BALANCE_OFFSET_RATE: f64 = 0.34;
 const PULL_OUT_USE: f64 = 0.6;
 /// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
 const SHIFT_RATE: f64 = 0.5;
-/// Time constant of the low-pass that leaves loads alone which pass the flux shift's range, s: several rotor time constants of
-/// large machines, and a tenth of the time that a drive can stand on the line without the shift.
+/// Time constant of the low-pass that leaves loads alone which pass the flux shift's range, s: longer than a load takes to pass,
+/// and a third of the shortest time after which an angle error of 15° was seen on the line without the shift.
 const SHIFT_TIME: f64 = 2.0;
 
 /// Settings of the estimators.

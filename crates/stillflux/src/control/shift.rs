@@ -27,7 +27,7 @@
 //! of 2 s*, whichever is less. A load that comes to a machine at rest goes through `-a < s ω + ω_r0 < a` within a second. While
 //! the flux changes the current model says least of it, and the currents change for which resistance and bridge are known: a
 //! small error of the sensors, which a constant flux survives, was enough to lose it. A second or two on the line are no
-//! danger; a machine that is right stands there without the shift for 20 s and more.
+//! danger: without the shift the angle is 15° off after 6 s at the earliest (docs/beyond.md, `persistence-rated`).
 //!
 //! **Validity.** Needs slip: no effect below 0.05 of rated torque, full effect from 0.15. Where `b < a`, `|ω_s|` is smaller
 //! than `a`. The equation neglects the change of `|ψ_R|/|ψ_s|` with load.
@@ -92,15 +92,15 @@ impl<R: Real> FluxShift<R> {
     pub fn step(&mut self, c: &ShiftConfig<R>, omega_m: R, torque: R, [leakage, rotor]: [R; 2]) -> R {
         let a = c.omega_s_min;
         let load = torque.abs();
+        self.lasting += (load - self.lasting) * c.corner;
         let slip = c.slip * load * rotor;
         let omega = if torque < R::ZERO { -omega_m } else { omega_m };
         let omega_s = omega + slip;
-        self.lasting += (load - self.lasting) * c.corner;
 
         let mut wanted = R::ONE;
         if omega_s.abs() < a {
             let weight = clamp_seldom(load.min(self.lasting) * c.inv_torque_fade - R::HALF, R::ZERO, R::ONE);
-            let of_current = (load * c.inv_torque).min(R::ONE);
+            let of_current = load * c.inv_torque;
             // κ_min².
             let least = (R::ONE - weight * R::from_f64(1.0 - FACTOR_MIN * FACTOR_MIN))
                 .max(load * (c.inv_pull_out * leakage))
