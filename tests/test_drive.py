@@ -181,7 +181,7 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
         sf.Drive(motor, inverter, low_confidence="stop")  # type: ignore[arg-type]
     kept = max(0.006, 0.4 * slip(motor, 1.0)) * motor.base["omega"]
     assert drive.settings["omega_s_min"] == pytest.approx(kept, rel=0.05)
-    with pytest.raises(ValueError, match=r"omega_s_min = -1 .*range 0 to 15"):
+    with pytest.raises(ValueError, match=r"omega_s_min = -1 .*range 0\.31\d* to 15\..*not per unit"):
         sf.Drive(motor, inverter, omega_s_min=-1.0)
     with pytest.raises(TypeError, match=r"'noise_gain' is a setting of the scheme 'paper', .* is 'enhanced'"):
         sf.Drive(motor, inverter, noise_gain=(0.06, 0.5))

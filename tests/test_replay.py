@@ -235,6 +235,25 @@ def test_two_swapped_sensors_of_two_are_named(run: sf.Result) -> None:
     assert sf.replay(log, MOTOR, INVERTER, check=False).source == "dict"
 
 
+def test_wrong_wiring_is_named_in_a_log_that_begins_with_the_start_of_a_drive() -> None:
+    # The comparison of the legs reverses the current and sets it along other axes: no rotation.
+    scenario = sf.Scenario(motor=MOTOR, inverter=INVERTER, duration=3.0, record_every=1)
+    run = sf.simulate(scenario.replace(omega_ref=[(0, 0), (1.6, 0), (1.8, 5.0)]))
+    log = {"t": run.t, **phases(run["measured.i_s"], "i"), **phases(run["u_s"], "u")}
+    assert not [note for note in sf.replay(log, MOTOR, INVERTER).notes if "hardly fit" in note]
+    with pytest.raises(ValueError, match="i_a and i_b swapped"):
+        sf.replay(log | {"i_a": log["i_b"], "i_b": log["i_a"]}, MOTOR, INVERTER)
+    with pytest.raises(ValueError, match="i_a, i_b, i_c inverted"):
+        sf.replay(log | {k: -log[k] for k in ("i_a", "i_b", "i_c")}, MOTOR, INVERTER)
+
+
+@pytest.mark.parametrize("unit", ["mA", "kA"])
+def test_a_unit_that_was_given_wrongly_gets_the_right_one(run: sf.Result, unit: str) -> None:
+    columns = {f"i_{p}": (f"i_{p}", unit) for p in "abc"}
+    with pytest.raises(ValueError, match=r"Give the unit, columns=\{'i_a': \('i_a', 'A'\)"):
+        sf.replay(terminals(run), MOTOR, INVERTER, columns=columns)
+
+
 def test_cells_are_named_by_file_line_and_column(run: sf.Result, tmp_path: Path) -> None:
     log = {k: v[:300] for k, v in terminals(run).items()}
     path = tmp_path / "log.csv"

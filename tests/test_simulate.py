@@ -124,6 +124,13 @@ def test_torque_reference_and_imposed_speed(scenario: sf.Scenario) -> None:
     assert result["torque"][-1] == pytest.approx(5.0, abs=0.5)
 
 
+def test_the_summary_names_a_speed_reference_that_is_cut(scenario: sf.Scenario) -> None:
+    # 1500 r/min taken for rad/s.
+    result = sf.simulate(scenario.replace(omega_ref=1500.0, duration=1.8, changes=[]))
+    assert "speed reference: 1500 … 1500 rad/s, cut to -345.6 … 345.6 rad/s (omega_max" in result.summary()
+    assert "cut to" not in sf.simulate(scenario.replace(duration=1.8, changes=[])).summary()
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "text"),
     [
@@ -132,6 +139,19 @@ def test_torque_reference_and_imposed_speed(scenario: sf.Scenario) -> None:
         ({"arithmetic": "f8"}, ValueError, "arithmetic = "),
         ({"signals": ["speed"]}, ValueError, "'speed'|\"speed\""),
         ({"settings": {"gain": 1.0}}, TypeError, "'gain'"),
+        ({"settings": {"speed_bandwith": 5.0}}, TypeError, "'speed_bandwith'; 'speed_bandwidth'\\?"),
+        (
+            {"settings": {"jerk": 1.0}},
+            ValueError,
+            "jerk = 1 .*not admissible: it needs an accel",
+        ),
+        ({"plant": {"iron_los": (1.0, 1.0)}}, TypeError, "'iron_los'; 'iron_loss'\\?"),
+        (
+            {"plant": {"iron_loss": 1.0}},
+            TypeError,
+            r"iron_loss = 1.0 is not \(R_fe in Ω, ",
+        ),
+        ({"plant": {"adc_skew": 1e-6}}, TypeError, "adc_skew = 1e-06 is not three numbers"),
         ({"plant": {"gain": 1.0}}, TypeError, "'gain'"),
         ({"plant": {"adc_bits": 99}}, ValueError, "bits = 99"),
         ({"changes": [(1.0, {"R_r": 1.0})]}, TypeError, "'R_r'"),

@@ -255,6 +255,7 @@ def test_what_is_no_sweep_is_refused_by_name() -> None:
     wrong: list[tuple[Any, str]] = [
         (lambda: sf.grid(base, {"plant_motor.Rs": [1.0]}), "Rs is not a field of plant_motor"),
         (lambda: sf.grid(base, {"load_torque": 3.0}), "load_torque = 3.0 is neither a list"),  # type: ignore[dict-item]
+        (lambda: sf.grid(base, {"load_torque": []}), r"load_torque = \[\] has no value"),
         (lambda: sf.grid(base.replace(omega_ref=[(0, 1)]), {"omega_ref": sf.factors(2)}), "is not a number"),
         (lambda: sf.draws(base, 2, {"plant_motor.R_s": 0.1}), "R_s: 0.1 is neither normal"),  # type: ignore[dict-item]
         (lambda: sf.draws(base, 0, {}), "number = 0"),

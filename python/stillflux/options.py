@@ -168,7 +168,7 @@ class DriveSettings(TypedDict, total=False):
     omega_s_min: float
     """Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is
     lowered, by at most 30 %. 0: the flux stays. By default 0.4 of the rated slip frequency, and 0.006 of
-    rated frequency at least."""
+    rated frequency at least; 0.001 to 0.05 of rated frequency are admissible."""
     prior_R_s: float
     """Relative standard deviation with which the filter begins, 0.002 to 0.5: of the stator resistance, with
     its temperature. What is known well moves little: `Commissioned.settings`."""

@@ -155,11 +155,24 @@ class Result:
             facts.append(("field angle error", worst))
         if "omega_m" in self and "reference" in self and self.scenario.torque_ref is None:
             facts.append(("speed error at the end", f"{metrics.last_speed_error(self):.2g} pu"))
+            facts.extend(self._cut())
         if "estimate.confidence" in self:
             facts.append(("confidence", f"{metrics.least_confidence(self):.2f} at least"))
         if "estimate.R_s" in self and "R_s" in self:
             facts.append(("R_s at the end", f"{100 * metrics.last_resistance_error(self):+.2g} %"))
         return facts
+
+    def _cut(self) -> list[tuple[str, str]]:
+        """The limits to which the drive has cut the reference of the speed, if it was beyond them."""
+        s, asked = self.scenario, self["reference"]
+        options: dict[str, Any] = {"scheme": s.scheme, "arithmetic": s.arithmetic, **s.settings}
+        settings = _core.Drive(s.motor, s.inverter, **options).settings
+        low, high = settings["speed_limits"] or (-settings["omega_max"], settings["omega_max"])
+        # A ulp of single precision is no excess.
+        if asked.min() >= 1.000001 * low and asked.max() <= 1.000001 * high:
+            return []
+        text = f"{asked.min():.4g} … {asked.max():.4g} rad/s, cut to {low:.4g} … {high:.4g} rad/s"
+        return [("speed reference", f"{text} (omega_max, speed_limits)")]
 
     def __repr__(self) -> str:
         name = f" {self.scenario.name!r}" if self.scenario.name else ""

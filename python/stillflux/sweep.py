@@ -132,7 +132,8 @@ def grid(base: Scenario, axes: Mapping[str, Sequence[Any] | Factors]) -> list[Po
     A field is that of a scenario ("load_torque", "arithmetic") or of a part ("plant_motor.R_s",
     "settings.psi_ref", "plant.current_offset"). A number in place of a profile holds from t = 0 on: a load
     turns the machine before the drive has started. A combination that no scenario admits is a point with the
-    error. Raises ValueError for a field that there is not, TypeError for an axis that is no list.
+    error. Raises ValueError for a field that there is not and an axis without values, TypeError for an axis
+    that is no list.
     """
     values = [_values(base, name, axis) for name, axis in axes.items()]
     return [_point(base, dict(zip(axes, chosen, strict=True))) for chosen in product(*values)]
@@ -144,7 +145,10 @@ def _values(base: Scenario, name: str, axis: Sequence[Any] | Factors) -> list[An
         return [_number(base, name) * x for x in axis.values]
     if isinstance(axis, str | bytes | Mapping) or not isinstance(axis, Iterable):
         raise TypeError(f"{name} = {axis!r} is neither a list of values nor factors(…)")
-    return list(axis)
+    values = list(axis)
+    if not values:
+        raise ValueError(f"{name} = {axis!r} has no value: the grid would have no point")
+    return values
 
 
 def _known(base: Scenario, name: str) -> None:

@@ -31,16 +31,35 @@ where
     value.extract().map_err(|e: <T as FromPyObject<'_, 'py>>::Error| named(value.py(), name, &e.into()))
 }
 
-/// Calls `set` for every keyword; a name for which it returns `false` is a `TypeError` that says so.
+/// Extracts an optional tuple; an error says what its parts are.
+pub fn parts<'py, T>(name: &str, value: &Bound<'py, PyAny>, meaning: &str) -> PyResult<Option<T>>
+where
+    T: for<'a> FromPyObject<'a, 'py>,
+{
+    let wrong = |_| PyTypeError::new_err(format!("{name} = {value} is not ({meaning}), nor None"));
+    value.extract::<Option<T>>().map_err(|e: <Option<T> as FromPyObject<'_, 'py>>::Error| wrong(e.into()))
+}
+
+/// What of `known` is spelt nearly so, as the end of a message.
+fn nearly(py: Python<'_>, name: &str, known: &[&str]) -> PyResult<String> {
+    let close: Vec<String> =
+        py.import("difflib")?.call_method1("get_close_matches", (name, known.to_vec(), 1))?.extract()?;
+    Ok(close.first().map_or_else(String::new, |found| format!("; '{found}'?")))
+}
+
+/// Calls `set` for every keyword; a name for which it returns `false` is a `TypeError` that says so, and what of `known` it
+/// may be.
 pub fn each_keyword<'py>(
     keywords: Option<&Bound<'py, PyDict>>,
     owner: &str,
+    known: &[&str],
     mut set: impl FnMut(&str, &Bound<'py, PyAny>) -> PyResult<bool>,
 ) -> PyResult<()> {
     for (key, value) in keywords.into_iter().flatten() {
         let name: String = key.extract()?;
         if !set(&name, &value)? {
-            return Err(PyTypeError::new_err(format!("{owner} has no setting '{name}'")));
+            let hint = nearly(key.py(), &name, known)?;
+            return Err(PyTypeError::new_err(format!("{owner} has no setting '{name}'{hint}")));
         }
     }
     Ok(())
@@ -53,7 +72,8 @@ pub fn three(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
         let array = array.as_array();
         return array.iter().copied().collect::<Vec<_>>().try_into().map_err(|v: Vec<f64>| wrong(v.len()));
     }
-    let items = value.try_iter().map_err(|e| named(value.py(), name, &e))?;
+    let items =
+        value.try_iter().map_err(|_| PyTypeError::new_err(format!("{name} = {value} is not three numbers")))?;
     let items: Vec<f64> = items.map(|x| extract(name, &x?)).collect::<PyResult<_>>()?;
     items.try_into().map_err(|v: Vec<f64>| wrong(v.len()))
 }

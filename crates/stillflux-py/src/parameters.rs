@@ -212,6 +212,9 @@ fn one_of<T: Copy>(field: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T
 
 macro_rules! drive_settings {
     (common: $($field:ident),* ; paper: $($paper:ident),* ; enhanced: $($enhanced:ident),* $(;)?) => {
+        /// Every setting, of both schemes.
+        const SETTINGS: &[&str] =
+            &[$(stringify!($field),)* $(stringify!($paper),)* $(stringify!($enhanced),)* "low_confidence", "encoder_mode"];
         const PAPER: &[&str] = &[$(stringify!($paper)),*];
         const ENHANCED: &[&str] = &[$(stringify!($enhanced)),*];
 
@@ -290,7 +293,7 @@ pub fn drive_params(
 ) -> PyResult<DriveParams> {
     let scheme = one_of("scheme", scheme, &SCHEMES)?;
     let mut p = DriveParams { scheme, ..DriveParams::new(machine, inverter) };
-    each_keyword(settings, "the drive", |name, value| {
+    each_keyword(settings, "the drive", SETTINGS, |name, value| {
         check_scheme(scheme, name)?;
         set(&mut p, name, value)
     })?;

@@ -12,7 +12,7 @@ use stillflux_sim::{
     Thermal, Truth,
 };
 
-use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, three, value_error};
+use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, parts, three, value_error};
 use crate::parameters::{Inverter, Motor};
 
 fn mode(name: &str) -> PyResult<Mode> {
@@ -22,6 +22,38 @@ fn mode(name: &str) -> PyResult<Mode> {
         _ => Err(PyValueError::new_err(format!("mode = {name:?} is not one of 'switching', 'averaged'"))),
     }
 }
+
+const OPTIONS: &[&str] = &[
+    "mode",
+    "seed",
+    "saturation",
+    "J_load",
+    "viscous",
+    "coulomb",
+    "stribeck",
+    "stribeck_speed",
+    "speed",
+    "turn_on_delay",
+    "turn_off_delay",
+    "adc_bits",
+    "adc_range",
+    "adc_noise",
+    "current_offset",
+    "current_offset_drift",
+    "current_gain",
+    "iron_loss",
+    "deep_bar",
+    "leakage_saturation",
+    "slot_ripple",
+    "shunt",
+    "encoder_lines",
+    "adc_skew",
+    "missed_calls",
+    "doubled_calls",
+    "dc_link",
+    "grid",
+    "thermal",
+];
 
 fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bool> {
     match name {
@@ -43,20 +75,24 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
         "current_offset_drift" => p.adc.offset_drift = offsets(name, value)?,
         "current_gain" => p.adc.gain = three(name, value)?,
         "iron_loss" => {
-            p.iron_loss = extract::<Option<(f64, f64)>>(name, value)?
+            p.iron_loss = parts::<(f64, f64)>(name, value, "R_fe in Ω, time constant in s")?
                 .map(|(R_fe, time_constant)| IronLoss { R_fe, time_constant });
         }
         "deep_bar" => {
-            p.deep_bar = extract::<Option<(f64, f64)>>(name, value)?
+            p.deep_bar = parts::<(f64, f64)>(name, value, "share of the conductance, share of the inverse leakage")?
                 .map(|(conductance, leakage)| DeepBar { conductance, leakage });
         }
         "leakage_saturation" => {
-            p.leakage_saturation = extract::<Option<(f64, f64)>>(name, value)?
+            p.leakage_saturation = parts::<(f64, f64)>(name, value, "share of the leakage, peak current in A")?
                 .map(|(share, current)| LeakageSaturation { share, current });
         }
         "slot_ripple" => {
-            p.slot_ripple = extract::<Option<(u32, f64, f64)>>(name, value)?
-                .map(|(slots, permeance, leakage)| SlotRipple { slots, permeance, leakage });
+            p.slot_ripple = parts::<(u32, f64, f64)>(
+                name,
+                value,
+                "number of slots, amplitude of the permeance, amplitude of the inverse leakage",
+            )?
+            .map(|(slots, permeance, leakage)| SlotRipple { slots, permeance, leakage });
         }
         "shunt" => p.shunt = extract::<Option<f64>>(name, value)?.map(|settling| Shunt { settling }),
         "encoder_lines" => p.encoder = extract::<Option<u32>>(name, value)?.map(|lines| Encoder { lines }),
@@ -64,23 +100,25 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
         "missed_calls" => p.calls.missed = extract(name, value)?,
         "doubled_calls" => p.calls.doubled = extract(name, value)?,
         "dc_link" => {
-            p.dc_link = extract::<Option<(f64, f64, Option<f64>)>>(name, value)?
+            p.dc_link = parts::<(f64, f64, Option<f64>)>(name, value, "C in F, R_supply in Ω, R_chopper in Ω or None")?
                 .map(|(C, R_supply, R_chopper)| DcLink { C, R_supply, R_chopper: R_chopper.unwrap_or(f64::INFINITY) });
         }
         "grid" => {
-            p.grid = extract::<Option<(f64, f64)>>(name, value)?
+            p.grid = parts::<(f64, f64)>(name, value, "frequency in Hz, inductance in H")?
                 .map(|(frequency, inductance)| Grid { frequency, inductance });
         }
         "thermal" => {
-            p.thermal = extract::<Option<Vec<f64>>>(name, value)?
-                .map(|parts| match parts[..] {
-                    [time_constant, rise, alpha] => Ok(Thermal { time_constant, rise, alpha, alpha_R: 0.0 }),
-                    [time_constant, rise, alpha, alpha_R] => Ok(Thermal { time_constant, rise, alpha, alpha_R }),
-                    _ => {
-                        Err(PyTypeError::new_err(format!("thermal: {} numbers instead of three or four", parts.len())))
-                    }
-                })
-                .transpose()?;
+            p.thermal = parts::<Vec<f64>>(
+                name,
+                value,
+                "time constant in s, rise in K, alpha in 1/K, alpha_R in 1/K or nothing",
+            )?
+            .map(|parts| match parts[..] {
+                [time_constant, rise, alpha] => Ok(Thermal { time_constant, rise, alpha, alpha_R: 0.0 }),
+                [time_constant, rise, alpha, alpha_R] => Ok(Thermal { time_constant, rise, alpha, alpha_R }),
+                _ => Err(PyTypeError::new_err(format!("thermal: {} numbers instead of three or four", parts.len()))),
+            })
+            .transpose()?;
         }
         _ => return Ok(false),
     }
@@ -94,7 +132,7 @@ pub fn plant_params(
     options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<PlantParams> {
     let mut p = PlantParams::new(machine, inverter);
-    each_keyword(options, "the plant", |name, value| set(&mut p, name, value))?;
+    each_keyword(options, "the plant", OPTIONS, |name, value| set(&mut p, name, value))?;
     p.validate().map_err(value_error)?;
     Ok(p)
 }

@@ -91,10 +91,13 @@ fn check_signals(names: Option<&[String]>) -> PyResult<()> {
 }
 
 /// One entry a change: a dict with several names makes several changes at one time.
+const CHANGES: &[&str] =
+    &["R_s", "current_offset", "u_dc", "speed", "open_phase", "channel", "encoder", "stop", "reset"];
+
 fn changes(list: &[(f64, Bound<'_, PyDict>)]) -> PyResult<Vec<(f64, Change)>> {
     let mut all = Vec::new();
     for (t, what) in list {
-        each_keyword(Some(what), "a change of plant or drive", |name, value| {
+        each_keyword(Some(what), "a change of plant or drive", CHANGES, |name, value| {
             let change = match name {
                 "R_s" => Change::StatorResistance(resistance(extract(name, value)?)?),
                 "current_offset" => Change::CurrentOffset(offsets(name, value)?),

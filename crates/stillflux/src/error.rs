@@ -9,7 +9,7 @@ pub struct ParamError {
     pub field: &'static str,
     /// The value given.
     pub value: f64,
-    /// Smallest admissible value.
+    /// Smallest admissible value; above [`Self::max`] where no value is admissible, and [`Self::note`] says what is missing.
     pub min: f64,
     /// Largest admissible value.
     pub max: f64,
@@ -27,11 +27,20 @@ impl ParamError {
     }
 }
 
+/// Refuses a value that no range would admit; `note`: what it needs.
+pub(crate) const fn refuse(field: &'static str, value: f64, unit: &'static str, note: &'static str) -> ParamError {
+    ParamError { field, value, min: 1.0, max: 0.0, unit, note }
+}
+
 impl fmt::Display for ParamError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { field, value, min, max, unit, note } = self;
         let sep = if unit.is_empty() { "" } else { " " };
-        write!(f, "{field} = {value}{sep}{unit} is outside the admissible range {min} to {max}{sep}{unit}")?;
+        if min > max {
+            write!(f, "{field} = {value}{sep}{unit} is not admissible")?;
+        } else {
+            write!(f, "{field} = {value}{sep}{unit} is outside the admissible range {min} to {max}{sep}{unit}")?;
+        }
         if note.is_empty() { Ok(()) } else { write!(f, ": {note}") }
     }
 }

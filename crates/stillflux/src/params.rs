@@ -9,6 +9,7 @@
 //! exactly; the T form has one parameter more, of which the terminals see only four combinations.
 #![allow(non_snake_case)]
 
+use crate::error::refuse;
 pub use crate::error::{ParamError, check};
 use crate::scalar::Timer;
 
@@ -327,8 +328,7 @@ impl Inverter {
         }
         check("half_periods", f64::from(self.half_periods), 1.0, 16.0, "")?;
         if self.half_periods != 1 && !self.half_periods.is_multiple_of(2) {
-            let (value, around) = (f64::from(self.half_periods), f64::from(self.half_periods - 1));
-            return check("half_periods", value, around, around, "").map_err(|e| e.with_note("1, or an even number"));
+            return Err(refuse("half_periods", f64::from(self.half_periods), "", "1, or an even number to 16"));
         }
         Ok(())
     }

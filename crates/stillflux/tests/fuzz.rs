@@ -144,7 +144,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         identify_legs: !rng.chance(4) && cfg!(feature = "legs"),
         hold_inductances: !rng.chance(4),
         apply_innovation: !rng.chance(6),
-        omega_s_min: rng.within(0.0, 0.05) * machine.omega_sR(),
+        omega_s_min: if rng.chance(4) { 0.0 } else { rng.within(0.001, 0.05) * machine.omega_sR() },
         prior_R_s: rng.ratio(0.002, 0.5),
         prior_loss: rng.ratio(0.002, 1.0),
         prior_c_out: rng.ratio(0.002, 1.0),

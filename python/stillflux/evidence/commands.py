@@ -57,7 +57,7 @@ def beyond(parser: argparse.ArgumentParser) -> None:
     _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES])))
     drawn = parser.add_argument_group("tolerance, consistency, guarantee and commissioning")
     drawn.add_argument("--draws", type=_count, metavar="N", help="draws of each drive (and course)")
-    drawn.add_argument("--draw", type=int, action="append", metavar="K", help="only this draw")
+    drawn.add_argument("--draw", type=_index, action="append", metavar="K", help="only this draw")
     drawn.add_argument(
         "--course",
         choices=COURSES,
@@ -274,6 +274,14 @@ def _count(text: str) -> int:
     number = int(text)
     if not 1 <= number <= 100_000:
         raise argparse.ArgumentTypeError(f"{number} draws: admissible are 1 to 100000")
+    return number
+
+
+def _index(text: str) -> int:
+    """Which draw. Raises what `argparse` expects."""
+    number = int(text)
+    if not 0 <= number < 100_000:
+        raise argparse.ArgumentTypeError(f"draw {number}: admissible are 0 to 99999")
     return number
 
 

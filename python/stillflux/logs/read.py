@@ -76,6 +76,8 @@ class Log:
     """Quantity → name of its column."""
     lines: NDArray[np.int64] | None
     """Line of each row in a text file, else None."""
+    scales: Mapping[str, float]
+    """Quantity → factor by which its column was brought to SI."""
 
     def __len__(self) -> int:
         return len(next(iter(self.data.values())))
@@ -137,7 +139,8 @@ def read_log(log: Any, columns: Columns | None = None) -> Log:
         )
     if not len(next(iter(data.values()))):
         raise ValueError(f"{source} has a header and no rows")
-    return Log(source, data, names, lines)
+    scales = {quantity: scale for quantity, (_, scale) in found.items()}
+    return Log(source, data, names, lines, scales)
 
 
 def _index(frame: Any, table: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,7 +88,7 @@ def without_nan(log: Log, rate: float | None, max_gap: float, notes: list[str]) 
             filled = filled + 1j * np.interp(np.arange(n), good, values[good].imag)
         data[name] = filled
         notes.append(f"{log.place(name, first)}: {int(bad.sum())} values that are no numbers are bridged")
-    return Log(log.source, data, log.names, log.lines)
+    return replace(log, data=data)
 
 
 def _median_step(t: NDArray[np.float64]) -> float:
@@ -271,8 +271,9 @@ def _wrong_unit(
     log: Log, quantities: tuple[str, ...], ratio: float, base: float, unit: str, low: float, high: float
 ) -> None:
     what = f"{log.place(quantities)}: values of {ratio * base:.3g} {unit}, {ratio:.3g} of rated"
-    for prefix, factor in (("m", 1e-3), ("k", 1e3)):
-        if low <= ratio * factor <= high:
+    given = log.scales.get(quantities[0], 1.0)
+    for prefix, factor in (("", 1.0), ("m", 1e-3), ("k", 1e3)):
+        if low <= ratio * factor / given <= high:
             raise ValueError(
                 f"{what}, wrong by a factor of 1000? Give the unit, columns={{{quantities[0]!r}: "
                 f"({log.names.get(quantities[0], quantities[0])!r}, '{prefix}{unit}'), …}}, or check=False"

@@ -20,6 +20,7 @@ __all__ = ["check_wiring"]
 
 
 _MISFIT = 0.5  # relative misfit from which on a log is hardly one of this motor
+_JUMP = 0.125  # turns within a millisecond by which a field does not change its way
 _FLUX = (0.5, 1.6)  # of rated, the same: field weakening and saturation lie between
 
 
@@ -37,7 +38,11 @@ def check_wiring(log: Log, rows: Rows, motor: Motor, inverter: Inverter, notes: 
         )
     every = max(1, round(1e-3 / step))
     slow = i[: len(i) // every * every].reshape(-1, every).mean(axis=1)
-    turned = np.unwrap(np.angle(slow + 1e-30)) / (2 * np.pi)
+    moved = np.angle((slow[1:] + 1e-30) * np.conj(slow[:-1] + 1e-30)) / (2 * np.pi)
+    # No rotation: a current that is reversed or set along another axis, as a start does to compare the legs.
+    uneven = np.abs((np.diff(moved) + 0.5) % 1.0 - 0.5) > _JUMP
+    moved[(np.abs(moved) > _JUMP) & (np.append(uneven, False) | np.append(False, uneven))] = 0.0
+    turned = np.concatenate(([0.0], np.cumsum(moved)))
     window = min(len(slow) - 1, round(1.0 / (every * step)))
     swing = np.abs(turned[window:] - turned[:-window])
     if not len(swing) or swing.max() < 1.0:

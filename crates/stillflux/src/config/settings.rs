@@ -8,6 +8,7 @@ pub use self::enhanced::EnhancedParams;
 pub use self::paper::PaperParams;
 
 use crate::base::Base;
+use crate::error::refuse;
 #[cfg(all(feature = "enhanced", feature = "legs"))]
 use crate::estimate::legs::legs_time;
 use crate::params::{Inverter, Machine, ParamError, check};
@@ -505,8 +506,10 @@ impl DriveParams {
             check("acceleration", a, 1e-3 * omega_n, 1000.0 * omega_n, "rad/s²")?;
         }
         if let Some(j) = self.jerk {
-            let most = if self.acceleration.is_some() { 1e5 * omega_n } else { 0.0 };
-            check("jerk", j, 1e-2 * omega_n, most, "rad/s³").map_err(|e| e.with_note("with an acceleration only"))?;
+            if self.acceleration.is_none() {
+                return Err(refuse("jerk", j, "rad/s³", "it needs an acceleration"));
+            }
+            check("jerk", j, 1e-2 * omega_n, 1e5 * omega_n, "rad/s³")?;
         }
         if let Some((negative, positive)) = self.torque_limits {
             check("torque_limits[0]", negative, -self.torque_max, 0.0, "N m")?;
@@ -564,9 +567,11 @@ impl DriveParams {
     fn validate_link(&self, inverter: &Inverter) -> Result<(), ParamError> {
         let built = cfg!(feature = "dclink");
         let check = |field, value, min: f64, max: f64| {
-            let max = if built { max } else { min - 1.0 };
-            check(field, value, min, max, "V")
-                .map_err(|e| if built { e } else { e.with_note("needs the feature `dclink`") })
+            if built {
+                check(field, value, min, max, "V")
+            } else {
+                Err(refuse(field, value, "V", "needs the feature `dclink`"))
+            }
         };
         // A width of 5 % lies below the braking voltage and above the buffering one.
         if let Some(u) = self.u_dc_brake {

@@ -28,7 +28,7 @@ pub struct EnhancedParams {
     pub apply_innovation: bool,
     /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered, by at
     /// most 30 % ([`crate::control::shift`]). 0: the flux stays. By default 0.4 of the rated slip frequency, which at rated
-    /// load takes a sixth of the flux, and 0.006 of rated frequency at least.
+    /// load takes a sixth of the flux, and 0.006 of rated frequency at least; 0.001 to 0.05 of it are admissible.
     pub omega_s_min: f64,
     /// Relative standard deviation with which the filter begins, at least 0.002: of the stator resistance with its
     /// temperature, at most 0.5.
@@ -56,8 +56,8 @@ pub struct EnhancedParams {
 /// Parts of the rated frequency and of the rated slip.
 const SHIFT_LEAST: f64 = 0.006;
 const SHIFT: f64 = 0.4;
-/// Of rated frequency.
-const SHIFT_MOST: f64 = 0.05;
+/// Admissible, of rated frequency. Slower the field does not turn once in 20 s at 50 Hz: no use, and per unit mistaken for rad/s.
+const SHIFT_RANGE: (f64, f64) = (0.001, 0.05);
 
 /// Stator frequency to keep, rad/s. A constant error of the voltage turns the flux by the more, the slower the field turns; the
 /// flux that is given up for it is `1 - √(1/1.4)` at rated load, whatever the slip.
@@ -66,7 +66,7 @@ fn shift(machine: &Machine) -> f64 {
     let psi_r = machine.L_M / machine.L_s();
     let slip = machine.R_R / base.z * machine.T_N / base.torque / (psi_r * psi_r);
     // Within its range for machines with an unusual slip.
-    (SHIFT * slip).clamp(SHIFT_LEAST, SHIFT_MOST) * base.omega
+    (SHIFT * slip).clamp(SHIFT_LEAST, SHIFT_RANGE.1) * base.omega
 }
 
 impl EnhancedParams {
@@ -94,7 +94,11 @@ impl EnhancedParams {
     }
 
     pub(super) fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
-        check("omega_s_min", self.omega_s_min, 0.0, SHIFT_MOST * machine.omega_sR(), "rad/s")?;
+        if self.omega_s_min != 0.0 {
+            let (least, most) = SHIFT_RANGE;
+            check("omega_s_min", self.omega_s_min, least * machine.omega_sR(), most * machine.omega_sR(), "rad/s")
+                .map_err(|e| e.with_note("electrical, not per unit; 0: the flux stays"))?;
+        }
         self.priors().into_iter().try_for_each(|(name, value, most)| check(name, value, 0.002, most, ""))?;
         let built = cfg!(feature = "legs");
         check("identify_legs", f64::from(u8::from(self.identify_legs)), 0.0, f64::from(u8::from(built)), "")
