@@ -45,7 +45,7 @@ lint: build
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest stillflux._core
 
-# Every figure of the paper under five seeds and more: verdicts and report, some ten minutes on two cores.
+# Every figure of the paper under twenty realisations: verdicts and report, some ten minutes on two cores.
 reproduce: build
 	$(BIN)/stillflux reproduce
 

@@ -24,6 +24,17 @@ ROOT = Path(__file__).resolve().parents[1]
 POINTS = ROOT / "tests" / plane_points.FILE
 
 
+def test_the_code_of_the_firmware_page_is_that_of_the_examples() -> None:
+    """Each block names its source, whose lines are compiled by `test_firmware_examples.py`."""
+    page = (ROOT / "docs" / "firmware.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```rust\n// (\S+\.rs)\n(.*?)```", page, re.DOTALL)
+    assert len(blocks) == 5
+    for source, block in blocks:
+        lines = {line.strip() for line in (ROOT / source).read_text(encoding="utf-8").splitlines()}
+        missing = [line for line in block.splitlines() if line.strip() and line.strip() not in lines]
+        assert not missing, source
+
+
 def test_a_page_has_contents_of_its_headings() -> None:
     text = html_page.page("A < B", "<h2>one</h2><h2 id='x'>two <code>2</code></h2><h2>three</h2>")
     assert "<title>A &lt; B</title>" in text

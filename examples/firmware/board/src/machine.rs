@@ -15,9 +15,30 @@ pub const FULL_SCALE: (f64, f64) = (20.0, 810.0);
 
 /// Machine, bridge and settings.
 pub fn parameters() -> (Machine, Inverter, DriveParams) {
-    let machine = Machine::preset_2k2();
+    let machine = Machine {
+        R_s: 3.7,       // Ω, of one phase in star
+        R_R: 2.1,       // Ω
+        L_sigma: 0.021, // H
+        L_M: 0.224,     // H
+        n_p: 2,
+        J: 0.015,   // kg m², of the whole shaft
+        U_N: 400.0, // V rms, line to line
+        I_N: 5.0,   // A rms
+        f_N: 50.0,  // Hz
+        T_N: 14.6,  // N m
+        saturation: None,
+    };
     let (_, counts) = dead_time(DEAD_TIME * F_CLK);
-    let inverter = Inverter { f_clk: F_CLK, f_s: F_S, dead_time: f64::from(counts) / F_CLK, ..Inverter::preset_2k2() };
+    let inverter = Inverter {
+        u_dc: 540.0, // V, rated
+        f_s: F_S,
+        u_th: 1.0, // V, threshold of the switches
+        r_d: 0.2,  // Ω, their differential resistance
+        dead_time: f64::from(counts) / F_CLK,
+        f_clk: F_CLK,
+        c_out: 1e-9, // F, of a leg's node with cable and motor: never 0 for a real bridge
+        ..Inverter::preset_2k2()
+    };
     let params = DriveParams::new(&machine, &inverter);
     (machine, inverter, params)
 }
