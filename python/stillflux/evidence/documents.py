@@ -133,14 +133,19 @@ def value(line: Line | None) -> str:
         return "yes" if line.number else "no"
     if not math.isfinite(line.number):
         return "lost" if line.unit == "°" else "never"
-    return f"{_number(line.number)}{_unit(line)}"
+    bound = float(line.bound) if line.direction in _SIGNS else math.inf
+    return f"{_number(line.number, bound)}{_unit(line)}"
 
 
-def _number(x: float) -> str:
-    """Two digits, a large number or a count in full, never with an exponent."""
+def _number(x: float, bound: float = math.inf) -> str:
+    """Two digits, a large number or a count in full, never with an exponent; three where two would show it on
+    another side of the bound."""
     if x == round(x) or abs(x) >= 100.0:
         return str(round(x))
-    return np.format_float_positional(float(f"{x:.2g}"), trim="-")
+    shown = float(f"{x:.2g}")
+    if (shown > bound, shown < bound) != (x > bound, x < bound):
+        shown = float(f"{x:.3g}")
+    return np.format_float_positional(shown, trim="-")
 
 
 def _unit(line: Line) -> str:
@@ -596,6 +601,10 @@ def _guarantee(table: Table) -> str:
             if measured:
                 of_all = max if measured[0].unit else sum
                 together = f"{_number(of_all(x.number for x in measured))}{_unit(measured[0])}"
+            if measured and quantity == GO_ON:
+                runs = sum(round(x.number) for m in DRIVES for x in by[m] if x.quantity == RUNS)
+                low, high = (100.0 * x for x in interval(int(together), runs))
+                together += f" ({_number(low)} … {_number(high)} %)"
             rows.append([f"{scale:g} times: {quantity}", *map(judged, found), together])
     return markdown(["", *DRIVES, "all"], rows)
 
