@@ -72,8 +72,7 @@ pub fn three(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
         let array = array.as_array();
         return array.iter().copied().collect::<Vec<_>>().try_into().map_err(|v: Vec<f64>| wrong(v.len()));
     }
-    let items =
-        value.try_iter().map_err(|_| PyTypeError::new_err(format!("{name} = {value} is not three numbers")))?;
+    let items = value.try_iter().map_err(|_| PyTypeError::new_err(format!("{name} = {value} is not three numbers")))?;
     let items: Vec<f64> = items.map(|x| extract(name, &x?)).collect::<PyResult<_>>()?;
     items.try_into().map_err(|v: Vec<f64>| wrong(v.len()))
 }
