@@ -62,7 +62,11 @@ def test_other_errors() -> None:
         sf.Inverter(dead_time=1.0)
     with pytest.raises(ValueError, match=r"c_out = 0\.000001 F .* range 0 to 0\.00000001"):
         sf.Inverter(c_out=1e-6)
-    for half_periods in (0, 3, 18):
-        with pytest.raises(ValueError, match=f"half_periods = {half_periods} is outside"):
+    for half_periods, admitted in (
+        (0, "outside .* range 1 to 16"),
+        (3, "not admissible: 1, or an even number"),
+        (18, "outside .* range 1 to 16"),
+    ):
+        with pytest.raises(ValueError, match=rf"half_periods = {half_periods} is {admitted}"):
             sf.Inverter(half_periods=half_periods)
     assert sf.Inverter(half_periods=1).f_c == 20e3

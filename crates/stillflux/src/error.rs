@@ -52,3 +52,21 @@ impl core::error::Error for ParamError {}
 pub const fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'static str) -> Result<(), ParamError> {
     if value >= min && value <= max { Ok(()) } else { Err(ParamError { field, value, min, max, unit, note: "" }) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_names_field_value_unit_and_range() {
+        let error = check("R_s", -1.0, 1e-6, 1e3, "Ω").unwrap_err();
+        assert_eq!(error.to_string(), "R_s = -1 Ω is outside the admissible range 0.000001 to 1000 Ω");
+        assert!(check("R_s", f64::NAN, 1e-6, 1e3, "Ω").is_err());
+    }
+
+    #[test]
+    fn an_error_without_a_range_says_what_the_value_needs() {
+        let error = refuse("jerk", 3.0, "rad/s³", "it needs an acceleration");
+        assert_eq!(error.to_string(), "jerk = 3 rad/s³ is not admissible: it needs an acceleration");
+    }
+}

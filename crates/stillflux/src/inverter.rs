@@ -316,6 +316,16 @@ impl<R: Real> Distortion<R> {
         AlphaBeta::from_phases(self.phases)
     }
 
+    /// Loss of each phase without its part by the delays of the leg.
+    #[cfg(feature = "shunt")]
+    #[inline(always)]
+    pub(crate) fn without_delays(&self) -> [R; 3] {
+        #[cfg(feature = "legs")]
+        return [0, 1, 2].map(|k| self.phases[k] - self.legs[k]);
+        #[cfg(not(feature = "legs"))]
+        self.phases
+    }
+
     /// The loss without the dead time of a leg that does not switch.
     #[inline(never)]
     pub fn without_edges(mut self, leg: usize) -> Self {

@@ -345,7 +345,7 @@ impl<R: Real> Visible<R> {
         let (f, d, u) = (order.ranked(&pulses.falling), order.ranked(duty), order.ranked(&u.to_phases()));
         let third = R::from_f64(1.0 / 3.0);
         // A falling edge waits for the dead time where the current is negative. As a voltage over half a period.
-        let late = order.ranked(&[0, 1, 2].map(|k| loss.phases[k] - loss.legs[k]));
+        let late = order.ranked(&loss.without_delays());
         let late = late.map(|e| (loss.full - loss.least - (e - loss.least).max(R::ZERO)) * R::TWO);
         let lag = c.lag * u_dc * (third + third);
         let at_end = [
