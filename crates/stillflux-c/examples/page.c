@@ -81,7 +81,7 @@ static int differs(const stillflux_settings *settings, const stillflux_memory *m
   stillflux_error error;
   uint32_t changed[STILLFLUX_PAGE_WORDS];
   if (stillflux_page(&machine, &inverter, settings, memory, changed, &error) != STILLFLUX_OK) {
-    fprintf(stderr, "%s = %g: %g to %g\n", error.field, error.value, error.min, error.max);
+    fprintf(stderr, "%s = %g: %g to %g %s\n", error.field, error.value, error.min, error.max, error.note);
     exit(1);
   }
   return memcmp(changed, page, sizeof changed) != 0;
@@ -146,7 +146,7 @@ int main(int argc, char **argv)
              strcmp(error.field, "i_full") == 0 && error.min > 17.0,
          "a full scale that hides a saturated channel is refused by name");
   if (stillflux_page(&machine, &inverter, &settings, &memory, page, &error) != STILLFLUX_OK) {
-    fprintf(stderr, "%s = %g: %g to %g\n", error.field, error.value, error.min, error.max);
+    fprintf(stderr, "%s = %g: %g to %g %s\n", error.field, error.value, error.min, error.max, error.note);
     return 1;
   }
   settings_reach_the_page(&settings, &memory, page);

@@ -395,16 +395,19 @@ pub struct stillflux_error {
     pub field: [c_char; 32],
     /// The value given, in the unit of the field.
     pub value: f64,
-    /// Smallest admissible value.
+    /// Smallest admissible value; above `max` where no value is admissible, and `note` says what is missing.
     pub min: f64,
     /// Largest admissible value.
     pub max: f64,
+    /// What else explains the range, UTF-8, terminated by a zero; may be empty.
+    pub note: [c_char; 128],
 }
 
 /// Reads a parameter page and puts a stopped drive into `drive`.
 ///
-/// `bytes` is `sizeof *drive`. Returns STILLFLUX_OK, STILLFLUX_ERROR_PAGE or STILLFLUX_ERROR_SIZE; unless it is
-/// STILLFLUX_OK the state holds no drive, and blocks the bridge. Takes no floating-point division and no memory but
+/// `bytes` is `sizeof *drive`. Returns STILLFLUX_OK, STILLFLUX_ERROR_PAGE or STILLFLUX_ERROR_SIZE. After
+/// STILLFLUX_ERROR_PAGE the state holds no drive, and blocks the bridge; with a size that is not that of the library's state
+/// nothing is written. Takes no floating-point division and no memory but
 /// `drive`. Not to be called while the control interrupt may run with the same state.
 ///
 /// # Safety
@@ -452,7 +455,8 @@ pub extern "C" fn stillflux_period(
 /// 65535, then 0 again: calls that are missed or come twice are a fault if there are too many of them (feature
 /// `supervision`; without it the stamp has no effect).
 ///
-/// Returns 1, and 0 for a period that has been computed before: `command` is untouched then.
+/// Returns 1, and 0 for a period that has been computed before: `command` is untouched then, and what was commanded stays.
+/// A stop and a fault are commanded with any stamp.
 #[unsafe(no_mangle)]
 pub extern "C" fn stillflux_period_at(
     drive: &mut stillflux_drive,
@@ -864,11 +868,18 @@ pub unsafe extern "C" fn stillflux_page(
 }
 
 fn error_of(e: &ParamError) -> stillflux_error {
-    let mut field = [0; 32];
-    for (to, letter) in field.iter_mut().take(31).zip(e.field.bytes()) {
+    stillflux_error { field: text(e.field), value: e.value, min: e.min, max: e.max, note: text(e.note) }
+}
+
+/// A text as C has it, cut to its length at the end of a character.
+fn text<const N: usize>(of: &str) -> [c_char; N] {
+    let mut to = [0; N];
+    let letters = of.char_indices().take_while(|(k, letter)| k + letter.len_utf8() < N);
+    let length = letters.last().map_or(0, |(k, letter)| k + letter.len_utf8());
+    for (to, letter) in to.iter_mut().zip(of.bytes().take(length)) {
         *to = letter as c_char;
     }
-    stillflux_error { field, value: e.value, min: e.min, max: e.max }
+    to
 }
 
 fn machine_of(m: &stillflux_machine) -> Machine {

@@ -38,7 +38,7 @@ fn page(encoder_lines: u32) -> [u32; WORDS] {
         u_full,
     };
     let (mut settings, mut memory) = (MaybeUninit::uninit(), MaybeUninit::uninit());
-    let mut error = stillflux_error { field: [0; 32], value: 0.0, min: 0.0, max: 0.0 };
+    let mut error = stillflux_error { field: [0; 32], value: 0.0, min: 0.0, max: 0.0, note: [0; 128] };
     let mut page = [0; WORDS];
     // SAFETY: each is written before it is read; no structure has an invalid pattern.
     unsafe {

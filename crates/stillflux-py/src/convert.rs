@@ -1,9 +1,9 @@
 //! Conversions shared by the classes.
 
-use numpy::{Complex64, PyReadonlyArray1};
+use numpy::{Complex64, Element, PyArrayDescrMethods, PyReadonlyArray1};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyComplex, PyDict, PyList, PyTuple};
 use stillflux::params::{ParamError, check};
 use stillflux::space::{AlphaBeta, Space};
 
@@ -18,17 +18,33 @@ pub fn finite(field: &'static str, value: f64) -> PyResult<f64> {
     Ok(value)
 }
 
+/// Admits a complex number whose parts are finite.
+pub fn finite_parts(field: &'static str, z: Complex64) -> PyResult<[f64; 2]> {
+    Ok([finite(field, z.re)?, finite(field, z.im)?])
+}
+
 /// Puts the name of what was being converted in front of an error.
 pub fn named(py: Python<'_>, name: &str, e: &PyErr) -> PyErr {
     PyErr::from_type(e.get_type(py), format!("{name}: {}", e.value(py)))
 }
 
-/// Extracts a value; an error names it.
+/// A list or an array as tuple, for what is one; anything else as it is.
+fn tuple<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    if value.is_instance_of::<PyList>() || value.hasattr("__array__")? {
+        if let Ok(items) = value.try_iter() {
+            return Ok(PyTuple::new(value.py(), items.collect::<PyResult<Vec<_>>>()?)?.into_any());
+        }
+    }
+    Ok(value.clone())
+}
+
+/// Extracts a value, a tuple from a list or an array as well; an error names it.
 pub fn extract<'py, T>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<T>
 where
     T: for<'a> FromPyObject<'a, 'py>,
 {
-    value.extract().map_err(|e: <T as FromPyObject<'_, 'py>>::Error| named(value.py(), name, &e.into()))
+    let error = |e: <T as FromPyObject<'_, 'py>>::Error| named(value.py(), name, &e.into());
+    value.extract().or_else(|_| tuple(value)?.extract().map_err(error))
 }
 
 /// Extracts an optional tuple; an error says what its parts are.
@@ -37,7 +53,31 @@ where
     T: for<'a> FromPyObject<'a, 'py>,
 {
     let wrong = |_| PyTypeError::new_err(format!("{name} = {value} is not ({meaning}), nor None"));
-    value.extract::<Option<T>>().map_err(|e: <Option<T> as FromPyObject<'_, 'py>>::Error| wrong(e.into()))
+    tuple(value)?.extract::<Option<T>>().map_err(|e: <Option<T> as FromPyObject<'_, 'py>>::Error| wrong(e.into()))
+}
+
+/// Refuses complex numbers where real ones are meant: numpy would drop their imaginary parts.
+fn real(name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
+    let kind = value.getattr("dtype").and_then(|d| d.getattr("kind")).and_then(|k| k.extract::<String>());
+    if value.is_instance_of::<PyComplex>() || kind.is_ok_and(|kind| kind == "c") {
+        return Err(PyTypeError::new_err(format!("{name} = {value} is complex, real numbers are needed")));
+    }
+    Ok(())
+}
+
+/// A record of one number a sample, from an array or a sequence of numbers.
+pub fn record<'py, T>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, T>>
+where
+    T: Element,
+{
+    let py = value.py();
+    let dtype = T::get_dtype(py);
+    if dtype.kind() == b'f' {
+        real(name, value)?;
+    }
+    let array = py.import("numpy")?.call_method1("asarray", (value, dtype)).map_err(|e| named(py, name, &e))?;
+    let wrong = |_| PyTypeError::new_err(format!("{name} is not an array of one dimension"));
+    array.extract().map_err(|e: <PyReadonlyArray1<'py, T> as FromPyObject<'_, 'py>>::Error| wrong(PyErr::from(e)))
 }
 
 /// What of `known` is spelt nearly so, as the end of a message.
@@ -68,12 +108,18 @@ pub fn each_keyword<'py>(
 /// Three phase values from a numpy array or any iterable of numbers.
 pub fn three(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
     let wrong = |n: usize| PyValueError::new_err(format!("{name} has {n} values, three are needed"));
+    real(name, value)?;
     if let Ok(array) = value.extract::<PyReadonlyArray1<'_, f64>>() {
         let array = array.as_array();
         return array.iter().copied().collect::<Vec<_>>().try_into().map_err(|v: Vec<f64>| wrong(v.len()));
     }
     let items = value.try_iter().map_err(|_| PyTypeError::new_err(format!("{name} = {value} is not three numbers")))?;
-    let items: Vec<f64> = items.map(|x| extract(name, &x?)).collect::<PyResult<_>>()?;
+    let number = |x: PyResult<Bound<'_, PyAny>>| {
+        let x = x?;
+        real(name, &x)?;
+        extract(name, &x)
+    };
+    let items: Vec<f64> = items.map(number).collect::<PyResult<_>>()?;
     items.try_into().map_err(|v: Vec<f64>| wrong(v.len()))
 }
 

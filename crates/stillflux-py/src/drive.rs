@@ -1,7 +1,7 @@
 //! `Drive`, what it estimates, and its status.
 
 use numpy::{Complex64, PyArray1};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use stillflux::drive::{self as core, Fault};
@@ -193,8 +193,8 @@ pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, Py
     Ok(dict)
 }
 
-/// What `memory_dict` gave.
-pub fn memory_from(dict: &Bound<'_, PyDict>) -> PyResult<MemorySi> {
+/// What `memory_dict` gave; what it does not know is that of the parameters.
+pub fn memory_from(dict: &Bound<'_, PyDict>, leg_delay: [[f64; 2]; 3]) -> PyResult<MemorySi> {
     let item = |name: &'static str| {
         dict.get_item(name)?.ok_or_else(|| PyValueError::new_err(format!("memory has no '{name}'")))
     };
@@ -203,12 +203,11 @@ pub fn memory_from(dict: &Bound<'_, PyDict>) -> PyResult<MemorySi> {
         R_s: extract("memory R_s", &item("R_s")?)?,
         i_off: three("memory i_off", &item("i_off")?)?,
         loss_error: extract("memory loss_error", &item("loss_error")?)?,
-        // A memory from before the knee was learned has none: that of the parameters.
+        // A memory from before the knee was learned has none, nor of the legs.
         knee: dict.get_item("knee")?.map_or(Ok(1.0), |x| extract("memory knee", &x))?,
         L_sigma: extract("memory L_sigma", &item("L_sigma")?)?,
         L_M: extract("memory L_M", &item("L_M")?)?,
-        // Nor of the legs.
-        leg_delay: dict.get_item("leg_delay")?.map_or(Ok([[0.0; 2]; 3]), |x| extract("memory leg_delay", &x))?,
+        leg_delay: dict.get_item("leg_delay")?.map_or(Ok(leg_delay), |x| extract("memory leg_delay", &x))?,
     };
     let MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = memory;
     if [u_off[0], u_off[1], i_off[0], i_off[1], i_off[2], loss_error].iter().all(|x| x.is_finite())
@@ -244,6 +243,7 @@ pub struct Drive {
     drive: SiDrive,
     settings: Py<PyDict>,
     f_s: f64,
+    leg_delay: [[f64; 2]; 3],
     duty: [f64; 3],
     gates_on: bool,
 }
@@ -268,6 +268,7 @@ impl Drive {
             drive,
             settings: settings_dict(py, &params)?.unbind(),
             f_s: inverter.f_c(),
+            leg_delay: inverter.leg_delay,
             duty: [0.5; 3],
             gates_on: false,
         })
@@ -287,7 +288,8 @@ impl Drive {
     ///     Torque reference in N·m, instead of a speed reference. Neither: stop.
     /// cycle
     ///     Stamp of the PWM period, a number that the hardware counts up by one in each, 0 to 65535, then 0 again:
-    ///     missed and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the first.
+    ///     missed and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the first,
+    ///     but for a stop or a fault, which block the bridge.
     /// encoder
     ///     Position of the encoder at the instant of the currents, in counts (four a line) from anywhere; with the setting
     ///     `encoder_lines`. None: it has not been read.
@@ -376,9 +378,13 @@ impl Drive {
     }
 
     /// Takes back what `memory` gave; values beyond their limits are limited.
+    ///
+    /// Raises RuntimeError while the bridge switches: an estimate that is in use stays as it is.
     fn restore(&mut self, memory: &Bound<'_, PyDict>) -> PyResult<()> {
-        self.drive.restore(&memory_from(memory)?);
-        Ok(())
+        if self.drive.restore(&memory_from(memory, self.leg_delay)?) {
+            return Ok(());
+        }
+        Err(PyRuntimeError::new_err("restore: the bridge switches; stop the drive first (a step without a reference)"))
     }
 
     /// Leaves a fault; the drive is stopped then.

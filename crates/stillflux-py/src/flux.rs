@@ -1,6 +1,6 @@
 //! `FluxEstimator`: Fig. 7 over recorded signals.
 
-use numpy::{Complex64, PyArray1, PyReadonlyArray1};
+use numpy::{Complex64, PyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -10,27 +10,19 @@ use stillflux::estimate::flux::FluxEstimator as CoreFlux;
 use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use stillflux::space::AlphaBeta;
 
-use crate::convert::{scaled, value_error};
+use crate::convert::{finite_parts, record, scaled, value_error};
 use crate::parameters::{Inverter, Motor, drive_params};
 
-/// One number for all samples, or one for each.
-#[derive(FromPyObject)]
-enum Series<'py> {
-    Constant(f64),
-    Array(PyReadonlyArray1<'py, f64>),
-}
-
-impl Series<'_> {
-    /// Per-unit values for `n` samples.
-    fn values(&self, name: &str, n: usize, base: f64) -> PyResult<Vec<f64>> {
-        match self {
-            Self::Constant(x) => Ok(vec![x / base; n]),
-            Self::Array(a) => {
-                let a = a.as_array();
-                same_length(name, a.len(), n)?;
-                Ok(a.iter().map(|x| x / base).collect())
-            }
-        }
+/// Per-unit values for `n` samples, of one number for all or one for each.
+fn values(name: &str, series: &Bound<'_, PyAny>, n: usize, base: f64) -> PyResult<Vec<f64>> {
+    let values = match series.extract::<f64>() {
+        Ok(x) => vec![x; n],
+        Err(_) => record::<f64>(name, series)?.as_array().to_vec(),
+    };
+    same_length(name, values.len(), n)?;
+    match values.iter().position(|x| !x.is_finite()) {
+        Some(k) => Err(PyValueError::new_err(format!("{name}[{k}] = {} is not finite", values[k]))),
+        None => Ok(values.into_iter().map(|x| x / base).collect()),
     }
 }
 
@@ -38,7 +30,7 @@ fn same_length(name: &str, len: usize, n: usize) -> PyResult<()> {
     if len == n { Ok(()) } else { Err(PyValueError::new_err(format!("{name} has {len} samples, u_s has {n}"))) }
 }
 
-fn vectors(name: &str, a: &PyReadonlyArray1<'_, Complex64>, base: f64) -> PyResult<Vec<AlphaBeta<f64>>> {
+fn vectors(name: &str, a: &Bound<'_, PyAny>, base: f64) -> PyResult<Vec<AlphaBeta<f64>>> {
     let scale = |(k, z): (usize, &Complex64)| {
         if z.is_finite() {
             Ok(AlphaBeta::new(z.re / base, z.im / base))
@@ -46,7 +38,7 @@ fn vectors(name: &str, a: &PyReadonlyArray1<'_, Complex64>, base: f64) -> PyResu
             Err(PyValueError::new_err(format!("{name}[{k}] = {z} is not finite")))
         }
     };
-    a.as_array().iter().enumerate().map(scale).collect()
+    record::<Complex64>(name, a)?.as_array().iter().enumerate().map(scale).collect()
 }
 
 /// What a `FluxEstimator` made of a record: arrays of the record's length.
@@ -142,27 +134,33 @@ impl FluxEstimator {
     fn run(
         &self,
         py: Python<'_>,
-        u_s: PyReadonlyArray1<'_, Complex64>,
-        i_s: PyReadonlyArray1<'_, Complex64>,
-        omega_s: Option<Series<'_>>,
-        R_s: Option<Series<'_>>,
+        u_s: &Bound<'_, PyAny>,
+        i_s: &Bound<'_, PyAny>,
+        omega_s: Option<&Bound<'_, PyAny>>,
+        R_s: Option<&Bound<'_, PyAny>>,
         psi_s0: Option<Complex64>,
-        u_dc: Option<Series<'_>>,
+        u_dc: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Trace> {
         let b = &self.base;
-        let mut u = vectors("u_s", &u_s, b.u)?;
-        let i = vectors("i_s", &i_s, b.i)?;
+        let mut u = vectors("u_s", u_s, b.u)?;
+        let i = vectors("i_s", i_s, b.i)?;
         let n = u.len();
         same_length("i_s", i.len(), n)?;
-        let omega = omega_s.map(|s| s.values("omega_s", n, b.omega)).transpose()?;
-        let r_s = R_s.map_or_else(|| Ok(vec![self.r_s; n]), |s| s.values("R_s", n, b.z))?;
-        let u_dc = u_dc.map_or_else(|| Ok(vec![self.u_dc; n]), |s| s.values("u_dc", n, b.u))?;
+        let omega = omega_s.map(|s| values("omega_s", s, n, b.omega)).transpose()?;
+        let r_s = R_s.map_or_else(|| Ok(vec![self.r_s; n]), |s| values("R_s", s, n, b.z))?;
+        let u_dc = u_dc.map_or_else(|| Ok(vec![self.u_dc; n]), |s| values("u_dc", s, n, b.u))?;
         let model = self.config.inverter_model();
         for k in 1..n {
             let i_mean = (i[k - 1] + i[k]) * 0.5;
             u[k] = u[k] - model.distortion(model.nominal(), &i_mean, u_dc[k], 1.0).vector();
         }
-        let start = psi_s0.map_or(AlphaBeta::new(self.psi_ref, 0.0), |z| AlphaBeta::new(z.re / b.psi, z.im / b.psi));
+        let start = match psi_s0 {
+            None => AlphaBeta::new(self.psi_ref, 0.0),
+            Some(z) => {
+                let [re, im] = finite_parts("psi_s0", z)?;
+                AlphaBeta::new(re / b.psi, im / b.psi)
+            }
+        };
 
         let c = py.detach(|| self.estimate(&u, &i, omega.as_deref(), &r_s, start));
         let t = (0..n).map(|k| k as f64 / self.f_s).collect();

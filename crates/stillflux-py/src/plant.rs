@@ -12,7 +12,7 @@ use stillflux_sim::{
     Thermal, Truth,
 };
 
-use crate::convert::{complex, each_keyword, extract, finite, offsets, pair, parts, three, value_error};
+use crate::convert::{complex, each_keyword, extract, finite, finite_parts, offsets, parts, three, value_error};
 use crate::parameters::{Inverter, Motor};
 
 fn mode(name: &str) -> PyResult<Mode> {
@@ -295,9 +295,9 @@ impl Plant {
     #[pyo3(signature = (u_s, dt, load_torque=0.0))]
     fn step_voltage(&mut self, py: Python<'_>, u_s: Complex64, dt: f64, load_torque: f64) -> PyResult<()> {
         check("dt", dt, 1e-12, 1e5, "s").map_err(value_error)?;
-        finite("u_s", u_s.re + u_s.im)?;
+        let u_s = finite_parts("u_s", u_s)?;
         self.load(load_torque)?;
-        py.detach(|| self.plant.step_voltage(pair(u_s), dt, load_torque));
+        py.detach(|| self.plant.step_voltage(u_s, dt, load_torque));
         Ok(())
     }
 
@@ -314,10 +314,8 @@ impl Plant {
 
     /// Puts the machine into a state: stator and inverse-Γ rotor flux (complex, V·s), mechanical rad/s.
     fn set_state(&mut self, psi_s: Complex64, psi_r: Complex64, omega_m: f64) -> PyResult<()> {
-        finite("psi_s", psi_s.re + psi_s.im)?;
-        finite("psi_r", psi_r.re + psi_r.im)?;
-        finite("omega_m", omega_m)?;
-        self.plant.set_state(pair(psi_s), pair(psi_r), omega_m);
+        let (psi_s, psi_r) = (finite_parts("psi_s", psi_s)?, finite_parts("psi_r", psi_r)?);
+        self.plant.set_state(psi_s, psi_r, finite("omega_m", omega_m)?);
         Ok(())
     }
 
@@ -361,8 +359,10 @@ impl Plant {
 
     #[setter]
     fn set_current_offset(&mut self, offset: &Bound<'_, PyAny>) -> PyResult<()> {
-        self.current_offset = offsets("current_offset", offset)?;
-        self.plant.set_offset(self.current_offset);
+        let offset = offsets("current_offset", offset)?;
+        self.plant.params().adc.check_offset(&offset).map_err(value_error)?;
+        self.current_offset = offset;
+        self.plant.set_offset(offset);
         Ok(())
     }
 

@@ -1,12 +1,13 @@
 //! `RecordEstimator`: the estimators of both schemes over recorded signals, for `stillflux.replay`.
 
-use numpy::{Complex64, PyArray1, PyReadonlyArray1};
+use numpy::{Complex64, PyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use stillflux::params::check;
 use stillflux_sim::replay::{Estimates, Replay, Row, Start};
 
-use crate::convert::{complex, pair, value_error};
+use crate::convert::{complex, finite, finite_parts, pair, record, value_error};
 use crate::parameters::{Inverter, Motor, drive_params};
 
 /// Estimators of a scheme over records whose rows are one period of the inverter's `f_s` apart.
@@ -65,17 +66,20 @@ impl RecordEstimator {
     fn run<'py>(
         &mut self,
         py: Python<'py>,
-        u_s: PyReadonlyArray1<'_, Complex64>,
-        i_s: PyReadonlyArray1<'_, Complex64>,
-        i_sum: PyReadonlyArray1<'_, f64>,
-        u_dc: PyReadonlyArray1<'_, f64>,
-        psi_ref: PyReadonlyArray1<'_, f64>,
+        u_s: &Bound<'_, PyAny>,
+        i_s: &Bound<'_, PyAny>,
+        i_sum: &Bound<'_, PyAny>,
+        u_dc: &Bound<'_, PyAny>,
+        psi_ref: &Bound<'_, PyAny>,
         psi_s0: Complex64,
         deviation: f64,
         omega_m: f64,
         settled: bool,
         R_s: Option<f64>,
     ) -> PyResult<Bound<'py, PyDict>> {
+        let (u_s, i_s) = (record::<Complex64>("u_s", u_s)?, record::<Complex64>("i_s", i_s)?);
+        let real = |name, x| record::<f64>(name, x);
+        let (i_sum, u_dc, psi_ref) = (real("i_sum", i_sum)?, real("u_dc", u_dc)?, real("psi_ref", psi_ref)?);
         let (u, i, sum) = (u_s.as_array(), i_s.as_array(), i_sum.as_array());
         let (u_dc, psi_ref) = (u_dc.as_array(), psi_ref.as_array());
         let n = u.len();
@@ -87,15 +91,23 @@ impl RecordEstimator {
         let rows: Vec<Row> = (0..n)
             .map(|k| Row { u_s: pair(u[k]), i_s: pair(i[k]), i_sum: sum[k], u_dc: u_dc[k], psi_ref: psi_ref[k] })
             .collect();
-        let finite = |r: &Row| {
+        let is_finite = |r: &Row| {
             let [a, b] = r.u_s;
             let [c, d] = r.i_s;
             [a, b, c, d, r.i_sum, r.u_dc, r.psi_ref].iter().all(|x| x.is_finite())
         };
-        if let Some(k) = rows.iter().position(|r| !finite(r)) {
+        if let Some(k) = rows.iter().position(|r| !is_finite(r)) {
             return Err(PyValueError::new_err(format!("row {k} is not finite: {:?}", rows[k])));
         }
-        let start = Start { psi_s: pair(psi_s0), deviation, settled, omega_m, R_s };
+        check("deviation", deviation, 0.0, 1e9, "V s").map_err(value_error)?;
+        check("R_s", R_s.unwrap_or(1.0), 1e-9, 1e9, "ohm").map_err(value_error)?;
+        let start = Start {
+            psi_s: finite_parts("psi_s0", psi_s0)?,
+            deviation,
+            settled,
+            omega_m: finite("omega_m", omega_m)?,
+            R_s,
+        };
         let replay = &mut self.replay;
         let found: Vec<Estimates> = py.detach(|| {
             let mut found = Vec::with_capacity(n);

@@ -56,13 +56,21 @@ impl Adc {
         check("adc_bits", f64::from(self.bits), 0.0, 32.0, "bit")?;
         check("adc_range", self.range, 1e-6, 1e6, "A")?;
         check("adc_noise", self.noise, 0.0, self.range, "A")?;
+        self.check_offset(&self.offset)?;
         for k in 0..3 {
-            check("current_offset", self.offset[k], -self.range, self.range, "A")?;
             check("current_offset_drift", self.offset_drift[k], -self.range, self.range, "A/s")?;
             check("current_gain", self.gain[k], 0.1, 10.0, "")?;
         }
         check("u_dc_bits", f64::from(self.u_dc_bits), 0.0, 32.0, "bit")?;
         check("u_dc_range", self.u_dc_range, 1.0, 1e6, "V")
+    }
+
+    /// Checks offsets of the channels against their range.
+    ///
+    /// # Errors
+    /// The first offset beyond it.
+    pub fn check_offset(&self, offset: &[f64; 3]) -> Result<(), ParamError> {
+        offset.iter().try_for_each(|&i| check("current_offset", i, -self.range, self.range, "A"))
     }
 }
 

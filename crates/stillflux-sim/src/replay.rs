@@ -16,10 +16,11 @@ use stillflux::estimate::balance::Balance;
 use stillflux::estimate::confidence::Confidence;
 use stillflux::estimate::flux::FluxEstimator;
 use stillflux::estimate::kalman::{Filter, Input};
+use stillflux::estimate::regeneration::Regeneration;
 use stillflux::estimate::resistance::{self, ResistanceEstimator};
 use stillflux::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use stillflux::inverter::{Distortion, Knee};
-use stillflux::params::{Inverter, Machine, ParamError};
+use stillflux::params::{Inverter, Machine, ParamError, check};
 use stillflux::si::Vector;
 use stillflux::space::{AlphaBeta, Dq, Rotator};
 
@@ -93,8 +94,16 @@ pub struct Estimates {
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant)]
 enum Estimators {
-    Enhanced { filter: Filter<f64>, balance: Balance<f64> },
-    Paper { flux: FluxEstimator<f64>, resistance: ResistanceEstimator<f64>, confidence: Confidence<f64> },
+    Enhanced {
+        filter: Filter<f64>,
+        balance: Balance<f64>,
+    },
+    Paper {
+        flux: FluxEstimator<f64>,
+        resistance: ResistanceEstimator<f64>,
+        confidence: Confidence<f64>,
+        regeneration: Regeneration<f64>,
+    },
 }
 
 /// Estimators of one scheme with their state.
@@ -123,6 +132,14 @@ impl Replay {
     /// The first parameter outside its admissible range.
     pub fn new(machine: &Machine, inverter: &Inverter, params: &DriveParams) -> Result<Self, ParamError> {
         let config = DriveConfig::new(machine, inverter, params)?;
+        // What is not evaluated here has no silent meaning.
+        for (field, on) in [
+            ("resistance_at_light_load", params.paper.resistance_at_light_load),
+            ("resistance_at_rest", params.paper.resistance_at_rest),
+        ] {
+            check(field, f64::from(u8::from(on)), 0.0, 0.0, "")
+                .map_err(|e| e.with_note("records are evaluated without this adaptation"))?;
+        }
         let pu = PerUnit::new(machine, inverter)?;
         let estimators = match params.scheme {
             Scheme::Enhanced => {
@@ -136,6 +153,7 @@ impl Replay {
                     resistance
                 },
                 confidence: Confidence::default(),
+                regeneration: Regeneration::default(),
             },
         };
         Ok(Self {
@@ -174,7 +192,8 @@ impl Replay {
                 }
                 self.knee = self.config.inverter_model().knee(filter.knee());
             }
-            Estimators::Paper { flux, resistance, confidence } => {
+            Estimators::Paper { flux, resistance, confidence, regeneration } => {
+                *regeneration = Regeneration::default();
                 flux.start(psi_s, i_s);
                 if let Some(r_s) = at.R_s {
                     let (lo, hi) = resistance::range(self.r_s);
@@ -247,12 +266,14 @@ impl Replay {
                 self.i_s = filter.i_s();
                 i_dq
             }
-            Estimators::Paper { flux, resistance, confidence } => {
+            Estimators::Paper { flux, resistance, confidence, regeneration } => {
                 flux.step(c.flux_config(), (&u_s, &i_m), resistance.r_s(), row.psi_ref / b.psi, self.period);
                 // û_off is that of an offset of the current sensors, as in the drive.
                 self.i_s = i_m + flux.offset.u_off() * (1.0 / self.r_s);
                 let i_dq = flux.field().to_field(&self.i_s);
                 if slow_due {
+                    let (corner, least) = c.regeneration_config();
+                    flux.set_regenerating(regeneration.step(corner, least, &self.speed));
                     if let Some(r) = c.resistance_config() {
                         resistance.step(r, flux.magnitude(), &i_dq, omega_s, self.speed.omega_m);
                     }
@@ -281,7 +302,7 @@ impl Replay {
             Estimators::Enhanced { filter: f, .. } => {
                 (f.value(), f.b() * -f.r_s(), f.r_s(), f.confidence(), f.sigma(), f.nis())
             }
-            Estimators::Paper { flux, resistance, confidence } => {
+            Estimators::Paper { flux, resistance, confidence, .. } => {
                 let c = confidence;
                 (flux.value(), flux.offset.u_off(), resistance.r_s(), c.value(), c.sigma(), 0.0)
             }

@@ -292,9 +292,12 @@ impl<'s> Run<'s> {
         let real = f64::from(s.plant.inverter.half_periods);
         check("plant inverter.half_periods", real, half_periods, half_periods, "")?;
         let mut last = 0.0;
-        for &(t, _) in &s.changes {
-            check("changes time", t, last, 1e9, "s")?;
-            last = t;
+        for (t, change) in &s.changes {
+            check("changes time", *t, last, 1e9, "s")?;
+            last = *t;
+            if let Change::CurrentOffset(offset) = change {
+                s.plant.adc.check_offset(offset)?;
+            }
         }
         let mut plant = Plant::new(s.plant)?;
         let mut drive = SiDrive::new(&s.machine, &s.inverter, &s.drive, s.arithmetic)?;

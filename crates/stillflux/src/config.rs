@@ -14,8 +14,8 @@ mod enhanced;
 #[cfg(feature = "paper")]
 mod paper;
 mod settings;
-pub(crate) use settings::BOOST;
 use settings::SUPERVISION_PERIODS;
+pub(crate) use settings::{BOOST, QUICK};
 
 pub use settings::{BALANCE_PERIODS, DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, Scheme};
 
@@ -349,7 +349,12 @@ impl<R: Real> DriveConfig<R> {
     /// Magnetising current of the start-up: boosted until the flux has built up, then held.
     pub(crate) fn magnetising_current(&self, stage: u32) -> Dq<R> {
         let i_d = self.flux_control.no_load(self.flux_control.psi_rated);
-        Dq::new(if stage < self.boost_periods { i_d * R::from_f64(BOOST) } else { i_d }, R::ZERO)
+        Dq::new(if stage < self.boost_periods { self.boosted(i_d) } else { i_d }, R::ZERO)
+    }
+
+    /// The magnetising current, boosted as far as the largest current allows.
+    fn boosted(&self, i_d: R) -> R {
+        (i_d * R::from_f64(BOOST)).min(self.i_quick.max(i_d))
     }
 
     /// Per-unit configuration of validated settings.
@@ -371,7 +376,7 @@ impl<R: Real> DriveConfig<R> {
         let [t_speed, t_slow, t_adapt] = [speed_periods, slow_periods, adapt_periods].map(|n| t_s * f64::from(n));
         let supervised = |t: f64| periods(t / f64::from(SUPERVISION_PERIODS));
         #[cfg(feature = "supervision")]
-        let watched = |t: f64| if p.supervision { supervised(t) } else { u32::MAX };
+        let watched = |t: f64| if p.supervision { supervised(t).max(2) } else { u32::MAX };
         let l_product = l_s * sigma_l_s;
         let i_0 = p.psi_ref / l_s;
         let i_max = p.i_max / b.i;
@@ -398,8 +403,9 @@ impl<R: Real> DriveConfig<R> {
         let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
         let omega_n = pu.hz(p.pll_bandwidth);
         let magnetise_periods = periods(p.build_up_time(machine));
-        // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)).
-        let boost_time = tau_r / b.omega * libm::log(BOOST / (BOOST - 1.0));
+        // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)), or nearly so after three τ_r.
+        let boost = p.boost(machine);
+        let boost_time = tau_r / b.omega * libm::log(boost / (boost - 1.0));
 
         let inv_two_l_product = 0.5 / l_product;
         let k_i = t_s * k_p * pu.hz(p.current_bandwidth) / 5.0;
@@ -417,7 +423,9 @@ impl<R: Real> DriveConfig<R> {
         if p.scheme == Scheme::Enhanced {
             FilterConfig::<R>::check(machine, inverter)?;
         }
-        fits::<R>("L_M", machine.L_M, "H", pu.l_m * pu.l_m, 2.0)?;
+        // Root of the radicand of (12), in the enhanced scheme at half of the leakage.
+        let root = p.psi_ref * if p.scheme == Scheme::Enhanced { l_s + l_s - sigma_l_s } else { l_s - sigma_l_s };
+        fits::<R>("L_M", machine.L_M, "H", (root * root).max(pu.l_m * pu.l_m), 2.0)?;
         fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * l_product * l_product, 4.0)?;
         fits::<R>("L_sigma", machine.L_sigma, "H", inv_two_l_product, -1.0)?;
         fits::<R>("i_max", p.i_max, "A", 1.0 / (0.9 * i_q_max * p.psi_ref), -1.0)?;
@@ -438,6 +446,11 @@ impl<R: Real> DriveConfig<R> {
         if p.current_sensors == 1 {
             fits::<R>("f_s", inverter.f_s, "Hz", b.omega / inverter.f_s * pu.u_dc / sigma_l_s, -1.0)?;
         }
+        if let Some((on, full)) = p.u_dc_chopper {
+            check("u_dc_chopper[1]", full, on + b.u / R::LARGEST, p.u_dc_max, "V")
+                .map_err(|e| e.with_note("a gain that follows from it must fit the arithmetic"))?;
+        }
+        fits::<R>("offset_time", p.offset_time, "s", 1.0 / f64::from(periods(p.offset_time)), -1.0)?;
         #[cfg(feature = "paper")]
         if p.scheme == Scheme::Paper {
             fits::<R>("R_s", machine.R_s, "ohm", 1.0 / pu.r_s, -1.0)?;
@@ -579,7 +592,7 @@ impl<R: Real> DriveConfig<R> {
                     u_buffer: r(u(p.u_dc_buffer, -100.0)),
                     inv_width: r((1.0 / (dclink::WIDTH * pu.u_dc)).min(100.0)),
                     u_on: r(on),
-                    inv_span: r((1.0 / (full - on)).min(100.0)),
+                    inv_span: r(1.0 / (full - on)),
                 }
             },
             #[cfg(feature = "encoder")]
@@ -599,7 +612,7 @@ impl<R: Real> DriveConfig<R> {
                 }
             },
             fresh_periods: if p.fresh_time > 0.0 { periods(p.fresh_time) } else { 0 },
-            i_quick: r(0.9 * i_max),
+            i_quick: r(QUICK * i_max),
             bridged_periods: periods(0.01),
             calibrate_offset: p.calibrate_offset,
             #[cfg(feature = "modes")]

@@ -106,11 +106,18 @@ impl<R: Real> Drive<R> {
     }
 
     /// One control period with the stamp of its PWM period, a number that the hardware counts up by one in each
-    /// ([`crate::supervision::timing`]). `None`: the period has been computed before, its duties stay.
+    /// ([`crate::supervision::timing`]). `None`: the period has been computed before, and its duties stay. Only while the
+    /// bridge switches and is to go on: a stop, a reference that is not admissible and a fault block it with any stamp, so
+    /// that a counter that stands still keeps no gate on.
     #[cfg(feature = "supervision")]
     pub fn step_at(&mut self, stamp: u16, measured: &Measurement<R>, reference: &Reference<R>) -> Option<Output<R>> {
-        if !self.common.in_time(stamp) {
-            return None;
+        if !likely(self.common.in_time(stamp)) {
+            if !self.common.sequence.is_switching() {
+                return Some(self.common.blocked());
+            }
+            if reference.is_admissible() {
+                return None;
+            }
         }
         Some(self.step(measured, reference))
     }
@@ -122,13 +129,16 @@ impl<R: Real> Drive<R> {
             with_estimators!(&self.estimators, e => e.estimated());
         let running = self.status() == Status::Running;
         let confidence = self.common.control.confidence(|| confidence);
+        // What the bridge made in an earlier run is not there while it is blocked.
+        let present = if self.common.sequence.is_switching() { R::ONE } else { R::ZERO };
+        let (i_dq, i_dq_ref) = (i_dq * present, i_dq_ref * present);
         Estimate {
             flux,
             speed,
             psi_1,
             u_off,
             i_s,
-            u_s: voltage.u_s,
+            u_s: voltage.u_s * present,
             i_dq,
             i_dq_ref,
             psi_ref,
@@ -185,15 +195,20 @@ impl<R: Real> Drive<R> {
     /// Data worth keeping over a stop or a loss of supply.
     pub fn memory(&self) -> Memory<R> {
         let i_off = self.common.sequence.i_off();
-        with_estimators!(&self.estimators, e => e.memory(i_off))
+        with_estimators!(&self.estimators, e => e.memory(&self.config, i_off))
     }
 
-    /// Restores what an earlier run stored. Values beyond their limits are limited.
+    /// Restores what an earlier run stored. Values beyond their limits are limited. Only while the bridge is blocked: an
+    /// estimate that is in use stays as it is, and the return value is `false`.
     #[cold]
     #[inline(never)]
-    pub fn restore(&mut self, memory: &Memory<R>) {
+    pub fn restore(&mut self, memory: &Memory<R>) -> bool {
+        if self.common.sequence.is_switching() {
+            return false;
+        }
         self.common.sequence.restore(memory.i_off);
         self.estimators.restore(&self.config, memory);
+        true
     }
 
     /// Duty of the brake chopper at a link voltage, 0 to 1, in every state of the drive; 0 without the setting.
@@ -367,7 +382,7 @@ impl<R: Real> Common<R> {
         let timing = &mut self.supervision.timing;
         let doubled = timing.is_last(stamp);
         if let Some(trip) = timing.step(stamp)
-            && matches!(self.sequence.status(), Status::Magnetising | Status::Running)
+            && self.sequence.is_switching()
         {
             self.sequence.fault(trip);
         }
@@ -384,12 +399,13 @@ impl<R: Real> Common<R> {
         estimators: &E,
         measured: &Measurement<R>,
     ) -> Option<Measurement<R>> {
-        if !self.sequence.bridges(c, measured, &estimators.estimated().i_s) {
+        let last = estimators.sensed(c);
+        if !self.sequence.bridges(c, measured, &last) {
             return None;
         }
-        let switching = matches!(self.sequence.status(), Status::Magnetising | Status::Running);
+        let switching = self.sequence.is_switching();
         let u_dc = self.control.voltage.u_dc().filter(|_| switching)?;
-        Some(self.sequence.measurement(c, &estimators.estimated().i_s, u_dc))
+        Some(self.sequence.measurement(c, &last, u_dc))
     }
 
     /// Tasks slower than the control period, each in a period of its own.
@@ -454,7 +470,8 @@ impl<R: Real> Common<R> {
             };
             let (realigned, testing) = control.realigning(c);
             let tracking = Tracking {
-                psi_deviation: x.psi_s - control.psi_ref,
+                psi_s: x.psi_s,
+                psi_ref: control.psi_ref,
                 omega_m,
                 omega_s,
                 nis: if realigned { R::ZERO } else { estimators.nis() },

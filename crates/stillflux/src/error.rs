@@ -56,6 +56,7 @@ pub const fn check(field: &'static str, value: f64, min: f64, max: f64, unit: &'
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::string::ToString;
 
     #[test]
     fn an_error_names_field_value_unit_and_range() {

@@ -205,14 +205,21 @@ impl SiUnits {
         Measurement { i_abc: m.i_abc.map(|i| r(i / b.i)), u_dc: r(m.u_dc / b.u) }
     }
 
-    /// A reference in per unit.
+    /// A reference in per unit. NaN is a fault of the drive in floating point; fixed point has no such number, and it is a
+    /// stop, as an infinite reference is in every arithmetic.
     #[must_use]
     pub fn reference<R: Real>(&self, reference: &ReferenceSi) -> Reference<R> {
         let b = &self.base;
+        let (x, y) = match *reference {
+            ReferenceSi::Stop => return Reference::Stop,
+            ReferenceSi::Speed(w) => (w, w / b.omega_m),
+            ReferenceSi::Torque(t) => (t, t / b.torque),
+        };
+        let y = R::from_f64(y);
         match *reference {
-            ReferenceSi::Stop => Reference::Stop,
-            ReferenceSi::Speed(w) => Reference::Speed(R::from_f64(w / b.omega_m)),
-            ReferenceSi::Torque(t) => Reference::Torque(R::from_f64(t / b.torque)),
+            _ if !x.is_finite() && y.is_finite() => Reference::Stop,
+            ReferenceSi::Torque(_) => Reference::Torque(y),
+            _ => Reference::Speed(y),
         }
     }
 
@@ -473,10 +480,10 @@ impl SiDrive {
         with!(&self.inner, d => self.units.memory(&d.memory()))
     }
 
-    /// Restores what an earlier run stored.
-    pub fn restore(&mut self, m: &MemorySi) {
+    /// Restores what an earlier run stored; `false`: not while the bridge switches ([`Drive::restore`]).
+    pub fn restore(&mut self, m: &MemorySi) -> bool {
         let units = &self.units;
-        with!(&mut self.inner, d => d.restore(&units.memory_per_unit(m)));
+        with!(&mut self.inner, d => d.restore(&units.memory_per_unit(m)))
     }
 }
 

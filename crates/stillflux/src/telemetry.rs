@@ -129,8 +129,8 @@ impl Units {
         }
     }
 
-    /// A set point in per unit. One that is not finite is a fault of the drive in floating point; fixed point has no
-    /// such number, and it is a stop.
+    /// A set point in per unit. NaN is a fault of the drive in floating point; fixed point has no such number, and it is a
+    /// stop, as an infinite set point is in every arithmetic.
     #[inline]
     pub fn reference<R: Real>(&self, set_point: &SetPoint) -> Reference<R> {
         let (x, inverse) = match *set_point {

@@ -49,15 +49,20 @@ impl Words for u32 {
     }
 }
 
-impl Words for u8 {
-    fn put(&self, out: &mut impl FnMut(u32)) {
-        out(u32::from(*self));
-    }
-    #[allow(clippy::cast_possible_truncation)]
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        from() as Self
-    }
+macro_rules! short_words {
+    ($($short:ty),*) => {
+        $(impl Words for $short {
+            fn put(&self, out: &mut impl FnMut(u32)) {
+                out(u32::from(*self));
+            }
+            #[allow(clippy::cast_possible_truncation)]
+            fn take(from: &mut impl FnMut() -> u32) -> Self {
+                from() as Self
+            }
+        })*
+    };
 }
+short_words!(u8, u16);
 
 impl Words for bool {
     fn put(&self, out: &mut impl FnMut(u32)) {

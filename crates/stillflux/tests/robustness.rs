@@ -177,6 +177,125 @@ fn an_offset_at_rest_beyond_a_healthy_sensor_is_a_fault() {
 }
 
 #[test]
+fn readings_beyond_any_square_of_fixed_point_are_a_fault() {
+    let bits = [i32::MIN, i32::MAX, i32::MIN + 1].map(Q::from_bits);
+    for &scheme in SCHEMES {
+        for i_abc in (0..27).map(|k| [bits[k / 9], bits[k / 3 % 3], bits[k % 3]]) {
+            let mut d = running::<Q>(scheme);
+            let wild = Measurement { i_abc, ..healthy() };
+            d.step(&wild, &Reference::Speed(Q::ZERO));
+            let out = d.step(&wild, &Reference::Speed(Q::ZERO));
+            assert!(!out.gates_on && matches!(d.status(), Status::Faulted { .. }), "{i_abc:?}: {:?}", d.status());
+        }
+    }
+}
+
+#[cfg(feature = "supervision")]
+#[test]
+fn a_stamp_that_stands_still_keeps_no_gate_on() {
+    let (ok, hold) = (healthy::<f32>(), Reference::Speed(0.0));
+    for &scheme in SCHEMES {
+        let begin = || {
+            let mut d = running::<f32>(scheme);
+            assert!(d.step_at(7, &ok, &hold).is_some_and(|out| out.gates_on));
+            assert!(d.step_at(7, &ok, &hold).is_none(), "its duties stay");
+            d
+        };
+        // A stop, and a reference that is no number, do not wait for the counter.
+        for (reference, status) in [(Reference::Stop, None), (Reference::Torque(f32::NAN), Some(Fault::Reference))] {
+            let mut d = begin();
+            assert!(d.step_at(7, &ok, &reference).is_some_and(|out| !out.gates_on));
+            match (d.status(), status) {
+                (Status::Stopped, None) => {}
+                (Status::Faulted { cause, .. }, Some(of)) => assert_eq!(cause, of),
+                other => panic!("{other:?}"),
+            }
+        }
+        // The fault of the calls blocks in its own call, and in all that follow.
+        let mut d = begin();
+        let first = (0..20).find_map(|_| d.step_at(7, &ok, &hold)).expect("no fault");
+        assert!(!first.gates_on && matches!(d.status(), Status::Faulted { cause: Fault::Timing, .. }));
+        for _ in 0..20 {
+            assert!(d.step_at(7, &ok, &hold).is_some_and(|out| !out.gates_on));
+        }
+        d.reset();
+        assert!(d.step_at(7, &ok, &Reference::Stop).is_some_and(|out| !out.gates_on));
+    }
+}
+
+#[test]
+fn a_bridge_that_is_blocked_makes_no_torque_voltage_or_current_in_the_estimate() {
+    for &scheme in SCHEMES {
+        let mut d = running::<f32>(scheme);
+        for _ in 0..40 {
+            let e = d.estimate();
+            let i_abc = e.flux.field.to_stator(&e.i_dq_ref).to_phases();
+            d.step(&Measurement { i_abc, ..healthy() }, &Reference::Torque(0.5));
+        }
+        assert!(d.estimate().torque > 0.1 && d.estimate().u_s.norm_sq() > 0.0);
+        d.step(&healthy(), &Reference::Stop);
+        let e = d.estimate();
+        assert_eq!((e.torque, e.u_s.norm_sq(), e.i_dq.norm_sq(), e.i_dq_ref.norm_sq()), (0.0, 0.0, 0.0, 0.0));
+    }
+}
+
+#[test]
+fn a_start_that_fails_with_what_is_remembered_is_not_repeated_with_it() {
+    for &scheme in SCHEMES {
+        let (ok, hold) = (healthy::<f32>(), Reference::Speed(0.0));
+        let mut d = running::<f32>(scheme);
+        d.step(&ok, &Reference::Stop);
+        d.step(&ok, &hold);
+        assert_eq!(d.status(), Status::Magnetising, "fresh");
+        for _ in 0..2 {
+            d.step(&Measurement { i_abc: [f32::NAN; 3], ..ok }, &hold);
+        }
+        assert!(matches!(d.status(), Status::Faulted { cause: Fault::Measurement, .. }));
+        d.reset();
+        d.step(&ok, &hold);
+        assert_eq!(d.status(), Status::ReadingOffset);
+    }
+}
+
+#[test]
+fn a_memory_is_taken_while_the_bridge_is_blocked_only() {
+    for &scheme in SCHEMES {
+        let mut d = running::<f32>(scheme);
+        let memory = Memory { r_s: 0.5 * d.memory().r_s, ..d.memory() };
+        assert!(!d.restore(&memory) && d.memory().r_s > 1.5 * memory.r_s);
+        d.step(&healthy(), &Reference::Stop);
+        assert!(d.restore(&memory) && d.memory().r_s < 1.2 * memory.r_s);
+    }
+}
+
+#[test]
+fn a_sample_that_is_bridged_is_the_current_with_its_offset() {
+    let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+    for &scheme in SCHEMES {
+        let params = DriveParams {
+            scheme,
+            calibrate_offset: false,
+            magnetise_time: 0.4,
+            ..DriveParams::new(&machine, &inverter)
+        };
+        let mut d = Drive::<f64>::new(DriveConfig::new(&machine, &inverter, &params).unwrap());
+        let r_s = d.memory().r_s;
+        // An offset of 0.05 pu along the a-axis, known from an earlier run.
+        d.restore(&Memory { u_off: AlphaBeta::new(-0.05 * r_s, 0.0), ..d.memory() });
+        let mut d = started(d);
+        let i_abc = [0.5, -0.25, -0.25];
+        let step = |d: &mut Drive<f64>, i_abc| {
+            d.step(&Measurement { i_abc, ..healthy() }, &Reference::Speed(0.0));
+            d.estimate().i_s
+        };
+        let before = step(&mut d, i_abc);
+        assert!((before.re() - 0.45).abs() < 0.02, "{scheme:?}: {before:?}");
+        let bridged = step(&mut d, [f64::NAN; 3]);
+        assert!((bridged - before).norm_sq().sqrt() < 1e-3, "{scheme:?}: {before:?} {bridged:?}");
+    }
+}
+
+#[test]
 fn a_stop_blocks_the_gates_at_once() {
     for &scheme in SCHEMES {
         let mut d = running::<f32>(scheme);

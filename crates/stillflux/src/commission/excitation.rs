@@ -125,10 +125,7 @@ impl<R: Real> Excitation<R> {
     /// Duties for a command, by the sample of the period.
     pub fn duties(&mut self, c: &ExcitationConfig<R>, gain: R, command: &Command<R>, x: &Sample<R>) -> Duty<R> {
         let u = match *command {
-            Command::Blocked => {
-                *self = Self { i_last: self.i_last, knee: self.knee, ..Self::new(c) };
-                return zero_duty();
-            }
+            Command::Blocked => return zero_duty(),
             Command::Voltage(u) => {
                 self.integral = QuickIntegrator::new(R::ZERO);
                 (self.reference, self.target) = (AlphaBeta::default(), AlphaBeta::default());

@@ -293,6 +293,11 @@ impl<R: Real> Commissioning<R> {
         }
     }
 
+    /// Periods since the beginning.
+    pub fn period(&self) -> u32 {
+        self.state.period
+    }
+
     /// Blocks the gates for good; what has been found stays.
     pub fn abort(&mut self) {
         self.state.fault(Cause::Aborted);

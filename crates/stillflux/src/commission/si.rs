@@ -50,8 +50,11 @@ struct FreeRun {
     inertia: Inertia<f64>,
     /// `ω_m` and torque of one per unit, and the bases' inertia.
     bases: [f64; 3],
-    started: u32,
+    /// Periods of the run.
+    periods: u32,
     over: bool,
+    /// Over since the user ended it.
+    aborted: bool,
 }
 
 /// A commissioning with SI inputs and outputs.
@@ -141,15 +144,20 @@ impl SiCommissioning {
             config: InertiaConfig::new(pu.torque_rated, pu.t_s, inv.f_c()),
             inertia: Inertia::new(),
             bases: [b.omega_m, b.torque, b.torque / (b.omega_m * b.omega)],
-            started: 0,
+            periods: 0,
             over: false,
+            aborted: false,
         })
     }
 
     /// Blocks the gates for good; what has been found stays.
     pub fn abort(&mut self) {
         match &mut self.run {
-            Some(run) => run.over = true,
+            // What ended before is not ended by this.
+            Some(run) => {
+                run.aborted |= !run.over;
+                run.over = true;
+            }
             None => with!(&mut self.standstill, x => x.abort()),
         }
     }
@@ -160,6 +168,10 @@ impl SiCommissioning {
         let standstill = with!(&self.standstill, x => x.status());
         match (&self.run, standstill) {
             (Some(run), Status::Done) if !run.over => Status::Running,
+            (Some(FreeRun { aborted: true, periods, .. }), _) => {
+                let before = with!(&self.standstill, x => x.period());
+                Status::Faulted { cause: Cause::Aborted, period: before.saturating_add(*periods) }
+            }
             _ => standstill,
         }
     }
@@ -247,8 +259,8 @@ impl FreeRun {
         };
         let out = self.drive.step(measured, &reference);
         let faulted = matches!(self.drive.status(), drive::Status::Faulted { .. });
+        self.periods = self.periods.saturating_add(1);
         self.over |= faulted || self.inertia.is_over();
-        self.started = self.started.saturating_add(1);
         if self.over { ([0.5; 3], false) } else { out }
     }
 }

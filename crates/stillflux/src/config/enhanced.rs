@@ -1,6 +1,6 @@
 //! Configuration of the enhanced scheme: constants of its estimators and of its flux shift, per unit.
 
-use super::settings::{BALANCE_PERIODS, BOOST, DriveParams, EnhancedParams, adapt_periods, slow_periods};
+use super::settings::{BALANCE_PERIODS, DriveParams, EnhancedParams, adapt_periods, slow_periods};
 use crate::base::{PerUnit, rounded};
 use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
@@ -106,10 +106,11 @@ impl<R: Real> EnhancedConfig<R> {
                 let x = build_up_time * pu.base.omega / pu.tau_r / 16.0;
                 let psi = REDUCED + (1.0 - REDUCED) * libm::exp(-x);
                 let psi = SMALL + (psi - SMALL) * libm::exp(-3.0 * x);
-                let seconds = libm::log((BOOST - psi) / (BOOST - 1.0)) * pu.tau_r / pu.base.omega;
+                let boost = p.boost(machine);
+                let seconds = libm::log((boost - psi) / (boost - 1.0)) * pu.tau_r / pu.base.omega;
                 inverter.periods(seconds.min(build_up_time * 3.0 / 16.0))
             },
-            search: SearchConfig::new(pu, inverter.f_c(), BOOST * p.psi_ref / pu.l_s),
+            search: SearchConfig::new(pu, inverter.f_c(), p.boost(machine) * p.psi_ref / pu.l_s),
             #[cfg(feature = "legs")]
             legs: {
                 let half = if p.compares_legs(machine) {

@@ -17,9 +17,16 @@ use crate::words::Words;
 /// Magnetising current during the build-up of the flux, as multiple of its final value.
 pub(crate) const BOOST: f64 = 1.5;
 
+/// The largest current of a start, as part of the largest current.
+pub(crate) const QUICK: f64 = 0.9;
+/// Least boost by which the duration of the build-up is computed: three rotor time constants.
+const LEAST_BOOST: f64 = 1.05;
+
 /// Least duration of the magnetisation, in rotor time constants.
 const LEAST_BUILD_UP: f64 = 3.0;
 
+/// Whether the monitors of the supervision are built.
+const SUPERVISED: bool = cfg!(feature = "supervision");
 /// Control periods from one run to the next of the supervision.
 pub(crate) const SUPERVISION_PERIODS: u32 = 4;
 /// Control periods between two samples of the fit of the current sensors' gains, and between two curves of the inverter
@@ -355,9 +362,9 @@ impl DriveParams {
             magnetise_time: (4.0 * tau_r + legs_time(tau_r, current_bandwidth)).max(1.4),
             low_confidence: LowConfidence::Keep,
             fresh_time: 10.0,
-            supervision: true,
-            stall_time: 0.35,
-            realignment: true,
+            supervision: SUPERVISED,
+            stall_time: if SUPERVISED { 0.35 } else { 0.0 },
+            realignment: SUPERVISED,
             discontinuous_above: None,
             field_weakening: true,
             overmodulation: false,
@@ -421,6 +428,15 @@ impl DriveParams {
         if self.stall_time != 0.0 {
             check("stall_time", self.stall_time, 0.1, 60.0, "s")?;
         }
+        for (field, value) in [
+            ("supervision", f64::from(u8::from(self.supervision))),
+            ("stall_time", self.stall_time),
+            ("realignment", f64::from(u8::from(self.realignment))),
+        ] {
+            if value != 0.0 && !SUPERVISED {
+                return Err(refuse(field, value, "", "needs the feature `supervision`"));
+            }
+        }
         if let Some(part) = self.discontinuous_above {
             check("discontinuous_above", part, 0.3, if cfg!(feature = "modes") { 1.0 } else { 0.0 }, "")
                 .map_err(needs_modes)?;
@@ -434,6 +450,12 @@ impl DriveParams {
             Scheme::Paper => self.enhanced.refuse_changes(machine),
             Scheme::Enhanced => self.paper.refuse_changes(),
         }
+    }
+
+    /// Current of the build-up of the flux as multiple of its final value, as far as the largest current allows.
+    pub(super) fn boost(&self, machine: &Machine) -> f64 {
+        let i_0 = self.psi_ref * Base::new(machine).psi / machine.L_s();
+        BOOST.min(QUICK * self.i_max / i_0).max(LEAST_BOOST)
     }
 
     /// Whether a start compares the legs of the bridge. Offsets of the sensors that were not read would be taken for a

@@ -83,6 +83,22 @@ mod tests {
         DcLinkConfig { u_brake: 2.1, u_buffer: 1.2, inv_width: 10.0, u_on: 2.2, inv_span: 10.0 };
 
     #[test]
+    fn the_chopper_is_fully_on_at_its_upper_voltage_or_the_pair_is_refused() {
+        use crate::config::{DriveConfig, DriveParams};
+        use crate::params::{Inverter, Machine};
+        use crate::scalar::Q;
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter { u_dc: 200.0, ..Inverter::preset_2k2() });
+        let (on, full) = (210.0, 211.1);
+        let params =
+            DriveParams { u_dc_chopper: Some((on, full)), u_dc_max: 300.0, ..DriveParams::new(&machine, &inverter) };
+        let base = crate::base::Base::new(&machine).u;
+        let config = DriveConfig::<f32>::new(&machine, &inverter, &params).unwrap();
+        assert!((config.dclink.chopper((full / base) as f32) - 1.0).abs() < 1e-3);
+        let e = DriveConfig::<Q>::new(&machine, &inverter, &params).unwrap_err();
+        assert!(e.field == "u_dc_chopper[1]" && e.min > full && e.min < full + 2.0, "{e}");
+    }
+
+    #[test]
     fn within_its_range_the_link_limits_nothing() {
         for (u, omega) in [(1.3, 1.0), (1.65, -1.0), (2.0, 0.0)] {
             assert_eq!(C.limit(u, omega, (-1.0, 1.5)), (-1.0, 1.5));

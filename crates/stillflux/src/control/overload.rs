@@ -7,9 +7,9 @@
 //! ```
 //!
 //! so that the whole current is there up to `θ` = 0.9 and the continuous one at 1: `θ` does not exceed one, and the
-//! drive goes on with less torque instead of a trip. Computed every 64th call.
+//! drive goes on with less torque instead of a trip. Computed every 64th call, with the mean of `i²` over these calls.
 
-use crate::scalar::{Integrator, Real, likely};
+use crate::scalar::{Integrator, QuickIntegrator, Real, likely};
 use crate::words::words;
 
 /// Calls from one computation to the next.
@@ -37,6 +37,8 @@ words!(OverloadConfig: i_c_sq, inv_i_c_sq, rate);
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Overload<R: Real> {
     theta: [Integrator<R>; 2],
+    /// Mean of `i²` since the last computation, as far as it is complete.
+    i_sq: QuickIntegrator<R>,
     calls: u8,
 }
 
@@ -50,19 +52,21 @@ impl<R: Real> Overload<R> {
     /// that without derating.
     #[inline(always)]
     pub fn step(&mut self, c: &[OverloadConfig<R>; 2], i_sq: R, i_max_sq: R) -> Option<R> {
+        self.i_sq.add(R::from_f64(const { 1.0 / CALLS as f64 }), i_sq);
         self.calls = (self.calls + 1) % CALLS as u8;
-        if likely(self.calls != 0) { None } else { Some(self.derate(c, i_sq, i_max_sq)) }
+        if likely(self.calls != 0) { None } else { Some(self.derate(c, i_max_sq)) }
     }
 
     #[cold]
-    fn derate(&mut self, c: &[OverloadConfig<R>; 2], i_sq: R, i_max_sq: R) -> R {
+    fn derate(&mut self, c: &[OverloadConfig<R>; 2], i_max_sq: R) -> R {
+        let i_sq = core::mem::take(&mut self.i_sq).value();
         let [machine, bridge] = &mut self.theta;
         c[0].derate(machine, i_sq, i_max_sq).min(c[1].derate(bridge, i_sq, i_max_sq))
     }
 }
 
 impl<R: Real> OverloadConfig<R> {
-    /// Square of the largest current of this body, at the square of the current since the last computation.
+    /// Square of the largest current of this body, at the mean square of the current since the last computation.
     // A call: the code exists once for both.
     #[inline(never)]
     fn derate(&self, theta: &mut Integrator<R>, i_sq: R, i_max_sq: R) -> R {
@@ -117,6 +121,19 @@ mod tests {
         derates::<f32>();
         derates::<f64>();
         derates::<Q>();
+    }
+
+    #[test]
+    fn what_counts_is_the_mean_square_of_a_current_that_pulses_with_the_computation() {
+        for phase in [0, 20, 45] {
+            let mut overload = Overload::<f32>::default();
+            for k in 0..CALLS * 2000 {
+                let i_sq = if (k + phase) % CALLS < CALLS / 2 { 1.6 } else { 0.0 };
+                overload.step(&[body(1.0, 0.01), body(1.0, 0.0)], i_sq, 4.0);
+            }
+            let [theta, _] = overload.theta();
+            assert!((theta - 0.8).abs() < 1e-3, "{phase}: {theta}");
+        }
     }
 
     #[test]

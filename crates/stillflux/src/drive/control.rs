@@ -285,7 +285,10 @@ impl<R: Real> Control<R> {
                 let weakened = (part * c.speed_control.inv_gain).max(part).min(R::ONE);
                 let torque = self.speed.step(&c.speed_control, (omega - omega_m) * weakened, (lo, hi));
                 let at_limit = (hi - lo) * R::from_f64(AT_LIMIT);
-                limited = if torque >= hi - at_limit {
+                // Where no torque is allowed there is none that could be lacking.
+                limited = if hi <= lo {
+                    R::ZERO
+                } else if torque >= hi - at_limit {
                     R::ONE
                 } else if torque <= lo + at_limit {
                     -R::ONE
@@ -321,7 +324,7 @@ impl<R: Real> Control<R> {
     /// is wanted, and the largest current.
     #[inline(never)]
     pub fn set_limits<E: Estimators<R>>(&mut self, c: &DriveConfig<R>, estimators: &E, u_dc: R) {
-        let i_sq = self.i_dq_ref.norm_sq();
+        let i_sq = self.i_dq.norm_sq();
         if let Some(most) = self.overload.step(&c.overload, i_sq, c.i_max_sq) {
             self.i_max_sq = most;
         }

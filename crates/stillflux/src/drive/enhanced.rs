@@ -356,6 +356,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         self.filter.confidence()
     }
 
+    fn sensed(&self, _: &DriveConfig<R>) -> AlphaBeta<R> {
+        let i_m = self.filter.i_s() + self.filter.b();
+        // Small as the image is, that of the current with it and that of the current without it are the same.
+        i_m + (i_m - self.balance.remove(&i_m))
+    }
+
     /// There is no parallel path; its flux is that of the filter.
     fn estimated(&self) -> Estimated<R> {
         let f = &self.filter;
@@ -374,7 +380,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         }
     }
 
-    fn memory(&self, i_off: [R; 3]) -> Memory<R> {
+    fn memory(&self, _: &DriveConfig<R>, i_off: [R; 3]) -> Memory<R> {
         let Learned { b, r_s, v: loss_error, knee, leakage, gamma: inv_l_m } = self.filter.learned();
         Memory {
             u_off: b * -r_s,

@@ -164,11 +164,14 @@ pub(super) trait Estimators<R: Real> {
     /// Confidence in the field angle.
     fn confidence(&self) -> R;
 
+    /// The latest current vector as the sensors have shown it, less the offsets that were read at standstill.
+    fn sensed(&self, c: &DriveConfig<R>) -> AlphaBeta<R>;
+
     /// Everything that is estimated.
     fn estimated(&self) -> Estimated<R>;
 
     /// Data to be kept over a stop, with the offsets `i_off` read at standstill.
-    fn memory(&self, i_off: [R; 3]) -> Memory<R>;
+    fn memory(&self, c: &DriveConfig<R>, i_off: [R; 3]) -> Memory<R>;
 
     /// Restores what an earlier run stored; `u_off` is that of `memory`, limited.
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>);

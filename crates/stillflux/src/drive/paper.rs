@@ -19,8 +19,6 @@ use crate::estimate::resistance::ResistanceConfig;
 use crate::estimate::resistance::{self, ResistanceEstimator};
 use crate::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
-#[cfg(feature = "legs")]
-use crate::inverter::Legs;
 use crate::scalar::{Integrator, Real};
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -274,6 +272,10 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         self.confidence.value()
     }
 
+    fn sensed(&self, c: &DriveConfig<R>) -> AlphaBeta<R> {
+        self.i_s - self.flux.offset.u_off() * c.paper.inv_r_s
+    }
+
     fn estimated(&self) -> Estimated<R> {
         Estimated {
             flux: self.flux.estimate(),
@@ -291,7 +293,8 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     }
 
     /// Inverter and inductance are not estimated.
-    fn memory(&self, i_off: [R; 3]) -> Memory<R> {
+    #[cfg_attr(not(feature = "legs"), allow(unused_variables))]
+    fn memory(&self, c: &DriveConfig<R>, i_off: [R; 3]) -> Memory<R> {
         let (u_off, r_s) = (self.flux.offset.u_off(), self.resistance.r_s());
         let one = R::ONE;
         Memory {
@@ -303,7 +306,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
             leakage: one,
             inv_l_m: one,
             #[cfg(feature = "legs")]
-            legs: Legs::default(),
+            legs: *c.inverter.legs(),
         }
     }
 

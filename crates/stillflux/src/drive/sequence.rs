@@ -65,6 +65,12 @@ impl<R: Real> Sequence<R> {
         self.status
     }
 
+    /// Whether the bridge switches.
+    #[inline(always)]
+    pub fn is_switching(&self) -> bool {
+        matches!(self.status, Status::Magnetising | Status::Running)
+    }
+
     /// Periods since power-up.
     #[inline(always)]
     pub fn period(&self) -> u32 {
@@ -133,7 +139,7 @@ impl<R: Real> Sequence<R> {
         let i = self.without_offset(c, m, || R::ZERO);
         // One comparison for four: no channel near its range, the vector below the trip level. Written so that
         // NaN fails it.
-        let sum = R::sum_of_products(i, i);
+        let sum = R::sum_of_squares(i);
         likely(sum <= c.i_plain_sq && m.u_dc >= c.u_dc_min && m.u_dc <= c.u_dc_max) || self.examine(c, m).is_none()
     }
 
@@ -224,6 +230,10 @@ impl<R: Real> Sequence<R> {
     #[inline(never)]
     pub fn advance(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, reference: &Reference<R>) -> Action {
         self.stage = self.stage.saturating_add(1);
+        if self.pause(c).is_none() {
+            // For good: the number of periods wraps.
+            self.ran = None;
+        }
         if !reference.is_admissible() && *reference != Reference::Stop {
             self.fault(Trip::new(Fault::Reference, R::ZERO, R::ZERO));
         }
@@ -290,7 +300,10 @@ impl<R: Real> Sequence<R> {
             _ => true,
         };
         if self.status == Status::Running {
-            self.ran = sound.then_some(self.period);
+            self.ran = Some(self.period);
+        }
+        if !sound {
+            self.ran = None;
         }
         self.status = status;
         self.stage = 0;
@@ -324,4 +337,26 @@ impl<R: Real> Sequence<R> {
 #[inline(never)]
 fn is_readable<R: Real>(x: R, range: R) -> bool {
     x.abs() < range
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::DriveParams;
+    use crate::params::{Inverter, Machine};
+
+    #[test]
+    fn what_is_stale_stays_stale_when_the_number_of_periods_wraps() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let params = DriveParams { fresh_time: 1.0, ..DriveParams::new(&machine, &inverter) };
+        let c = DriveConfig::<f32>::new(&machine, &inverter, &params).unwrap();
+        let measured = Measurement { i_abc: [0.0; 3], u_dc: 1.65 };
+        let mut sequence = Sequence { ran: Some(0), period: 9_999, ..Sequence::new() };
+        sequence.advance(&c, &measured, &Reference::Stop);
+        assert_eq!(sequence.pause(&c), Some(9_999));
+        sequence.period = 10_000;
+        sequence.advance(&c, &measured, &Reference::Stop);
+        sequence.period = 5;
+        assert_eq!(sequence.pause(&c), None);
+    }
 }

@@ -25,14 +25,14 @@
 //! speed; what was counted meanwhile comes with the next content. After 8 of them the counter may have gone round, and its
 //! content is a beginning.
 //!
-//! Validity: `|ω| < 3`, and at most half of the counter's states in 8 intervals.
+//! Validity: `|ω| < 4`, and at most half of the counter's states in 8 intervals.
 
 use crate::estimate::speed::SpeedConfig;
 use crate::scalar::{QuickIntegrator, Real};
 use crate::words::words;
 
 /// Largest speed, per unit.
-const OMEGA_MAX: f64 = 3.0;
+const OMEGA_MAX: f64 = 4.0;
 /// Largest error of the angle, rad: more than a machine makes that is connected at full speed.
 const ERROR_MAX: f64 = 4.0;
 /// Largest angle of `2^15` shifted counts: it keeps eight bits more than its rounding needs, and fits fixed point.
@@ -70,9 +70,10 @@ impl<R: Real> EncoderConfig<R> {
     /// Electrical angle between two contents of the counter, the shorter way round, and limited to `2^15` shifted counts.
     #[inline]
     fn between(&self, from: u32, to: u32) -> R {
-        // Contents below 2^31: their difference fits, and wrapping keeps any other pair harmless.
+        // Contents below 2^31: their difference fits, and wrapping keeps any other pair harmless. So is 2^31 states, which
+        // have no sign.
         let states = self.states as i32;
-        let half = states >> 1;
+        let half = (self.states >> 1) as i32;
         let mut n = to.wrapping_sub(from) as i32;
         if n > half {
             n = n.wrapping_sub(states);
@@ -195,6 +196,20 @@ mod tests {
         tells_the_speed::<f32>();
         tells_the_speed::<f64>();
         tells_the_speed::<Q>();
+    }
+
+    #[test]
+    fn a_counter_of_any_number_of_states_tells_the_speed() {
+        for states in [1 << 16, 1 << 30, (1 << 31) - 1, 1 << 31] {
+            for omega in [0.5, -0.5] {
+                let w = run::<f64>(1024, states, 2000, |k| omega * T_S * k);
+                assert!(
+                    (w[1999] - omega).abs() < count_angle(1024, 2) * OMEGA_N / core::f64::consts::E,
+                    "{states} {omega}: {}",
+                    w[1999]
+                );
+            }
+        }
     }
 
     #[test]

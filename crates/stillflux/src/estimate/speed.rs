@@ -19,8 +19,8 @@ use crate::scalar::{QuickIntegrator, Real};
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
 
-/// Largest speed, per unit.
-const OMEGA_MAX: f64 = 3.0;
+/// Largest speed, per unit: more than 1.3 times the largest `omega_max`, beyond which a speed is a fault.
+const OMEGA_MAX: f64 = 4.0;
 
 /// Settings of the speed estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,7 +168,7 @@ mod tests {
                 let turn = before.to_field(&est.angle.axis());
                 assert!(turn.im().abs() < 0.5 && turn.re() > 0.8, "{turn:?}");
             }
-            assert_eq!((out.omega_r, out.omega_m), (sign, 3.0 * sign));
+            assert_eq!((out.omega_r, out.omega_m), (sign, OMEGA_MAX * sign));
         }
     }
 

@@ -144,6 +144,11 @@ pub trait Real:
         }
         sum
     }
+    /// `Σ a²` of at most three numbers, saturated in fixed point whatever they are.
+    #[inline]
+    fn sum_of_squares<const T: usize>(a: [Self; T]) -> Self {
+        Self::sum_of_products(a, a)
+    }
     /// `|x| <= bound` for `bound >= 0`; never true of NaN.
     #[inline]
     fn within(self, bound: Self) -> bool {

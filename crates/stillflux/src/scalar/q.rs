@@ -358,6 +358,14 @@ impl Real for Q {
         Self(narrow(sum))
     }
     #[inline]
+    fn sum_of_squares<const T: usize>(a: [Self; T]) -> Self {
+        const { assert!(T <= 3) };
+        // Three times 2^62 is within 64 bits without a sign.
+        let sum = a.into_iter().fold(0_u64, |sum, x| sum.wrapping_add(wide(x, x) as u64));
+        let hi = ((sum >> 32) as u32).min((1 << 23) - 1);
+        Self((hi << 8 | (sum as u32) >> 24) as i32)
+    }
+    #[inline]
     fn within(self, bound: Self) -> bool {
         // One unsigned comparison: -bound ..= bound moved to 0 ..= 2 bound.
         self.0.wrapping_add(bound.0) as u32 <= (bound.0 as u32) << 1

@@ -87,8 +87,9 @@ pub(crate) struct Currents<'a, R: Real> {
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(not(feature = "supervision"), allow(dead_code, reason = "for the monitors of the feature"))]
 pub(crate) struct Tracking<R: Real> {
-    /// `|ψ̂_s| - ψ*`.
-    pub psi_deviation: R,
+    /// `|ψ̂_s|` and `ψ*`.
+    pub psi_s: R,
+    pub psi_ref: R,
     pub omega_m: R,
     pub omega_s: R,
     /// Normalised innovation squared of the filter, and whether the flux of the voltage is less than that of the current.
@@ -172,7 +173,7 @@ impl<R: Real> Supervision<R> {
         x: &Tracking<R>,
         confidence: impl FnOnce() -> R,
     ) -> Option<Trip<R>> {
-        let trip = self.plausibility.step(&c.plausibility, x.psi_deviation, x.omega_m, confidence);
+        let trip = self.plausibility.step(&c.plausibility, (x.psi_s, x.psi_ref), x.omega_m, confidence);
         #[cfg(feature = "supervision")]
         let trip = trip
             .or_else(|| self.innovation.step(&c.innovation, x.nis, x.flux_falls, x.omega_s))

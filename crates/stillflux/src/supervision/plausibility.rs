@@ -2,15 +2,18 @@
 //! asks for. Per unit.
 //!
 //! ```text
-//! | |ψ̂_s| - ψ* | ≤ 0.4 ψ_N,      |ω̂| ≤ 1.3 ω_max,      confidence ≥ 0.5 if the drive is set to stop below it
+//! | |ψ̂_s| - ψ* | ≤ 0.4 ψ_N,  |ψ̂_s| ≥ 0.2 ψ*,      |ω̂| ≤ 1.3 ω_max,      confidence ≥ 0.5 if the drive is set to stop below it
 //! ```
 //!
-//! Each by a leaky counter of 50 ms ([`super::leaky`]): a lost estimate swings, and a swing passes through its circle.
+//! The second bound of the flux is that of field weakening, where `ψ*` may be less than 0.4 ψ_N. Each by a leaky counter of 50 ms ([`super::leaky`]): a lost estimate swings, and a swing passes through its circle.
 
 use super::fault::{Fault, Trip};
 use super::leaky::LeakyCounter;
 use crate::scalar::{Real, likely};
 use crate::words::words;
+
+/// Least flux, relative to its reference.
+const LEAST: f64 = 0.2;
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +31,14 @@ pub struct PlausibilityConfig<R: Real> {
 }
 words!(PlausibilityConfig: psi_deviation, omega_max, calls, confidence);
 
+impl<R: Real> PlausibilityConfig<R> {
+    /// Whether the flux is as near to its reference as an estimate keeps it.
+    #[inline(always)]
+    fn holds(&self, (psi_s, psi_ref): (R, R)) -> bool {
+        (psi_s - psi_ref).within(self.psi_deviation) && psi_s >= psi_ref * R::from_f64(LEAST)
+    }
+}
+
 /// State: one counter a condition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -39,20 +50,20 @@ pub struct Plausibility {
 }
 
 impl Plausibility {
-    /// One call with `|ψ̂_s| - ψ*` and the speed; `confidence` is asked for if it counts.
+    /// One call with `|ψ̂_s|`, `ψ*` and the speed; `confidence` is asked for if it counts.
     #[inline(always)]
     pub fn step<R: Real>(
         &mut self,
         c: &PlausibilityConfig<R>,
-        psi_deviation: R,
+        flux: (R, R),
         omega_m: R,
         confidence: impl FnOnce() -> R,
     ) -> Option<Trip<R>> {
-        let plausible = psi_deviation.within(c.psi_deviation) && omega_m.within(c.omega_max);
+        let plausible = c.holds(flux) && omega_m.within(c.omega_max);
         if likely(plausible && !c.confidence && self.is_empty()) {
             return None;
         }
-        self.count(c, psi_deviation, omega_m, if c.confidence { confidence() } else { R::ONE })
+        self.count(c, flux, omega_m, if c.confidence { confidence() } else { R::ONE })
     }
 
     /// Nothing has been violated lately.
@@ -67,18 +78,18 @@ impl Plausibility {
     fn count<R: Real>(
         &mut self,
         c: &PlausibilityConfig<R>,
-        psi_deviation: R,
+        (psi_s, psi_ref): (R, R),
         omega_m: R,
         confidence: R,
     ) -> Option<Trip<R>> {
-        let flux = step(&mut self.flux, !psi_deviation.within(c.psi_deviation), c.calls);
+        let flux = step(&mut self.flux, !c.holds((psi_s, psi_ref)), c.calls);
         let speed = step(&mut self.speed, !omega_m.within(c.omega_max), c.calls);
         let low = step(&mut self.confidence, confidence < R::HALF, c.calls);
         if likely(!(flux | speed | low)) {
             return None;
         }
         let (cause, value, limit) = if flux {
-            (Fault::EstimateLost, psi_deviation, c.psi_deviation)
+            (Fault::EstimateLost, psi_s - psi_ref, c.psi_deviation.min(psi_ref * R::from_f64(1.0 - LEAST)))
         } else if speed {
             (Fault::OverSpeed, omega_m, c.omega_max)
         } else {
@@ -104,11 +115,24 @@ mod tests {
 
     /// Calls until a fault, and the fault.
     fn first(x: impl Fn(u32) -> (f64, f64, f64)) -> Option<(u32, Trip<f64>)> {
+        first_at(1.0, x)
+    }
+
+    /// The same at a reference of the flux.
+    fn first_at(psi_ref: f64, x: impl Fn(u32) -> (f64, f64, f64)) -> Option<(u32, Trip<f64>)> {
         let mut p = Plausibility::default();
         (0..10_000).find_map(|k| {
             let (psi, omega, confidence) = x(k);
-            p.step(&C, psi, omega, || confidence).map(|trip| (k, trip))
+            p.step(&C, (psi_ref + psi, psi_ref), omega, || confidence).map(|trip| (k, trip))
         })
+    }
+
+    #[test]
+    fn in_field_weakening_a_flux_that_vanishes_is_as_implausible_as_at_rated_flux() {
+        let (calls, trip) = first_at(0.3, |_| (-0.29, 0.0, 1.0)).unwrap();
+        assert_eq!((calls, trip.cause), (50, Fault::EstimateLost));
+        assert!((trip.limit - 0.24).abs() < 1e-9);
+        assert_eq!(first_at(0.3, |_| (-0.2, 0.0, 1.0)), None);
     }
 
     #[test]

@@ -32,7 +32,7 @@
 //!    everything identified in them was falsified by it.
 
 use super::{EnhancedEstimators, Start};
-use crate::config::{BOOST, DriveConfig, REDUCED, SMALL};
+use crate::config::{DriveConfig, REDUCED, SMALL};
 #[cfg(any(feature = "legs", feature = "modes"))]
 use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
@@ -114,13 +114,12 @@ impl<R: Real> EnhancedEstimators<R> {
         if !self.search.found_rotation() {
             let sixteenth = (c.magnetise_periods / 16).max(1);
             let recovering = stage < 13 * sixteenth + c.enhanced.recovery_periods;
-            i_ref = i_ref
-                * R::from_f64(match stage / sixteenth {
-                    9 => REDUCED,
-                    10..=12 => SMALL,
-                    13..=15 if recovering => BOOST,
-                    _ => 1.0,
-                });
+            i_ref = match stage / sixteenth {
+                9 => i_ref * R::from_f64(REDUCED),
+                10..=12 => i_ref * R::from_f64(SMALL),
+                13..=15 if recovering => c.magnetising_current(0),
+                _ => i_ref,
+            };
         }
         if stage <= DRIVEN {
             self.filter.start(&c.enhanced.filter, &AlphaBeta::default());

@@ -190,7 +190,7 @@ pub struct Filter<R: Real> {
     innovation: R,
     signed_nis: R,
     /// Blocks left in which the NIS is not evaluated (NIS hold-off).
-    hold_off: u8,
+    hold_off: u16,
     /// The rotor flux at the operating point is above `M_MIN`.
     valid: bool,
     /// Standard deviation of the field angle, rad.

@@ -190,7 +190,7 @@ pub(super) struct Noise<R: Real> {
     /// Part of the correlations with the leakage that is left after a block in which it is not corrected.
     pub remembered: R,
     /// Blocks after a start in which the NIS is not evaluated (hold-off).
-    pub hold_off: u8,
+    pub hold_off: u16,
 }
 words!(Noise: offset, resistance, knee, calibrated, c_known, prior, walk, induced, zero, part, stated, nis_corner,
     remembered, hold_off);
@@ -246,7 +246,7 @@ impl<R: Real> Noise<R> {
             stated: r(1.0 / part),
             nis_corner: r(NIS_CORNER / part),
             remembered: r(1.0 - FORGOTTEN / part),
-            hold_off: (HOLD_OFF * part) as u8,
+            hold_off: (HOLD_OFF * part) as u16,
         }
     }
 
