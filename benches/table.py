@@ -1,6 +1,7 @@
-"""One table of what `cargo bench` and `make firmware-bench` left in the target directory, for the README.
+"""Writes what `cargo bench` and `make firmware-bench` left in the target directory into the README.
 
-Per control period: time on this machine, instructions on this machine, instructions on a Cortex-M4F.
+Per control period: time on this machine, instructions on this machine, instructions on a Cortex-M4F; and the speed of the
+simulation.
 """
 
 from __future__ import annotations
@@ -16,7 +17,11 @@ TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
 CALLS = 1000
 #: Name in `benches/src/lib.rs`, and in the report of the firmware.
 BLOCKS = {
+    "drive step": "drive_step",
+    "drive step enhanced": "drive_step_enhanced",
     "flux estimator": "flux_estimator",
+    "filter": "filter",
+    "balance": "balance",
     "speed": "speed_estimator",
     "resistance": "resistance_adaptation",
     "confidence": "confidence",
@@ -25,14 +30,24 @@ BLOCKS = {
     "current control": "current_control",
     "inverter model": "inverter_model",
     "modulator": "modulator",
-    "drive step": "drive_step",
-    "filter": "filter",
-    "balance": "balance",
-    "drive step enhanced": "drive_step_enhanced",
 }
 #: Names of the counted drive steps.
 STEPS = {"drive step": "recorded", "drive step enhanced": "enhanced"}
 MISSING = "–"
+#: Names in the README, where they differ: those marked run in every sixteenth period.
+LABELS = {
+    "drive step": "drive step, published scheme",
+    "drive step enhanced": "drive step, enhanced scheme",
+    **{name: f"{name}*" for name in ("resistance", "confidence", "speed control", "flux control")},
+}
+#: Of the benchmark `simulation`, and its simulated seconds.
+PLANTS = {
+    "switching": "every switching edge, 1 nF at the legs' nodes",
+    "hard edges": "every switching edge, without capacitance",
+    "averaged": "average of each period",
+}
+SECONDS = 5
+README = ROOT / "README.md"
 
 
 def nanoseconds(block: str, arithmetic: str) -> str:
@@ -60,18 +75,47 @@ def instructions(block: str, arithmetic: str) -> str:
     return f"{max(found) / CALLS:.0f}" if found else MISSING
 
 
-def main() -> None:
-    """Prints the table."""
+def control() -> str:
+    """Time and instructions of the control step and its blocks."""
     report = ROOT / "target" / "firmware-bench.json"
     target = json.loads(report.read_text()) if report.exists() else {}
-    print("| | ns f32 | f64 | Q | instructions f32 | f64 | Q | Cortex-M4F f32 | Q |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    lines = [
+        "| | ns f32 | f64 | Q7.24 | instructions f32 | f64 | Q7.24 | Cortex-M4F f32 | Q7.24 |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
     for block, key in BLOCKS.items():
         cells = [measure(block, a) for measure in (nanoseconds, instructions) for a in ("f32", "f64", "q")]
         for a in ("f32", "q"):
             b = target.get(key)
             cells.append(f"{b[a]:.0f} / {b[f'{a}_worst']}" if b else MISSING)
-        print(f"| {block} | {' | '.join(cells)} |")
+        lines.append(f"| {LABELS.get(block, block)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def simulation() -> str:
+    """Simulated seconds per second of the drive with its plant, on one core."""
+    lines = ["| plant | f32 | f64 | Q7.24 |", "|---|---|---|---|"]
+    for name, label in PLANTS.items():
+        cells = []
+        for arithmetic in ("F32", "F64", "Q"):
+            file = TARGET / "criterion" / "simulation" / name / arithmetic / "new" / "estimates.json"
+            if file.exists():
+                took = json.loads(file.read_text())["mean"]["point_estimate"]
+                cells.append(f"{1e9 * SECONDS / took:.0f}")
+            else:
+                cells.append(MISSING)
+        lines.append(f"| {label} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Prints the tables, and writes them into the README."""
+    text = README.read_text(encoding="utf-8")
+    for name, table in (("control", control()), ("simulation", simulation())):
+        print(table, end="\n\n")
+        mark = re.compile(rf"(<!-- bench: {name} -->\n).*?(<!-- end -->)", re.DOTALL)
+        text = mark.sub(lambda match, table=table: f"{match[1]}{table}\n{match[2]}", text)
+    README.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

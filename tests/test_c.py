@@ -49,7 +49,7 @@ FUNCTIONS = {
     ),
     *("stillflux_fault_text", "stillflux_reset", "stillflux_timer_full", "stillflux_telemetry_read"),
     *("stillflux_store", "stillflux_defaults", "stillflux_memory_of", "stillflux_page"),
-    *("stillflux_pulses_read", "stillflux_encoder_set", "stillflux_encoder_read"),
+    *("stillflux_pulses_read", "stillflux_encoder_set", "stillflux_encoder_read", "stillflux_chopper"),
 }
 
 

@@ -11,7 +11,7 @@ import stillflux as sf
 from stillflux.evidence.conditions import slip
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import ADC_NOISE
-from stillflux.options import Arithmetic
+from stillflux.options import Arithmetic, Scheme
 
 
 class ForeignMotor:
@@ -110,6 +110,10 @@ def test_sequence_and_estimate(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert not drive.gates_on
     assert list(duty) == [0.5, 0.5, 0.5]
     memory = drive.memory()
+    while drive.status != "running":
+        i_abc, u_dc = plant.step(drive.step(i_abc, u_dc, omega_ref=10.0), gates_on=drive.gates_on)
+    with pytest.raises(RuntimeError, match="the bridge switches; stop the drive first"):
+        drive.restore(memory)
     other = sf.Drive(motor, inverter)
     other.restore(memory)
     assert other.memory()["R_s"] == pytest.approx(memory["R_s"], rel=1e-6)
@@ -119,6 +123,31 @@ def test_sequence_and_estimate(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert other.memory()["u_off"] == pytest.approx(memory["u_off"], rel=1e-5)
     for key in ("loss_error", "L_sigma", "L_M"):
         assert other.memory()[key] == pytest.approx(memory[key], rel=1e-6)
+
+
+def test_what_a_memory_does_not_know_of_the_legs_is_as_set(motor: sf.Motor) -> None:
+    delays = ((40e-9, 0.0), (-40e-9, 0.0), (0.0, 0.0))
+    drive = sf.Drive(motor, sf.Inverter(leg_delay=delays))
+    known = drive.memory()
+    assert np.array(known["leg_delay"]) == pytest.approx(np.array(delays), abs=1e-11)
+    del known["leg_delay"]
+    drive.restore(known)
+    assert np.array(drive.memory()["leg_delay"]) == pytest.approx(np.array(delays), abs=1e-11)
+
+
+@pytest.mark.parametrize("scheme", ["paper", "enhanced"])
+def test_the_boost_of_a_start_stays_below_a_trip_close_to_the_rating(
+    motor: sf.Motor, inverter: sf.Inverter, scheme: Scheme
+) -> None:
+    drive = sf.Drive(motor, inverter, scheme=scheme, i_max=4.7, i_trip=5.5)
+    plant = sf.Plant(motor, inverter, adc_noise=0.01)
+    i_abc, u_dc = plant.sample()
+    largest = 0.0
+    while drive.status != "running":
+        i_abc, u_dc = plant.step(drive.step(i_abc, u_dc, omega_ref=0.0), gates_on=drive.gates_on)
+        assert drive.status.state != "faulted"
+        largest = max(largest, *np.abs(i_abc))
+    assert 4.4 < largest < 1.05 * 4.7
 
 
 def test_accepts_any_three_numbers(motor: sf.Motor, inverter: sf.Inverter) -> None:

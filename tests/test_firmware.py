@@ -255,8 +255,8 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: f32 and, where each product saturates, by 4.6 kB and 80 bytes of RAM in q. The enhanced one, with the start
 #: into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (18_304, 20_992), "ram_drive": (1032, 1112), "stack_step": (416, 424)},
-    "enhanced": {"flash_library": (33_120, 43_776), "ram_drive": (1664, 1736), "stack_step": (488, 480)},
+    "paper": {"flash_library": (18_528, 21_536), "ram_drive": (1036, 1120), "stack_step": (416, 432)},
+    "enhanced": {"flash_library": (33_488, 44_192), "ram_drive": (1668, 1744), "stack_step": (488, 488)},
 }
 
 #: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680
@@ -268,7 +268,7 @@ SIZES: dict[str, dict[str, tuple[int, int]]] = {
 BUDGET = {
     "flux_estimator": {"f32": 158, "q": 188},
     "drive_step": {"f32": 600, "q": 926, "f32_worst": 832, "q_worst": 1296},
-    "drive_step_enhanced": {"f32": 664, "q": 1036, "f32_worst": 928, "q_worst": 1428},
+    "drive_step_enhanced": {"f32": 664, "q": 1048, "f32_worst": 928, "q_worst": 1440},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }

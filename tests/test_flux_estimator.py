@@ -54,6 +54,22 @@ def test_series_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
         estimator.run(u, i)
 
 
+def test_records_may_be_of_other_types_but_mean_what_they_say(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    u, i, _ = record(motor, inverter, 0j, 100)
+    estimator: Any = sf.FluxEstimator(motor, inverter)
+    exact = estimator.run(u, i, omega_s=np.ones(100)).psi_s
+    assert np.array_equal(estimator.run(list(u), list(i), omega_s=[1] * 100).psi_s, exact)
+    assert estimator.run(u.astype(np.complex64), i, omega_s=1).psi_s == pytest.approx(exact, rel=1e-4)
+    with pytest.raises(TypeError, match="omega_s is complex, real numbers are needed"):
+        estimator.run(u, i, omega_s=np.ones(100, complex))
+    with pytest.raises(TypeError, match="u_s is not an array of one dimension"):
+        estimator.run(u.reshape(2, 50), i)
+    with pytest.raises(ValueError, match=r"R_s\[3\] = inf is not finite"):
+        estimator.run(u, i, R_s=[3.0] * 3 + [np.inf] * 97)
+    with pytest.raises(ValueError, match="psi_s0 = NaN"):
+        estimator.run(u, i, psi_s0=complex("nan"))
+
+
 def test_with_the_inverter_model_the_voltage_is_that_of_the_bridge(motor: sf.Motor) -> None:
     inverter = sf.Inverter(c_out=0.0)
     u, i, psi = record(motor, inverter, 0j, 20_000)

@@ -309,6 +309,9 @@ def test_sensors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert list(reading) == list(twin.sample()[0])
     plant.current_offset = (0.1, 0.2, 0.3)
     assert plant.sample()[0] == pytest.approx([0.1, 0.2, 0.3], abs=0.05)
+    with pytest.raises(ValueError, match=r"current_offset = 21 A .* range -20 to 20 A"):
+        plant.current_offset = (0.0, 21.0, 0.0)
+    assert plant.current_offset == (0.1, 0.2, 0.3)
 
 
 def test_setters(motor: sf.Motor, inverter: sf.Inverter) -> None:

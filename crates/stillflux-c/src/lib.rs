@@ -298,6 +298,12 @@ pub struct stillflux_settings {
     pub u_dc_min: f64,
     /// Largest dc-link voltage, V.
     pub u_dc_max: f64,
+    /// dc-link voltage at which no braking torque is left, V (feature `dclink`); 0: braking is not limited.
+    pub u_dc_brake: f64,
+    /// dc-link voltage below which the machine feeds the link while it turns, V (feature `dclink`); 0: never.
+    pub u_dc_buffer: f64,
+    /// dc-link voltages at which the brake chopper begins and at which it is fully on, V (feature `dclink`); both 0: none.
+    pub u_dc_chopper: [f64; 2],
     /// Bandwidth of current control, Hz.
     pub current_bandwidth: f64,
     /// Bandwidth of flux control, Hz.
@@ -544,6 +550,19 @@ pub extern "C" fn stillflux_pulses_read(drive: &stillflux_drive, pulses: &mut st
     0
 }
 
+/// Compare value of the brake chopper's channel at the link voltage of these readings, counts, 0 to
+/// `stillflux_timer_full`, in every state of the drive, also while the bridge is blocked. 0 without a drive, without the
+/// setting `u_dc_chopper`, or in a library without the feature `dclink`.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_chopper(drive: &stillflux_drive, counts: &stillflux_counts) -> u32 {
+    #[cfg(feature = "dclink")]
+    if let Some(drive) = drive.get() {
+        return drive.chopper(&counts_of(counts));
+    }
+    let _ = (drive, counts);
+    0
+}
+
 /// Content of the encoder's counter at the instant of the readings of the next period, below `encoder_states`: once a
 /// period, before `stillflux_period`. Without effect in a library without the feature `encoder`.
 #[unsafe(no_mangle)]
@@ -705,6 +724,9 @@ pub extern "C" fn stillflux_defaults(
         i_range: d.i_range,
         u_dc_min: d.u_dc_min,
         u_dc_max: d.u_dc_max,
+        u_dc_brake: d.u_dc_brake.unwrap_or(0.0),
+        u_dc_buffer: d.u_dc_buffer.unwrap_or(0.0),
+        u_dc_chopper: words_of(d.u_dc_chopper),
         current_bandwidth: d.current_bandwidth,
         flux_bandwidth: d.flux_bandwidth,
         speed_bandwidth: d.speed_bandwidth,
@@ -807,6 +829,9 @@ pub unsafe extern "C" fn stillflux_page(
         i_range: s.i_range,
         u_dc_min: s.u_dc_min,
         u_dc_max: s.u_dc_max,
+        u_dc_brake: some(s.u_dc_brake),
+        u_dc_buffer: some(s.u_dc_buffer),
+        u_dc_chopper: pair_of(s.u_dc_chopper),
         current_bandwidth: s.current_bandwidth,
         flux_bandwidth: s.flux_bandwidth,
         speed_bandwidth: s.speed_bandwidth,

@@ -15,8 +15,8 @@ fn closed() -> Box<MaybeUninit<stillflux_drive>> {
     state
 }
 
-/// With so many lines of an encoder.
-fn page(encoder_lines: u32) -> [u32; WORDS] {
+/// With a change of the defaults.
+fn page(change: impl Fn(&mut stillflux_settings)) -> [u32; WORDS] {
     let (m, i) = (Machine::preset_2k2(), Inverter::preset_2k2());
     let Saturation { L_u, a, S } = m.saturation.unwrap();
     let Machine { R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, .. } = m;
@@ -46,7 +46,7 @@ fn page(encoder_lines: u32) -> [u32; WORDS] {
         stillflux_memory_of(&machine, &inverter, &mut *memory.as_mut_ptr());
         let (mut settings, memory): (stillflux_settings, stillflux_memory) =
             (settings.assume_init(), memory.assume_init());
-        settings.encoder_lines = encoder_lines;
+        change(&mut settings);
         let done = stillflux_page(&machine, &inverter, &settings, &memory, page.as_mut_ptr(), &mut error);
         assert_eq!(done, STILLFLUX_OK);
     }
@@ -55,7 +55,7 @@ fn page(encoder_lines: u32) -> [u32; WORDS] {
 
 #[test]
 fn a_drive_is_opened_run_stored_and_opened_again() {
-    let (mut page, mut state) = (page(0), closed());
+    let (mut page, mut state) = (page(|_| {}), closed());
     let drive = state.as_mut_ptr();
     let bytes = size_of::<stillflux_drive>();
     // SAFETY: memory of a drive, pages of so many words.
@@ -90,10 +90,33 @@ fn a_drive_is_opened_run_stored_and_opened_again() {
 }
 
 #[test]
+fn a_chopper_works_in_every_state_where_the_library_and_the_page_have_one() {
+    for on in if cfg!(feature = "dclink") { &[0.0, 650.0][..] } else { &[0.0] } {
+        let mut state = closed();
+        let drive = state.as_mut_ptr();
+        let both = if *on > 0.0 { [*on, *on + 50.0] } else { [0.0; 2] };
+        let page = page(|settings| settings.u_dc_chopper = both);
+        // SAFETY: memory of a drive, a page of so many words.
+        unsafe {
+            let at = |drive: *const stillflux_drive, u: f64| {
+                stillflux_chopper(&*drive, &stillflux_counts { u_dc: (u / 810.0 * 32_768.0) as i16, ..COUNTS })
+            };
+            assert_eq!(at(drive, 700.0), 0, "no drive");
+            assert_eq!(stillflux_open(drive, size_of::<stillflux_drive>(), page.as_ptr()), STILLFLUX_OK);
+            let full = f64::from(stillflux_timer_full(&*drive));
+            for (u, part) in [(600.0, 0.0), (675.0, 0.5), (760.0, 1.0)] {
+                let expected = if *on > 0.0 { part * full } else { 0.0 };
+                assert!((f64::from(at(drive, u)) - expected).abs() < 0.002 * full, "{on} {u}");
+            }
+        }
+    }
+}
+
+#[test]
 fn an_encoder_is_read_where_the_library_and_the_page_have_one() {
     for lines in if cfg!(feature = "encoder") { &[0, 1024][..] } else { &[0] } {
         let mut state = closed();
-        let (drive, page) = (state.as_mut_ptr(), page(*lines));
+        let (drive, page) = (state.as_mut_ptr(), page(|settings| settings.encoder_lines = *lines));
         let mut encoder = stillflux_encoder { omega_m: 1.0, difference: 1.0, state: 9 };
         // SAFETY: memory of a drive, a page of so many words.
         unsafe {

@@ -27,6 +27,7 @@ def bench(chain: toolchain.Toolchain) -> int:
     report = cost.measure(chain)
     report["smallest"] = cost.measure_smallest()
     report["cycles"] = cost.measure_cycles(chain)
+    report["features"] = cost.measure_features(chain)
     cost.write(report)
     print(cost.table(report))
     documents.update(report)

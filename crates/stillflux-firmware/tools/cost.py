@@ -37,6 +37,18 @@ ARITHMETICS = ("f32", "q")
 SCHEMES: dict[str, list[str]] = {"paper": ["paper"], "enhanced": []}
 #: Name of the step in the report.
 STEPS = {"paper": "drive_step", "enhanced": "drive_step_enhanced"}
+#: What a product may add to the enhanced scheme, by the features of its image.
+FEATURES = (
+    (),
+    ("supervision",),
+    ("supervision", "dclink"),
+    ("legs",),
+    ("restart",),
+    ("modes",),
+    ("shunt",),
+    ("encoder",),
+    ("supervision", "dclink", "legs", "restart"),
+)
 ISR = "control_isr"
 #: What the design asks for, mean instructions: f32, q.
 TARGETS = {"flux_estimator": (150, 250), "drive_step": (600, 1000)}
@@ -109,6 +121,21 @@ def measure_cycles(chain: toolchain.Toolchain) -> dict[str, Any]:
             elf = toolchain.build(chain, "drive", *features, *([] if arithmetic == "f32" else ["q"]))
             of = cycles.measure(elf, pil.record(arithmetic, scheme)[0], 19_000, 17_000)
             report[scheme][arithmetic] = {"mean": round(of.mean), "worst": of.worst}
+    return report
+
+
+def measure_features(chain: toolchain.Toolchain) -> list[dict[str, Any]]:
+    """Step, sizes and stack of the enhanced scheme with what a product adds, in the order of `FEATURES`."""
+    frames = [pil.record(a, "enhanced")[0].name for a in ARITHMETICS]
+    report = []
+    for features in FEATURES:
+        row: dict[str, Any] = {"features": features}
+        lines = toolchain.emulate(toolchain.build(chain, "cost", *features), *frames, count=True).splitlines()
+        steps = [line for line in map(json.loads, lines) if line.get("block") == STEPS["enhanced"]]
+        for step in steps:
+            elf = toolchain.build(chain, "drive", *features, *([] if step["arithmetic"] == "f32" else ["q"]))
+            row[step["arithmetic"]] = {"mean": step["mean"], "worst": step["worst"], **_sizes(elf)}
+        report.append(row)
     return report
 
 

@@ -70,9 +70,27 @@ def sizes(report: Mapping[str, Any]) -> str:
     return _lines(rows)
 
 
+def features(report: Mapping[str, Any]) -> str:
+    """What the features of a product take beside the enhanced scheme; what exceeds a budget is bold."""
+    budgets = {key: int(cost.SIZES[key][1]) for key in ("ram_drive", "stack_step")}
+    rows = [["features of the enhanced scheme", "step, mean / worst", "flash", "RAM of `Drive`", "stack"]]
+    rows[0] += [f"{title}, Q" for title in ("step", "flash", "RAM", "stack")]
+    rows.append(["---"] * len(rows[0]))
+    for row in report.get("features") or ():
+        cells = [", ".join(f"`{name}`" for name in row["features"]) or "none"]
+        for arithmetic in cost.ARITHMETICS:
+            of = row[arithmetic]
+            cells.append(f"{of['mean']:.0f} / {of['worst']}")
+            for key in ("flash_library", "ram_drive", "stack_step"):
+                n = of[key]
+                cells.append(f"**{n:,}**" if n > budgets.get(key, n) else f"{n:,}")
+        rows.append(cells)
+    return _lines(rows)
+
+
 def _lines(rows: list[list[str]]) -> str:
     return "\n".join(f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in rows)
 
 
 #: Tables by the names of their markers.
-TABLES = {"instructions": instructions, "sizes": sizes}
+TABLES = {"instructions": instructions, "sizes": sizes, "features": features}

@@ -30,12 +30,11 @@ pub fn named(py: Python<'_>, name: &str, e: &PyErr) -> PyErr {
 
 /// A list or an array as tuple, for what is one; anything else as it is.
 fn tuple<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-    if value.is_instance_of::<PyList>() || value.hasattr("__array__")? {
-        if let Ok(items) = value.try_iter() {
-            return Ok(PyTuple::new(value.py(), items.collect::<PyResult<Vec<_>>>()?)?.into_any());
-        }
+    let several = value.is_instance_of::<PyList>() || value.hasattr("__array__")?;
+    match value.try_iter() {
+        Ok(items) if several => Ok(PyTuple::new(value.py(), items.collect::<PyResult<Vec<_>>>()?)?.into_any()),
+        _ => Ok(value.clone()),
     }
-    Ok(value.clone())
 }
 
 /// Extracts a value, a tuple from a list or an array as well; an error names it.
@@ -60,7 +59,7 @@ where
 fn real(name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
     let kind = value.getattr("dtype").and_then(|d| d.getattr("kind")).and_then(|k| k.extract::<String>());
     if value.is_instance_of::<PyComplex>() || kind.is_ok_and(|kind| kind == "c") {
-        return Err(PyTypeError::new_err(format!("{name} = {value} is complex, real numbers are needed")));
+        return Err(PyTypeError::new_err(format!("{name} is complex, real numbers are needed")));
     }
     Ok(())
 }
@@ -76,8 +75,8 @@ where
         real(name, value)?;
     }
     let array = py.import("numpy")?.call_method1("asarray", (value, dtype)).map_err(|e| named(py, name, &e))?;
-    let wrong = |_| PyTypeError::new_err(format!("{name} is not an array of one dimension"));
-    array.extract().map_err(|e: <PyReadonlyArray1<'py, T> as FromPyObject<'_, 'py>>::Error| wrong(PyErr::from(e)))
+    let wrong = || PyTypeError::new_err(format!("{name} is not an array of one dimension"));
+    array.extract().map_err(|_| wrong())
 }
 
 /// What of `known` is spelt nearly so, as the end of a message.

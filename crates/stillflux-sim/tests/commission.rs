@@ -80,6 +80,27 @@ fn it_can_be_stopped_in_any_period_and_keeps_what_the_stages_before_have_found()
     assert!(periods > 20);
 }
 
+#[test]
+fn a_run_that_is_stopped_while_the_shaft_turns_says_so_and_keeps_what_it_has_found() {
+    let (plate, inverter, plant) = connected(1.0);
+    let wired = Wiring::default();
+    let mut run = CommissioningRun::new(&plate, &inverter, Shaft::Free, Arithmetic::F32, plant, wired).unwrap();
+    while run.commissioning().stage() != "inertia" {
+        assert!(run.advance(500));
+    }
+    let before = run.clone();
+    assert!(run.advance(5_000));
+    run.abort();
+    assert!(!run.advance(3), "the gates stay blocked");
+    let Status::Faulted { cause: Cause::Aborted, period } = run.commissioning().status() else {
+        panic!("{:?}", run.commissioning().status())
+    };
+    // Periods since the beginning, with those at standstill.
+    assert!((f64::from(period) - run.time() * inverter.f_c()).abs() < 5.0, "{period}");
+    let [stopped, found] = [&run, &before].map(|run| run.commissioning().result().unwrap());
+    assert_eq!((stopped.machine.R_R, stopped.machine.L_M), (found.machine.R_R, found.machine.L_M));
+}
+
 /// Legs whose delays differ by some tens of nanoseconds, on a free shaft with the friction of its bearings: how far it
 /// has turned, and the errors of the delays in s and of `R_R`, of what was found.
 fn with_unequal_legs(delays: [[f64; 2]; 3], arithmetic: Arithmetic) -> (f64, f64, f64) {

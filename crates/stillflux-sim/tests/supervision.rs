@@ -287,6 +287,23 @@ fn a_blocked_shaft_is_a_stall() {
     }
 }
 
+#[test]
+fn a_drive_that_may_make_no_torque_coasts_without_being_called_stalled() {
+    for machine in machines() {
+        let coasts = |torque_limits| {
+            let mut s = scenario(machine, 0.2, 0.0, EVENT + 1.0);
+            s.drive.torque_limits = torque_limits;
+            s.load = Profile::new(vec![(0.0, 0.0), (1.7, 0.0), (1.8, 0.02 * machine.0.T_N)]).unwrap();
+            fault(s)
+        };
+        assert!(coasts(Some((0.0, 0.0))).is_none());
+        // One direction alone is a limit like any other: the load drives the shaft, and nothing holds it.
+        let low = 0.01 * machine.0.T_N;
+        let (fault, _) = coasts(Some((-low, low))).unwrap();
+        assert_eq!(fault.cause, Fault::Stall, "{fault:?}");
+    }
+}
+
 /// At 2 kHz the default of the largest speed is below 2.2 pu: what is left of it is carried.
 #[test]
 fn a_switching_frequency_too_low_for_the_speed_is_refused_by_name_and_what_is_admitted_runs() {

@@ -131,7 +131,9 @@ impl PerUnit {
         within("T_N", machine.T_N, b.torque, (0.05, 2.0), "N m")?;
         // u_b is proportional to U_N.
         within("U_N", machine.U_N, inverter.u_dc * machine.U_N / b.u, (1.0 / 8.0, 1.0 / 0.2), "V")?;
-        within("f_s", inverter.f_c(), machine.f_N, (20.0, 1e3 * core::f64::consts::TAU), "Hz")?;
+        // Limits are those of the control frequency.
+        let f_s = machine.f_N * inverter.f_s / inverter.f_c();
+        within("f_s", inverter.f_s, f_s, (20.0, 1e3 * core::f64::consts::TAU), "Hz")?;
         Ok(Self {
             base: b,
             r_s: (machine.R_s + inverter.r_d) / b.z,

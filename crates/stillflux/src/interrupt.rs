@@ -111,6 +111,13 @@ impl<R: Real> CountsDrive<R> {
         self.0.as_ref().and_then(|p| p.drive.pulses().map(|pulses| PulseCounts::new(&pulses, &p.timer)))
     }
 
+    /// Compare value of the brake chopper's channel at the link voltage of these counts, 0 to [`Timer::full`], in every
+    /// state of the drive ([`Drive::chopper`]); 0 without the setting, or without a drive.
+    #[cfg(feature = "dclink")]
+    pub fn chopper(&self, counts: &Counts) -> u32 {
+        self.0.as_ref().map_or(0, |p| p.drive.chopper(p.scale.measurement(counts).u_dc).quantise(&p.timer).0)
+    }
+
     /// The drive, if there is one.
     #[inline]
     pub fn drive(&self) -> Option<&Drive<R>> {

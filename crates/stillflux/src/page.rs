@@ -9,7 +9,7 @@
 //! | 3 | hash of the layout ([`Words::LAYOUT`]) |
 //! | 4 | number of words in use, with these five |
 //! | 5 … | configuration, scale, units, memory as [`Words`] |
-//! | 255 | CRC-32 (IEEE 802.3) of all before it |
+//! | 383 | CRC-32 (IEEE 802.3) of all before it |
 //!
 //! A host computes a page ([`Ready::new`], [`Page::seal`]): validated, every division done. [`Page::open`] on the
 //! target takes no arithmetic, and refuses a page that is torn, of another arithmetic, of other schemes, or of another

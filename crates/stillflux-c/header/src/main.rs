@@ -27,8 +27,8 @@ const HEAD: &str = "\
  * waits or keeps a pointer. No pointer may be null. The state of a drive is used by one context at a time: the control
  * interrupt, or the main loop while that interrupt cannot run.
  *
- * Not here: self-commissioning, control of the dc link and its chopper, priors and switches of the estimators. They are
- * in the Rust library; a page that a host makes with it holds the latter for this library, too.
+ * Not here: self-commissioning, priors and switches of the estimators. They are in the Rust library; a page that a host
+ * makes with it holds the latter for this library, too.
  *
  * Generated from crates/stillflux-c/src/lib.rs. */
 ";

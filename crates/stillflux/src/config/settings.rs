@@ -142,7 +142,7 @@ impl Scheme {
     ];
 
     /// The same as a word: bit 0 the published one, bit 1 the enhanced one, bit 2 supervision, bit 3 the variants of the
-    /// published one. A stored configuration fits only a build of the same features.
+    /// published one, bit 4 the loss of unequal legs. A stored configuration fits only a build of the same features.
     pub const BUILT: u32 = cfg!(feature = "paper") as u32
         | (cfg!(feature = "enhanced") as u32) << 1
         | (cfg!(feature = "supervision") as u32) << 2

@@ -47,7 +47,7 @@ pub struct OffsetConfig<R: Real> {
     pub limit: R,
     /// Half width of the band around zero within which the sign of ψ̂_1 counts as unchanged.
     pub hysteresis: R,
-    /// Time between two calls of [`OffsetEstimator::follow`], normalised.
+    /// Time between two calls of [`OffsetEstimator::set_stator_frequency`], normalised.
     pub interval: R,
     /// That time in revolutions at a stator frequency of one, `interval / 2π`.
     pub turn: R,
@@ -70,7 +70,7 @@ pub fn longest_window(omega_min: f64, interval: f64) -> u32 {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 struct Now<R: Real> {
-    /// Calls of [`OffsetEstimator::follow`], wrapping.
+    /// Calls of [`OffsetEstimator::set_stator_frequency`], wrapping.
     interval: u32,
     /// Angle that the field turned by, in revolutions.
     turned: R,
