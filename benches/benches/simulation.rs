@@ -16,9 +16,11 @@ fn simulation(c: &mut Criterion) {
     group.sampling_mode(SamplingMode::Flat).sample_size(10).measurement_time(Duration::from_secs(3));
     // Throughput in "elements" per second reads as simulated seconds per wall second.
     group.throughput(Throughput::Elements(SECONDS));
-    for (name, mode, capacitance) in
-        [("switching", Mode::Switching, true), ("hard edges", Mode::Switching, false), ("averaged", Mode::Averaged, true)]
-    {
+    for (name, mode, capacitance) in [
+        ("switching", Mode::Switching, true),
+        ("hard edges", Mode::Switching, false),
+        ("averaged", Mode::Averaged, true),
+    ] {
         for arithmetic in [Arithmetic::F32, Arithmetic::F64, Arithmetic::Q] {
             let mut s = scenario(SECONDS as f64);
             s.arithmetic = arithmetic;

@@ -9,12 +9,12 @@
 //! The integral gains are stored times the period of their block. Derivations and defaults: docs/gains.md. Parameters
 //! outside their ranges are refused ([`ParamError`]), never limited.
 
+mod conversion;
 #[cfg(feature = "enhanced")]
 mod enhanced;
 #[cfg(feature = "paper")]
 mod paper;
 mod settings;
-use settings::SUPERVISION_PERIODS;
 pub(crate) use settings::{BOOST, QUICK};
 
 pub use settings::{BALANCE_PERIODS, DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, Scheme};
@@ -22,24 +22,24 @@ pub use settings::{BALANCE_PERIODS, DriveParams, EncoderMode, EnhancedParams, Lo
 use crate::base::{PerUnit, rounded};
 use crate::control::current::CurrentConfig;
 #[cfg(feature = "dclink")]
-use crate::control::dclink::{self, DcLinkConfig};
+use crate::control::dclink::DcLinkConfig;
 use crate::control::flux::FluxControlConfig;
 #[cfg(feature = "encoder")]
-use crate::control::handover::{self, HandOverConfig};
-use crate::control::overload::{self, OverloadConfig};
-use crate::control::ramp::{self, RampConfig};
+use crate::control::handover::HandOverConfig;
+use crate::control::overload::OverloadConfig;
+use crate::control::ramp::RampConfig;
 #[cfg(feature = "supervision")]
 use crate::control::realign::RealignConfig;
 #[cfg(feature = "shunt")]
 use crate::control::shunt::ShuntConfig;
 use crate::control::speed::SpeedControlConfig;
-use crate::control::weakening::{self, WeakeningConfig};
+use crate::control::weakening::WeakeningConfig;
 #[cfg(feature = "enhanced")]
 use crate::estimate::balance::BalanceConfig;
 #[cfg(feature = "paper")]
 use crate::estimate::confidence::ConfidenceConfig;
 #[cfg(feature = "encoder")]
-use crate::estimate::encoder::{EncoderConfig, count_angle};
+use crate::estimate::encoder::EncoderConfig;
 #[cfg(feature = "paper")]
 use crate::estimate::flux::FluxConfig;
 #[cfg(feature = "enhanced")]
@@ -48,18 +48,12 @@ use crate::estimate::kalman::FilterConfig;
 use crate::estimate::resistance::ResistanceConfig;
 use crate::estimate::speed::SpeedConfig;
 use crate::inverter::InverterModel;
-use crate::params::{Inverter, Machine, ParamError, check};
+use crate::params::{Inverter, Machine, ParamError};
 use crate::scalar::{Real, Timer};
 use crate::space::Dq;
 use crate::supervision::SupervisionConfig;
-#[cfg(feature = "supervision")]
-use crate::supervision::channels::ChannelConfig;
-#[cfg(feature = "supervision")]
-use crate::supervision::innovation::InnovationConfig;
-#[cfg(feature = "supervision")]
-use crate::supervision::phases::PhaseConfig;
-use crate::supervision::plausibility::PlausibilityConfig;
 use crate::words::{Words, words};
+use conversion::Conversion;
 #[cfg(feature = "enhanced")]
 pub(crate) use enhanced::{EnhancedConfig, REDUCED, SMALL};
 #[cfg(feature = "paper")]
@@ -68,49 +62,8 @@ pub(crate) use paper::PaperConfig;
 /// Largest offset of a current channel at rest, per unit.
 pub(crate) const I_OFF_MAX: f64 = 0.15;
 
-/// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
-pub(crate) const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
-/// The same with overmodulation: the reference reaches half way to the corners of the hexagon, and the modulator takes the
-/// nearest voltage on its edge. Of a reference that turns with the length `ρ` the fundamental that is left is, with
-/// `r = 1/√3` and `cos θ = r/ρ`,
-///
-/// ```text
-/// (6/π) (r sin θ + ρ (θ/2 - sin 2θ/4) + ρ (π/6 - θ)) = 0.601,    at the corners 0.609
-/// ```
-const U_REACH: f64 = 0.622;
-/// The steady state stays on the circle, of which field weakening leaves it a part. On the edge of the hexagon current
-/// control has little room.
-const U_OVERMODULATED: f64 = 1.0 / (1.732_050_807_568_877_2 * weakening::UTILISATION);
 /// Least dc-link voltage of a bridge that switches, per unit: its reciprocal is computed without a check.
 const U_DC_LEAST: f64 = 1.0 / 32.0;
-/// Flux control in field weakening ([`crate::control::flux`]): gain by the leakage, and crossing frequency of its integral
-/// part in parts of the bandwidth of current control. Largest correction at high frequency in units of the magnetising
-/// current: the flux of the largest machines falls over some tenths of a second only by a current against it.
-const WEAK_GAIN: f64 = 0.15;
-const WEAK_RATE: f64 = 0.05;
-const LIMIT_HIGH: f64 = 2.0;
-/// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control. At 17 a
-/// drive of 160 kW and 4 kHz oscillates at twice rated speed, at 15 one of 10 kHz does not.
-const SPEED_GAIN: f64 = 12.0;
-/// Time for which the field stands at the torque limit before the torque is halved to see why, and the least time for which
-/// it is halved, s ([`crate::control::realign`]).
-#[cfg(feature = "supervision")]
-const REALIGN: f64 = 0.12;
-/// The time for which it is halved, in rotor time constants, where that is longer.
-#[cfg(feature = "supervision")]
-const REALIGN_TEST: f64 = 0.5;
-/// Time constant of the speed's low-pass there, s.
-#[cfg(feature = "supervision")]
-const REALIGN_LOW_PASS: f64 = 0.025;
-/// Thresholds `h` of the tests for a lost field ([`crate::supervision::innovation`]): any contradiction, s, and a flux that
-/// falls, in rotor time constants, and at least, s. The part of the rotor time constant is measured, not derived: with a third
-/// of it steps of `r_s` by 25 % in regeneration at 11 kW end, which are held.
-#[cfg(feature = "supervision")]
-const LOST_FIELD: f64 = 0.04;
-#[cfg(feature = "supervision")]
-const FLUX_FALLS: f64 = 0.75;
-#[cfg(feature = "supervision")]
-const FLUX_FALLS_LEAST: f64 = 0.06;
 
 /// Constants of the control step, per unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -361,104 +314,22 @@ impl<R: Real> DriveConfig<R> {
     ///
     /// # Errors
     /// The first field of machine, inverter or settings outside its admissible range.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn new(machine: &Machine, inverter: &Inverter, p: &DriveParams) -> Result<Self, ParamError> {
         let pu = PerUnit::new(machine, inverter)?;
         p.scheme.check()?;
         p.validate(machine, inverter)?;
-        let PerUnit { base: b, t_s, l_s, sigma_l_s, tau_r, .. } = pu;
+        let x = Conversion::new(machine, inverter, p, &pu);
+        x.check::<R>()?;
+        let b = pu.base;
         let r = rounded::<R>;
-        let periods = |t: f64| inverter.periods(t);
-
-        let slow_periods = settings::slow_periods(inverter);
-        let (speed_periods, adapt_periods) =
-            (settings::speed_periods(p.scheme, slow_periods), settings::adapt_periods(slow_periods));
-        let [t_speed, t_slow, t_adapt] = [speed_periods, slow_periods, adapt_periods].map(|n| t_s * f64::from(n));
-        let supervised = |t: f64| periods(t / f64::from(SUPERVISION_PERIODS));
-        #[cfg(feature = "supervision")]
-        let watched = |t: f64| if p.supervision { supervised(t).max(2) } else { u32::MAX };
-        let l_product = l_s * sigma_l_s;
-        let i_0 = p.psi_ref / l_s;
-        let i_max = p.i_max / b.i;
-        let i_q_max = libm::sqrt(i_max * i_max - i_0 * i_0);
-        let i_trip = p.i_trip / b.i;
-        // The highest code of a 12-bit converter is a 2048th below full scale.
-        let i_range = (1.0 - 1.0 / 512.0) * p.i_range / b.i;
-        // Readings are within their range if the currents are, less the largest offset taken off them.
-        let plain = (i_range - I_OFF_MAX).max(0.0);
-
-        let (torque_least, torque_most) = p.torque_limits.unwrap_or((-p.torque_max, p.torque_max));
         let (omega_least, omega_most) = p.speed_limits.unwrap_or((-p.omega_max, p.omega_max));
-        let torque_max = torque_most.max(-torque_least) / b.torque;
-        let slow = f64::from(slow_periods) / inverter.f_c();
-
-        let k_p = pu.hz(p.current_bandwidth) * sigma_l_s;
-        let (u_limit, u_use) =
-            if p.overmodulation { (U_REACH, U_OVERMODULATED) } else { (U_UTILISATION, U_UTILISATION) };
-        // A single shunt takes its window from the middle duty.
-        let window = p.window(inverter);
-        let (u_limit, u_use) = (u_limit * (1.0 - window), u_use * (1.0 - window));
-        let u_max = u_use * pu.u_dc;
-        let flux_gain = pu.hz(p.flux_bandwidth) / l_s;
-        let speed_gain = pu.j * pu.hz(p.speed_bandwidth);
-        let omega_n = pu.hz(p.pll_bandwidth);
-        let magnetise_periods = periods(p.build_up_time(machine));
-        // Flux reaches its final value under the boosted current after τ_r ln(B/(B-1)), or nearly so after three τ_r.
-        let boost = p.boost(machine);
-        let boost_time = tau_r / b.omega * libm::log(boost / (boost - 1.0));
-
-        let inv_two_l_product = 0.5 / l_product;
-        let k_i = t_s * k_p * pu.hz(p.current_bandwidth) / 5.0;
-        let speed_k_i = t_slow * speed_gain * pu.hz(p.speed_bandwidth) / 4.0;
-        fits::<R>("J", machine.J, "kg m^2", speed_gain, 1.0)?;
-        fits::<R>("speed_bandwidth", p.speed_bandwidth, "Hz", speed_k_i, 2.0)?;
-        fits::<R>("flux_bandwidth", p.flux_bandwidth, "Hz", flux_gain * tau_r, 1.0)?;
-        fits::<R>("flux_bandwidth", p.flux_bandwidth, "Hz", t_slow * flux_gain, 1.0)?;
-        fits::<R>("current_bandwidth", p.current_bandwidth, "Hz", 1.0 / k_p, -1.0)?;
-        fits::<R>("current_bandwidth", p.current_bandwidth, "Hz", k_i, 2.0)?;
-        fits::<R>("current_bandwidth", p.current_bandwidth, "Hz", k_p, 1.0)?;
-        fits::<R>("pll_bandwidth", p.pll_bandwidth, "Hz", 2.0 * omega_n, 1.0)?;
-        fits::<R>("pll_bandwidth", p.pll_bandwidth, "Hz", t_speed * omega_n * omega_n, 2.0)?;
-        #[cfg(feature = "enhanced")]
-        if p.scheme == Scheme::Enhanced {
-            FilterConfig::<R>::check(machine, inverter)?;
-        }
-        // Root of the radicand of (12), in the enhanced scheme at half of the leakage.
-        let root = p.psi_ref * if p.scheme == Scheme::Enhanced { l_s + l_s - sigma_l_s } else { l_s - sigma_l_s };
-        fits::<R>("L_M", machine.L_M, "H", (root * root).max(pu.l_m * pu.l_m), 2.0)?;
-        fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * l_product * l_product, 4.0)?;
-        fits::<R>("L_sigma", machine.L_sigma, "H", inv_two_l_product, -1.0)?;
-        fits::<R>("i_max", p.i_max, "A", 1.0 / (0.9 * i_q_max * p.psi_ref), -1.0)?;
-        let ramp_acceleration = slow * ramp::CALLS / b.omega_m;
-        let ramp_jerk = slow * ramp_acceleration;
-        for (field, value, unit, factor) in
-            [("acceleration", p.acceleration, "rad/s²", ramp_acceleration), ("jerk", p.jerk, "rad/s³", ramp_jerk)]
-        {
-            if let Some(value) = value {
-                fits::<R>(field, value, unit, value * factor, 1.0)?;
-            }
-        }
-        for (field, body) in [("machine_overload[0]", p.machine_overload), ("bridge_overload[0]", p.bridge_overload)] {
-            if let Some((current, _)) = body {
-                fits::<R>(field, current, "A", 0.5 * b.i * b.i / (current * current), -2.0)?;
-            }
-        }
-        if p.current_sensors == 1 {
-            fits::<R>("f_s", inverter.f_s, "Hz", b.omega / inverter.f_s * pu.u_dc / sigma_l_s, -1.0)?;
-        }
-        if let Some((on, full)) = p.u_dc_chopper {
-            check("u_dc_chopper[1]", full, on + b.u / R::LARGEST, p.u_dc_max, "V")
-                .map_err(|e| e.with_note("a gain that follows from it must fit the arithmetic"))?;
-        }
-        fits::<R>("offset_time", p.offset_time, "s", 1.0 / f64::from(periods(p.offset_time)), -1.0)?;
-        #[cfg(feature = "paper")]
-        if p.scheme == Scheme::Paper {
-            fits::<R>("R_s", machine.R_s, "ohm", 1.0 / pu.r_s, -1.0)?;
-        }
+        // Readings are within their range if the currents are, less the largest offset taken off them.
+        let plain = (x.i_range - I_OFF_MAX).max(0.0);
+        let magnetise_periods = x.periods(p.build_up_time(machine));
 
         let config = Self {
-            t_s: r(t_s),
-            slow_mask: slow_periods - 1,
+            t_s: r(pu.t_s),
+            slow_mask: x.slow_periods - 1,
             inverter: if p.inverter_model { InverterModel::new(&pu) } else { InverterModel::ideal() },
             timer: inverter.timer()?,
             #[cfg(feature = "modes")]
@@ -469,168 +340,54 @@ impl<R: Real> DriveConfig<R> {
             #[cfg(feature = "paper")]
             paper: PaperConfig::new(&pu, inverter, p, magnetise_periods),
             #[cfg(feature = "enhanced")]
-            enhanced: EnhancedConfig::new(machine, inverter, &pu, p, i_q_max),
-            speed: SpeedConfig {
-                t_s: r(t_speed),
-                sigma_l_s: r(sigma_l_s),
-                r_r: r(pu.r_r),
-                k_p: r(2.0 * omega_n),
-                k_i: r(t_speed * omega_n * omega_n),
-            },
-            current: CurrentConfig { k_p: r(k_p), k_i: r(k_i), inv_k_p: r(1.0 / k_p) },
-            flux_control: FluxControlConfig {
-                psi_rated: r(p.psi_ref),
-                inv_psi_rated: r(1.0 / p.psi_ref),
-                l_sum: r(l_s + sigma_l_s),
-                l_difference: r(l_s - sigma_l_s),
-                root_i_q: r(4.0 * l_product * l_product),
-                inv_two_l_product: r(inv_two_l_product),
-                k_p: r(flux_gain * tau_r),
-                k_i: r(t_slow * flux_gain),
-                limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
-                limit_high: r((LIMIT_HIGH * i_0).min(100.0)),
-                k_p_weak: r((WEAK_GAIN / sigma_l_s).min(100.0)),
-                k_i_weak: r((t_slow * WEAK_RATE * pu.hz(p.current_bandwidth) / sigma_l_s).min(100.0)),
-            },
-            weakening: WeakeningConfig {
-                psi_rated: r(p.psi_ref),
-                psi_min: r(if p.field_weakening { 0.2 } else { 1.0 } * p.psi_ref),
-                // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
-                resistance: r(pu.r_s + pu.r_r * (l_s / pu.l_m) * (l_s / pu.l_m) / 0.8),
-                k: r(t_adapt * pu.hz(p.flux_bandwidth) / 2.0),
-                inv_u_max_sq: r((1.0 / (u_max * u_max)).min(100.0)),
-            },
-            speed_control: SpeedControlConfig {
-                k_p: r(speed_gain),
-                k_i: r(speed_k_i),
-                inv_gain: r((SPEED_GAIN * pu.hz(p.current_bandwidth) / speed_gain).min(100.0)),
-                torque_max: r(torque_max),
-                torque_pos: r(torque_most / b.torque),
-                torque_neg: r(-torque_least / b.torque),
-            },
-            supervision: SupervisionConfig {
-                plausibility: PlausibilityConfig {
-                    psi_deviation: r(0.4 * p.psi_ref),
-                    omega_max: r(1.3 * p.omega_max / b.omega_m),
-                    calls: supervised(0.05),
-                    confidence: p.low_confidence == LowConfidence::Fault,
-                },
-                #[cfg(feature = "supervision")]
-                phases: PhaseConfig {
-                    floor_sq: r(0.05 * 0.05),
-                    small_floor_sq: r(0.02 * 0.02),
-                    calls_open: watched(0.004),
-                    calls_control: watched(0.25),
-                    calls_zero: watched(0.004),
-                    t_s: r(t_s * f64::from(SUPERVISION_PERIODS)),
-                },
-                #[cfg(feature = "supervision")]
-                channels: ChannelConfig {
-                    limit: r(0.05 * i_range + 0.08),
-                    // A computed current makes the sum zero.
-                    calls: if p.current_sensors < 3 { u32::MAX } else { watched(0.004) },
-                },
-                #[cfg(feature = "supervision")]
-                innovation: {
-                    let seconds = f64::from(SUPERVISION_PERIODS) / inverter.f_c();
-                    let gain = |h: f64| r(if p.supervision { seconds / h } else { 0.0 });
-                    let falling = (FLUX_FALLS * tau_r / b.omega).max(FLUX_FALLS_LEAST);
-                    InnovationConfig { gain: gain(LOST_FIELD), gain_falling: gain(falling) }
-                },
-                #[cfg(feature = "supervision")]
-                stall_calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX },
-            },
+            enhanced: EnhancedConfig::new(machine, inverter, &pu, p, x.i_q_max),
+            speed: x.speed(),
+            current: x.current(),
+            flux_control: x.flux_control(),
+            weakening: x.weakening(),
+            speed_control: x.speed_control(),
+            supervision: x.supervision(),
             low_confidence: p.low_confidence,
-            t_ahead: r(1.5 * t_s),
-            part_ahead: r((1.5 * t_s * pu.hz(p.current_bandwidth)).min(1.0)),
-            i_range: r(i_range),
-            i_plain_sq: r((plain * plain).min(1.5 * i_trip * i_trip).min(100.0)),
-            i_trip: r(i_trip),
-            i_max_sq: r((i_max * i_max).min(100.0)),
+            t_ahead: r(1.5 * pu.t_s),
+            part_ahead: r((1.5 * pu.t_s * pu.hz(p.current_bandwidth)).min(1.0)),
+            i_range: r(x.i_range),
+            i_plain_sq: r((plain * plain).min(1.5 * x.i_trip * x.i_trip).min(100.0)),
+            i_trip: r(x.i_trip),
+            i_max_sq: r((x.i_max * x.i_max).min(100.0)),
             // Leaves a quarter of the current to the torque.
-            i_d_max: r(libm::sqrt(15.0 / 16.0) * i_max),
-            i_q_max: r(i_q_max),
-            pull_out_use: r(0.8 * (1.0 - sigma_l_s / l_s) / (2.0 * sigma_l_s)),
-            u_limit: r(u_limit),
-            u_use: r(u_use),
+            i_d_max: r(libm::sqrt(15.0 / 16.0) * x.i_max),
+            i_q_max: r(x.i_q_max),
+            pull_out_use: r(0.8 * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s)),
+            u_limit: r(x.u_limit),
+            u_use: r(x.u_use),
             u_dc_min: r((p.u_dc_min / b.u).max(U_DC_LEAST)),
             u_dc_max: r(p.u_dc_max / b.u),
             omega_least: r(omega_least / b.omega_m),
             omega_most: r(omega_most / b.omega_m),
-            ramp: RampConfig {
-                acceleration: r(p.acceleration.map_or(0.0, |a| a * ramp_acceleration)),
-                jerk: r(p.jerk.map_or(0.0, |j| j * ramp_jerk)),
-                // Twice the deviation at which the proportional part alone asks for the largest torque.
-                lead: r((2.0 * torque_max / speed_gain).min(1.0)),
-            },
-            overload: [p.machine_overload, p.bridge_overload].map(|body| {
-                let (i_c_sq, rate) = body.map_or((1.0, 0.0), |(current, time)| {
-                    let interval = f64::from(adapt_periods * overload::CALLS) / inverter.f_c();
-                    (2.0 * current * current / (b.i * b.i), interval / time)
-                });
-                OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
-            }),
+            ramp: x.ramp(),
+            overload: x.overload(),
             #[cfg(feature = "supervision")]
-            realign: {
-                let calls = |t: f64| periods(t / f64::from(slow_periods));
-                RealignConfig {
-                    suspicion: if p.realignment { calls(REALIGN) } else { u32::MAX },
-                    test: match p.scheme {
-                        Scheme::Paper => 0,
-                        Scheme::Enhanced => calls((REALIGN_TEST * tau_r / b.omega).max(REALIGN)),
-                    },
-                    low_pass: r((slow / REALIGN_LOW_PASS).min(1.0)),
-                }
-            },
+            realign: x.realign(),
             #[cfg(feature = "dclink")]
-            dclink: {
-                let u = |volts: Option<f64>, without: f64| volts.map_or(without, |u| u / b.u);
-                let (on, full) = p.u_dc_chopper.map_or((100.0, 101.0), |(on, full)| (on / b.u, full / b.u));
-                DcLinkConfig {
-                    // Beyond what is ever measured where they are not set.
-                    u_brake: r(u(p.u_dc_brake, 100.0)),
-                    u_buffer: r(u(p.u_dc_buffer, -100.0)),
-                    inv_width: r((1.0 / (dclink::WIDTH * pu.u_dc)).min(100.0)),
-                    u_on: r(on),
-                    inv_span: r(1.0 / (full - on)),
-                }
-            },
+            dclink: x.dclink(),
             #[cfg(feature = "encoder")]
             encoder: (p.encoder_lines > 0).then(|| EncoderConfig::new(p.encoder_lines, machine.n_p, p.encoder_states)),
             #[cfg(feature = "encoder")]
-            hand_over: {
-                // The ripple of one count ([`crate::estimate::encoder`]).
-                let ripple = count_angle(p.encoder_lines.max(1), machine.n_p) * omega_n / core::f64::consts::E;
-                let calls = |t: f64| periods(t / f64::from(speed_periods));
-                HandOverConfig {
-                    band: r((p.encoder_deviation / b.omega_m + ripple).min(100.0)),
-                    gain: r(f64::from(speed_periods) / inverter.f_c() / handover::FILTER),
-                    calls_apart: calls(handover::APART),
-                    calls_return: calls(handover::RETURN),
-                    control: p.encoder_mode == EncoderMode::Control,
-                    fault: p.encoder_fault,
-                }
-            },
-            fresh_periods: if p.fresh_time > 0.0 { periods(p.fresh_time) } else { 0 },
-            i_quick: r(QUICK * i_max),
-            bridged_periods: periods(0.01),
+            hand_over: x.hand_over(),
+            fresh_periods: if p.fresh_time > 0.0 { x.periods(p.fresh_time) } else { 0 },
+            i_quick: r(QUICK * x.i_max),
+            bridged_periods: x.periods(0.01),
             calibrate_offset: p.calibrate_offset,
             #[cfg(feature = "modes")]
             two_sensors: p.current_sensors == 2,
             #[cfg(feature = "shunt")]
-            shunt: (p.current_sensors == 1).then(|| {
-                ShuntConfig::new(
-                    (window, 2.0 * p.shunt_settling * inverter.f_s),
-                    b.omega / inverter.f_s / (2.0 * sigma_l_s),
-                    pu.u_dc,
-                )
-            }),
-            offset_periods: periods(p.offset_time),
-            inv_offset_periods: r(1.0 / f64::from(periods(p.offset_time))),
+            shunt: x.shunt(),
+            offset_periods: x.periods(p.offset_time),
+            inv_offset_periods: r(1.0 / f64::from(x.periods(p.offset_time))),
             magnetise_periods,
-            boost_periods: periods(boost_time),
+            boost_periods: x.periods(x.boost_time()),
         };
-        // The checks above name their field; this one holds for every constant.
+        // The checks name their field; this one holds for every constant.
         if config.is_representable() {
             Ok(config)
         } else {
@@ -641,43 +398,10 @@ impl<R: Real> DriveConfig<R> {
     }
 }
 
-/// Checks that the arithmetic `R` holds a constant `x`, which is proportional to this power of a field (or grows with
-/// at least this power).
-fn fits<R: Real>(field: &'static str, value: f64, unit: &'static str, x: f64, power: f64) -> Result<(), ParamError> {
-    let at = |limit: f64| value * libm::pow(limit / x, 1.0 / power);
-    let (a, b) = (at(R::LEAST_GAIN), at(R::LARGEST));
-    check(field, value, a.min(b), a.max(b), unit)
-        .map_err(|e| e.with_note("a gain that follows from it must fit the arithmetic"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scalar::Q;
-
-    #[test]
-    fn the_modulator_leaves_the_nearest_voltage_of_the_hexagon_with_the_fundamental_that_is_counted_on() {
-        use crate::control::modulator::{applied, modulate};
-        use crate::space::AlphaBeta;
-        let steps = 3600;
-        let (mut along, mut farthest) = (0.0, 0.0f64);
-        for k in 0..steps {
-            let (sin, cos) = libm::sincos(f64::from(k) * core::f64::consts::TAU / f64::from(steps));
-            let u = AlphaBeta::new(U_REACH * cos, U_REACH * sin);
-            let left = applied(&modulate(u.to_phases(), 1.0, None));
-            along += (left.re() * cos + left.im() * sin) / f64::from(steps);
-            // The edge that faces the reference is at right angles to what is cut off.
-            let cut = u - left;
-            let length = cut.norm_sq().sqrt();
-            if length > 1e-9 {
-                farthest = farthest.max(length);
-                let distance = (left.re() * cut.re() + left.im() * cut.im()) / length;
-                assert!((distance - 1.0 / 3f64.sqrt()).abs() < 1e-9, "{k}: {distance}");
-            }
-        }
-        assert!((along - 0.6007).abs() < 1e-4 && along > U_OVERMODULATED, "{along}");
-        assert!((farthest - (U_REACH - 1.0 / 3f64.sqrt())).abs() < 1e-4, "{farthest}");
-    }
 
     #[test]
     fn a_scheme_that_is_not_built_is_refused_by_name() {

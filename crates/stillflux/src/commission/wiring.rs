@@ -171,7 +171,7 @@ impl<R: Real> Wiring<R> {
             gain[j] = (own - others.half()) * R::from_f64(2.0 / 3.0);
         }
         let mean = (gain[0] + gain[1] + gain[2]) * R::from_f64(1.0 / 3.0);
-        if gain.iter().any(|g| !(*g - mean).within(mean * R::from_f64(GAIN_MAX))) {
+        if gain.iter().any(|g| !(*g - mean).within(mean.max(R::ZERO) * R::from_f64(GAIN_MAX))) {
             return Err(Cause::ChannelGain);
         }
         self.leakage = (self.u - c.loss).max(self.u.quarter()) * c.per_volt * mean.recip();

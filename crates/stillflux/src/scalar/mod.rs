@@ -149,9 +149,10 @@ pub trait Real:
     fn sum_of_squares<const T: usize>(a: [Self; T]) -> Self {
         Self::sum_of_products(a, a)
     }
-    /// `|x| <= bound` for `bound >= 0`; never true of NaN.
+    /// `|x| <= bound` for `bound >= 0`; never true of NaN. In fixed point a negative bound would hold nearly everything.
     #[inline]
     fn within(self, bound: Self) -> bool {
+        debug_assert!(bound >= Self::ZERO || !bound.is_finite(), "{bound:?}");
         self.abs() <= bound
     }
 

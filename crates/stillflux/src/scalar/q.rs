@@ -367,6 +367,7 @@ impl Real for Q {
     }
     #[inline]
     fn within(self, bound: Self) -> bool {
+        debug_assert!(bound.0 >= 0, "{bound:?}");
         // One unsigned comparison: -bound ..= bound moved to 0 ..= 2 bound.
         self.0.wrapping_add(bound.0) as u32 <= (bound.0 as u32) << 1
     }

@@ -164,6 +164,19 @@ impl<R: Real> Covariance<R> {
         *self.get_mut(I, I) = variance;
     }
 
+    /// Multiplies the deviations of the first two states, a vector, by a `factor` from 0 to 1, and their correlations with
+    /// them: `P ← D P D` with a diagonal `D`, positive as `P` is.
+    #[cold]
+    #[inline(never)]
+    pub fn shrink_pair(&mut self, factor: R) {
+        for i in 0..2 {
+            for k in 0..N {
+                *self.get_mut(i, k) *= factor;
+            }
+            *self.get_mut(i, i) *= factor;
+        }
+    }
+
     /// Update of row `I`: `P ← P - (P h)(P h)ᵀ/S`, the variance not below a floor.
     #[inline(always)]
     pub fn reduce<const I: usize>(&mut self, ph: &Column<R>, inv_s: R, floor: R) {
@@ -230,6 +243,16 @@ mod tests {
         }
         reduce!(0 1 2 3 4 5 6 7 8 9 10);
         assert!((full(&p) - (before - before * row.transpose() * row * before / s)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_smaller_deviation_of_the_flux_leaves_every_correlation_coefficient() {
+        let mut p = sample();
+        let before = full(&p);
+        p.shrink_pair(0.5);
+        let mut d = Full::identity();
+        (d[(0, 0)], d[(1, 1)]) = (0.5, 0.5);
+        assert!((full(&p) - d * before * d).norm() < 1e-12);
     }
 
     #[test]

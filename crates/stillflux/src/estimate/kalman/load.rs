@@ -49,7 +49,8 @@ impl<R: Real> Load<R> {
         let (change, of_omega) = (i_q - self.i_q, omega_s - self.omega_s);
         self.i_q += corner * change;
         self.omega_s += corner * of_omega;
-        change.within((i_q.abs() - R::from_f64(LOADED)) * R::from_f64(STEADY)) && of_omega.within(R::from_f64(SAME))
+        let load = i_q.abs() - R::from_f64(LOADED);
+        load >= R::ZERO && change.within(load * R::from_f64(STEADY)) && of_omega.within(R::from_f64(SAME))
     }
 
     /// By how much a torque current has changed within the last second, per unit.
@@ -62,6 +63,7 @@ impl<R: Real> Load<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scalar::Q;
 
     const CORNER: f64 = 1e-3 / LOAD_TIME;
 
@@ -101,5 +103,20 @@ mod tests {
         for i_q in [0.0, 0.05, -0.09] {
             assert_eq!(blocks(i_q, i_q), None);
         }
+    }
+
+    #[test]
+    fn fixed_point_judges_every_course_of_the_load_as_floating_point() {
+        let (mut load, mut fixed) = (Load::default(), Load::default());
+        let q = Q::from_f64;
+        let mut apart = 0;
+        for k in 0..40_000 {
+            let t = f64::from(k) * 1e-3;
+            let i_q = (0.4 * t).sin() * (0.07 * t).cos();
+            let steady = load.is_steady(CORNER, i_q, 0.05);
+            apart += u32::from(steady != fixed.is_steady(q(CORNER), q(i_q), q(0.05)));
+        }
+        // Where the load passes the bound, by a bit.
+        assert!(apart < 400, "{apart}");
     }
 }

@@ -83,7 +83,8 @@
 //! * Below a rotor flux of 0.1 pu its direction is not defined well enough: `m` is set to `|ψ_R|`, nothing is
 //!   corrected.
 //! * Every identified state is limited to a range; a standard deviation of the angle above `SIGMA_LOST` initialises
-//!   the covariance anew.
+//!   the covariance anew. In fixed point the deviation of the flux ends at 0.5 pu: its rows are reduced together there
+//!   ([`schedule`]).
 
 mod config;
 mod covariance;
@@ -502,12 +503,15 @@ fn correct_state<R: Real>(x: &mut Integrator<R>, gain: R, z: R, lo: R, hi: R) {
 
 #[cfg(test)]
 mod tests {
+    use super::covariance::N;
     use super::model::{GAMMA, KNEE, LEAKAGE, OMEGA_HELD, RS, V};
     use super::*;
     use crate::base::{Base, PerUnit};
     use crate::estimate::priors::Priors;
     use crate::estimate::temperature::Temperature;
     use crate::params::{Inverter, Machine};
+    use crate::scalar::Q;
+    use nalgebra::SMatrix;
 
     /// A linear machine under impressed current, exact in every period, with the filter on it, and the largest part by
     /// which the estimated torque was off in the last tenth of the time.
@@ -609,6 +613,42 @@ mod tests {
             assert!((b.re() - B_TRUE.0).abs() < 5e-4 && (b.im() - B_TRUE.1).abs() < 5e-4, "{i_q}: {b:?}");
             assert!(f.sigma().to_degrees() < 2.0 && f.confidence() > 0.9);
         }
+    }
+
+    /// Smallest eigenvalue of the matrix of correlation coefficients, and largest variance of the flux, while the field stands
+    /// still for a minute without load: its angle is not observable.
+    fn at_rest<R: Real>() -> (f64, f64) {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let pu = PerUnit::new(&machine, &inverter).unwrap();
+        let identified = Identified { offset: true, resistance: true, flux: true };
+        let c = FilterConfig::<R>::new(&machine, &inverter, &pu, 1.0, true, identified);
+        let r = R::from_f64;
+        let i_s = AlphaBeta::new(r(0.8 / pu.l_s), r(0.6 / pu.l_s));
+        let loss = Distortion::default();
+        let mut filter = Filter::new(&c);
+        filter.start(&c, &i_s);
+        filter.psi_s.set(AlphaBeta::new(r(0.8), r(0.6)));
+        let (mut least, mut largest) = (1.0f64, 0.0f64);
+        for k in 0..600_000 {
+            let i_ref = filter.field().to_field(&i_s);
+            let x = Input { u_s: i_s * r(pu.r_s), loss: &loss, i_m: i_s, i_ref: &i_ref, omega_s: R::ZERO };
+            filter.step(&c, &x, false);
+            if k % 1000 == 0 {
+                let p = |i, j| filter.p.get(i, j).to_f64();
+                let coefficients = SMatrix::<f64, N, N>::from_fn(|i, j| p(i, j) / (p(i, i) * p(j, j)).sqrt().max(1e-7));
+                least = least.min(coefficients.symmetric_eigenvalues().min());
+                largest = largest.max(p(PSI, PSI)).max(p(PSI + 1, PSI + 1));
+            }
+        }
+        (least, largest)
+    }
+
+    #[test]
+    fn an_angle_that_nothing_shows_leaves_a_covariance_in_fixed_point_too() {
+        let (exact, fixed) = (at_rest::<f64>(), at_rest::<Q>());
+        assert!(exact.1 > 130.0, "the end of fixed point is passed: {exact:?}");
+        assert!(fixed.1 < 120.0, "{fixed:?}");
+        assert!(exact.0 > 0.0 && fixed.0 > 0.0, "{exact:?} {fixed:?}");
     }
 
     #[test]

@@ -44,6 +44,11 @@ const OMEGA_TURNED: f64 = 0.2;
 /// innovation with the load the resistance adds with the time.
 pub(super) const OMEGA_LEAKAGE_HELD: f64 = 0.008;
 
+/// Largest scaled variance of a component of the flux, in units of the largest number. In fixed point that is a deviation of
+/// 0.5 pu, which an angle that nothing shows reaches within seconds. Where the variance is cut at the end of the arithmetic
+/// and the correlations are not, `P` is no covariance any more, and the gains that follow from it lose the field.
+const VARIANCE_MAX: f64 = 0.8;
+
 /// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
 const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
 
@@ -255,6 +260,9 @@ impl<R: Real> Filter<R> {
             }
         }
         self.p.add(&walk);
+        if !likely(self.p.get(PSI, PSI).max(self.p.get(PSI + 1, PSI + 1)) <= R::from_f64(VARIANCE_MAX * R::LARGEST)) {
+            self.p.shrink_pair(R::from_f64(31.0 / 32.0));
+        }
     }
 
     /// Deviation of the angle, innovation variance, `P Hᵀ`.
