@@ -256,7 +256,7 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (18_528, 21_536), "ram_drive": (1036, 1120), "stack_step": (416, 432)},
-    "enhanced": {"flash_library": (33_488, 44_192), "ram_drive": (1668, 1744), "stack_step": (488, 488)},
+    "enhanced": {"flash_library": (33_488, 44_672), "ram_drive": (1668, 1744), "stack_step": (488, 488)},
 }
 
 #: Instructions a call, mean and worst case. The design asks for 150 of the flux estimator in f32, 480 / 680

@@ -33,7 +33,7 @@ use super::model::{
     B, C, GAMMA, KNEE, LEAKAGE, M, Model, OperatingPoint, PSI, RS, SCALE_GAMMA, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, V,
 };
 use super::noise::{FLOOR, MEASUREMENT, SECOND_ORDER, WARMED};
-use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD};
+use super::{Filter, FilterConfig, MAGNITUDE, NIS_THRESHOLD, SIGMA_LOST};
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
 
@@ -48,6 +48,8 @@ pub(super) const OMEGA_LEAKAGE_HELD: f64 = 0.008;
 /// 0.5 pu, which an angle that nothing shows reaches within seconds. Where the variance is cut at the end of the arithmetic
 /// and the correlations are not, `P` is no covariance any more, and the gains that follow from it lose the field.
 const VARIANCE_MAX: f64 = 0.8;
+/// Scaled variance of a flux of 1 pu with an angle that counts as lost.
+const VARIANCE_LOST: f64 = (SIGMA_LOST / SCALE_PSI) * (SIGMA_LOST / SCALE_PSI);
 
 /// Scaled variance of the flux's magnitude in units of that of a flux controlled by its current alone, over 64.
 const WEIGHT: f64 = SCALE_PSI * SCALE_PSI / (64.0 * MAGNITUDE * MAGNITUDE);
@@ -260,7 +262,9 @@ impl<R: Real> Filter<R> {
             }
         }
         self.p.add(&walk);
-        if !likely(self.p.get(PSI, PSI).max(self.p.get(PSI + 1, PSI + 1)) <= R::from_f64(VARIANCE_MAX * R::LARGEST)) {
+        if R::LARGEST < VARIANCE_LOST
+            && self.p.get(PSI, PSI).max(self.p.get(PSI + 1, PSI + 1)) > R::from_f64(VARIANCE_MAX * R::LARGEST)
+        {
             self.p.shrink_pair(R::from_f64(31.0 / 32.0));
         }
     }
