@@ -1,7 +1,7 @@
 """Writes what `cargo bench` and `make firmware-bench` left in the target directory into the README.
 
-Per control period: time on this machine, instructions on this machine, instructions on a Cortex-M4F; and the speed of the
-simulation.
+Per control period: time on this machine, instructions on this machine, instructions on a Cortex-M4F; and the
+speed of the simulation.
 """
 
 from __future__ import annotations
