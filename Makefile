@@ -34,7 +34,9 @@ PYTEST := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reor
 test: test-rust build
 	$(PYTEST) -m "not slow"
 
+# All tests, among them 10⁹ periods of random drives: an hour on two cores.
 test-slow: test-rust build
+	cargo test --locked --tests -- --ignored
 	$(PYTEST)
 
 lint: build

@@ -189,7 +189,7 @@ def test_published_scheme_keeps_a_slow_reversal_by_its_noise_compensator_in_rege
 
 @MACHINE
 @pytest.mark.parametrize("torque", [1.0, -1.0])
-@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize("seed", [SEEDS[0], *(pytest.param(s, marks=pytest.mark.slow) for s in SEEDS[1:])])
 def test_loaded_drive_leaves_zero_stator_frequency_by_itself(machine: str, torque: float, seed: int) -> None:
     scenario = persistence_shifted.scenario(machine, "enhanced", torque=torque, time=40.0)
     (scenario,) = seeded([scenario], seed)
@@ -613,7 +613,7 @@ def test_every_case_is_named_once() -> None:
     [
         ("2.2kW", 1.3, -1.0, 0.06),
         pytest.param("4kW", 0.85, 1.0, 0.05, marks=pytest.mark.slow),
-        ("4kW", 1.3, 1.0, 0.05),
+        pytest.param("4kW", 1.3, 1.0, 0.05, marks=pytest.mark.slow),
         pytest.param("11kW", 1.3, -1.0, 0.05, marks=pytest.mark.slow),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,13 +73,10 @@ def measure(chain: toolchain.Toolchain, si: bool = True) -> dict[str, Any]:
     """All figures, as they go into the report; `si`: with the images that convert SI values themselves."""
     lines = []
     for scheme, features in SCHEMES.items():
-        frames = [pil.record(a, scheme)[0].name for a in ARITHMETICS]
-        image = toolchain.build(chain, "cost", *features)
-        lines += toolchain.emulate(image, *frames, count=True).splitlines()
+        lines += [row for a in ARITHMETICS for row in count(chain, a, scheme, features)]
     operations = json.loads(toolchain.host_example("operations"))
     report: dict[str, Any] = {name: {} for name in (*BLOCKS, *ENHANCED)}
-    for line in lines:
-        row = json.loads(line)
+    for row in lines:
         if row.get("block") in report:
             block = report[row["block"]]
             block[row["arithmetic"]] = row["mean"]
@@ -97,6 +95,19 @@ def measure(chain: toolchain.Toolchain, si: bool = True) -> dict[str, Any]:
     return report
 
 
+def count(
+    chain: toolchain.Toolchain,
+    arithmetic: str,
+    scheme: str,
+    features: Sequence[str],
+    target: str = toolchain.TARGET,
+) -> list[dict[str, Any]]:
+    """Rows of the image that counts, for one arithmetic, over a recorded closed loop of the scheme."""
+    image = toolchain.build(chain, "cost", *features, target=target)
+    frames = [pil.record(a, scheme)[0].name if a == arithmetic else "-" for a in ARITHMETICS]
+    return [json.loads(line) for line in toolchain.count(image, *frames).splitlines()]
+
+
 def measure_smallest() -> dict[str, Any] | None:
     """Instructions of the step on a Cortex-M0+ by scheme, mean and worst; `None` without a compiler."""
     chain = toolchain.compiler(toolchain.SMALLEST, "core,compiler_builtins")
@@ -104,9 +115,8 @@ def measure_smallest() -> dict[str, Any] | None:
         return None
     report = {}
     for scheme, features in SCHEMES.items():
-        image = toolchain.build(chain, "cost", *features, target=toolchain.SMALLEST)
-        lines = toolchain.emulate(image, "-", pil.record("q", scheme)[0].name, count=True).splitlines()
-        rows = {row.get("block"): row for row in map(json.loads, lines)}
+        lines = count(chain, "q", scheme, features, target=toolchain.SMALLEST)
+        rows = {row.get("block"): row for row in lines}
         step = rows[STEPS[scheme]]
         report[scheme] = {"mean": step["mean"], "worst": step["worst"]}
     return report
@@ -126,12 +136,11 @@ def measure_cycles(chain: toolchain.Toolchain) -> dict[str, Any]:
 
 def measure_features(chain: toolchain.Toolchain) -> list[dict[str, Any]]:
     """Step, sizes and stack of the enhanced scheme with what a product adds, in the order of `FEATURES`."""
-    frames = [pil.record(a, "enhanced")[0].name for a in ARITHMETICS]
     report = []
     for features in FEATURES:
         row: dict[str, Any] = {"features": features}
-        lines = toolchain.emulate(toolchain.build(chain, "cost", *features), *frames, count=True).splitlines()
-        steps = [line for line in map(json.loads, lines) if line.get("block") == STEPS["enhanced"]]
+        rows = [row for a in ARITHMETICS for row in count(chain, a, "enhanced", features)]
+        steps = [row for row in rows if row.get("block") == STEPS["enhanced"]]
         for step in steps:
             elf = toolchain.build(chain, "drive", *features, *([] if step["arithmetic"] == "f32" else ["q"]))
             row[step["arithmetic"]] = {"mean": step["mean"], "worst": step["worst"], **_sizes(elf)}

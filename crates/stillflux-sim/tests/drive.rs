@@ -291,10 +291,19 @@ fn defaults_serve_other_machines_frequencies_and_dead_times() {
     }
 }
 
-/// In motoring, in regeneration, and where the stator frequency would be zero.
 #[test]
 fn other_machines_hold_torque_at_low_speed_in_every_quadrant() {
-    for (machine, inverter) in others().into_iter().flat_map(|(m, i)| [(m, i), (m, Inverter { c_out: 0.0, ..i })]) {
+    hold_torque_in_every_quadrant(&others());
+}
+
+#[test]
+fn other_machines_hold_torque_at_low_speed_in_every_quadrant_on_legs_without_capacitance() {
+    hold_torque_in_every_quadrant(&others().map(|(m, i)| (m, Inverter { c_out: 0.0, ..i })));
+}
+
+/// In motoring, in regeneration, and where the stator frequency would be zero.
+fn hold_torque_in_every_quadrant(drives: &[(Machine, Inverter)]) {
+    for &(machine, inverter) in drives {
         // On nodes with capacitance a slow field turns by some degrees at each zero of a phase current, and that is speed.
         let speed_max = if inverter.c_out > 0.0 { 0.008 } else { 0.003 };
         // What the inverter model leaves of the voltage lost at current zero turns the field in proportion to that loss.
@@ -341,12 +350,17 @@ fn after_minutes_of_load(omega: f64, seed: u64, hold: bool) -> ([f64; 2], Option
 
 #[test]
 fn minutes_of_steady_load_leave_the_inductances_where_they_are() {
-    for (omega, seed) in [(0.01, 3), (-0.06, 3), (-0.06, 4)] {
+    for (omega, seed) in [(0.01, 3), (-0.06, 4)] {
         let (inductances, error) = after_minutes_of_load(omega, seed, true);
         assert!(inductances.iter().all(|x| (x - 1.0).abs() < 0.05), "{omega}: {inductances:?}");
         assert!(error.is_some_and(|error| error < 0.001), "{omega}: {error:?}");
     }
-    // The negative control: by how much the leakage walks off, and whether the field is lost with it, differs by realisation.
+}
+
+/// The negative control of the test above: by how much the leakage walks off, and whether the field is lost with it, differs
+/// by realisation.
+#[test]
+fn minutes_of_steady_load_carry_the_leakage_away_where_it_is_corrected_always() {
     let ([leakage, _], error) = after_minutes_of_load(-0.06, 3, false);
     assert!((leakage - 1.0).abs() > 0.25, "corrected always: {leakage}");
     assert!(error.is_none_or(|error| error > 0.002), "corrected always: {error:?}");

@@ -174,6 +174,6 @@ fn main() -> ! {
     let mut next = || arguments.next().unwrap_or("");
     let (f32_frames, q_frames) = (next(), next());
     // A processor without FPU runs fixed point alone.
-    let ok = (f32_frames == "-" || trace::<f32>(f32_frames)) & trace::<Q>(q_frames);
+    let ok = (f32_frames == "-" || trace::<f32>(f32_frames)) & (q_frames == "-" || trace::<Q>(q_frames));
     board::exit(ok)
 }
