@@ -41,6 +41,7 @@ from stillflux.options import DriveSettings
         ("encoder-swapped", "11kW"),
         ("restart-1ms", "2.2kW"),
         ("restart-300ms", "11kW"),
+        ("start-turned", "45kW"),
         ("supply-back", "2.2kW"),
         ("temperature-regenerating", "45kW"),
         pytest.param("temperature-torque", "11kW", marks=pytest.mark.slow),

@@ -158,6 +158,37 @@ fn torque_mode_gives_the_torque_asked_for_at_any_imposed_speed() {
     }
 }
 
+/// Largest field angle error under control and deviation of rated torque in motoring, in parts of it, of a drive that is
+/// started while a dynamometer holds the speed.
+fn started_on_a_dynamometer(bench: Bench, speed: f64, find: bool) -> (f64, f64) {
+    let (w, t_n) = (speed * bench.base.omega_m, bench.scenario.machine.T_N.copysign(speed));
+    let o = bench
+        .with(|s| {
+            s.plant.mechanics.speed = Some(w);
+            s.drive.enhanced.find_slow_rotation = find;
+            s.reference = ReferenceProfile::Torque(scaled(&[(0.0, 0.0), (2.5, 0.0), (2.7, 1.0)], t_n));
+        })
+        .run();
+    let running = o.data("status").iter().zip(o.data("angle_error")).filter(|(status, _)| **status == 3.0);
+    let angle = running.map(|(_, error)| error.to_degrees().abs()).fold(0.0, f64::max);
+    (angle, o.worst("torque", 3.0, 4.0, |t| t / t_n - 1.0))
+}
+
+#[test]
+fn a_drive_that_is_started_while_a_dynamometer_turns_the_shaft_slowly_knows_its_field() {
+    for speed in [-0.04, 0.025, -0.012, 0.008, 0.004] {
+        for (k, bench) in Bench::of(Scheme::Enhanced, 4.0).into_iter().enumerate() {
+            let (angle, torque) = started_on_a_dynamometer(bench, speed, true);
+            assert!(angle < 15.0 && torque < 0.03, "machine {k}, {speed} pu: {angle}° {torque}");
+        }
+    }
+    // The negative control: 30° and more at the end of the start.
+    for bench in Bench::of(Scheme::Enhanced, 4.0) {
+        let (angle, _) = started_on_a_dynamometer(bench, 0.025, false);
+        assert!(angle > 30.0, "taken to stand: {angle}°");
+    }
+}
+
 #[test]
 fn field_weakening_reaches_beyond_rated_speed_and_comes_back() {
     for bench in Bench::all(12.0) {

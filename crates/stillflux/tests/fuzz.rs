@@ -142,6 +142,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         identify_offset: !rng.chance(4),
         identify_resistance: !rng.chance(4),
         identify_legs: !rng.chance(4) && cfg!(feature = "legs"),
+        find_slow_rotation: !rng.chance(4) && cfg!(feature = "restart"),
         hold_inductances: !rng.chance(4),
         apply_innovation: !rng.chance(6),
         omega_s_min: if rng.chance(4) { 0.0 } else { rng.within(0.001, 0.05) * machine.omega_sR() },

@@ -10,6 +10,8 @@ use crate::estimate::kalman::{FilterConfig, Identified};
 use crate::estimate::legs::{LegsConfig, half_plateau};
 use crate::estimate::priors::Priors;
 use crate::estimate::search::SearchConfig;
+#[cfg(feature = "restart")]
+use crate::estimate::slow_turn::SlowTurnConfig;
 use crate::params::{Inverter, Machine};
 use crate::scalar::Real;
 use crate::words::words;
@@ -44,6 +46,8 @@ pub(crate) struct EnhancedConfig<R: Real> {
     /// What one control period takes off the logarithm of a free rotor flux, times 64.
     pub decay: R,
     pub search: SearchConfig<R>,
+    #[cfg(feature = "restart")]
+    pub slow_turn: SlowTurnConfig<R>,
     /// Periods in which the boosted current brings the flux back after the reduced ones.
     pub recovery_periods: u32,
     #[cfg(feature = "legs")]
@@ -54,6 +58,7 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub pair_weight: R,
 }
 words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods,
+    #[cfg(feature = "restart")] slow_turn,
     #[cfg(feature = "legs")] legs,
     #[cfg(feature = "modes")] pair_weight);
 
@@ -111,6 +116,8 @@ impl<R: Real> EnhancedConfig<R> {
                 inverter.periods(seconds.min(build_up_time * 3.0 / 16.0))
             },
             search: SearchConfig::new(pu, inverter.f_c(), p.boost(machine) * p.psi_ref / pu.l_s),
+            #[cfg(feature = "restart")]
+            slow_turn: SlowTurnConfig::new(pu, p.enhanced.find_slow_rotation),
             #[cfg(feature = "legs")]
             legs: {
                 let half = if p.compares_legs(machine) {

@@ -18,6 +18,8 @@ use crate::estimate::legs::LegsProbe;
 #[cfg(feature = "modes")]
 use crate::estimate::pair::Pair;
 use crate::estimate::search::SpeedSearch;
+#[cfg(feature = "restart")]
+use crate::estimate::slow_turn::SlowTurn;
 use crate::estimate::speed::{SpeedConfig, SpeedEstimate, SpeedEstimator};
 use crate::inverter::Knee;
 #[cfg(feature = "legs")]
@@ -68,6 +70,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     speed_estimator: SpeedEstimator<R>,
     speed: SpeedEstimate<R>,
     search: SpeedSearch<R>,
+    #[cfg(feature = "restart")]
+    slow_turn: SlowTurn<R>,
     catch: Catch<R>,
     /// Periods that it takes.
     catch_periods: u32,
@@ -113,6 +117,8 @@ impl<R: Real> EnhancedEstimators<R> {
             speed_estimator: SpeedEstimator::default(),
             speed: SpeedEstimate::default(),
             search: SpeedSearch::new(),
+            #[cfg(feature = "restart")]
+            slow_turn: SlowTurn::default(),
             catch: Catch::new(AlphaBeta::default()),
             catch_periods: 0,
             start: Start::Unknown,
@@ -237,6 +243,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
             let i;
             let stage = at.stage - catch_periods;
+            #[cfg(feature = "restart")]
+            self.watch_for_rotation(c, stage);
             (field, i, complete) = if self.is_searching() {
                 self.search_speed(c, stage)
             } else {

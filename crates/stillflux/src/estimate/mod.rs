@@ -30,6 +30,8 @@ pub mod regeneration;
 pub mod resistance;
 #[cfg(feature = "enhanced")]
 pub(crate) mod search;
+#[cfg(all(feature = "enhanced", feature = "restart"))]
+pub(crate) mod slow_turn;
 pub mod speed;
 pub mod temperature;
 #[cfg(all(feature = "enhanced", feature = "restart"))]

@@ -130,6 +130,12 @@ impl<R: Real> SpeedSearch<R> {
         self.found == Some(true)
     }
 
+    /// A rotation that was found otherwise.
+    #[cfg(feature = "restart")]
+    pub fn turns(&mut self) {
+        self.found = Some(true);
+    }
+
     /// Rejects the rotation that was found.
     pub fn reject(&mut self) {
         self.found = Some(false);

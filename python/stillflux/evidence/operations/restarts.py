@@ -1,4 +1,5 @@
-"""Stops and restarts of a machine that keeps its flux and its speed, and a supply that comes back."""
+"""Starts of a machine that turns: restarts with the flux of before, a shaft that something else turns, and a supply
+that comes back."""
 
 from __future__ import annotations
 
@@ -150,6 +151,57 @@ def _without_reset(scenario: Scenario) -> Scenario:
     )
 
 
+_DRAGGED, _TURNED = 1.3, 0.045
+"""Product of speed and rotor time constant, which turns the field by 52°, at a speed of at most this, pu."""
+
+
+def _turned(machine: str, scheme: str, arithmetic: str) -> Scenario:
+    """Something else turns the shaft at the speed that is asked for; 0.5 s after the start it lets go, then
+    half of rated torque comes."""
+    motor = DRIVES[machine].motor
+    base = motor.base
+    begin = magnetised(machine)
+    omega = min(_DRAGGED / (base["omega"] * motor.tau_r), _TURNED) * base["omega_m"]
+    return asked(
+        "start while the shaft is turned",
+        machine,
+        scheme,
+        arithmetic,
+        plant={"speed": omega},
+        omega_ref=omega,
+        load_torque=[(0.0, 0.0), (begin + 1.0, 0.0), (begin + 1.5, 0.5 * motor.T_N)],
+        changes=[(begin + 0.5, {"speed": None})],
+        duration=begin + 3.0,
+        record_every=5,
+        signals=_SIGNALS,
+    )
+
+
+def _angle_at_first(result: Result) -> float:
+    """Field angle error when the drive begins to run, °."""
+    runs = np.flatnonzero(result["status"] == StatusCode.RUNNING)
+    return abs(math.degrees(float(result["angle_error"][runs[0]]))) if len(runs) else 0.0
+
+
+def _check_turned(result: Result) -> list[Claim]:
+    angle = np.degrees(np.abs(result["angle_error"][result["status"] == StatusCode.RUNNING]))
+    error = abs(float(result["omega_m"][-1] - result["reference"][-1]))
+    return [
+        holds("no fault", not faulted(result).any()),
+        at_most("field angle error when it begins to run", _angle_at_first(result), 15.0, "°"),
+        at_most("field angle error", float(angle.max(initial=0.0)), LOST_ANGLE, "°"),
+        at_most("speed error at the end, pu", error / result.scenario.motor.base["omega_m"], 0.01),
+    ]
+
+
+def _off_at_first(result: Result) -> list[Claim]:
+    return [at_least("field angle error when it begins to run", _angle_at_first(result), 30.0, "°")]
+
+
+def _taken_to_stand(scenario: Scenario) -> Scenario:
+    return scenario.with_settings(find_slow_rotation=False)
+
+
 _PAUSES: Sequence[float] = (0.001, 0.02, 0.3)
 
 OPERATIONS = (
@@ -164,6 +216,15 @@ OPERATIONS = (
             shown=_SHOWN,
         )
         for k, pause in enumerate(_PAUSES)
+    ),
+    Operation(
+        "start-turned",
+        84,
+        "A start while something else turns the shaft, below 0.05 pu",
+        _turned,
+        _check_turned,
+        Control("what turns the field from the current", _taken_to_stand, _off_at_first),
+        shown=_SHOWN,
     ),
     Operation(
         "supply-back",

@@ -21,6 +21,9 @@ pub struct EnhancedParams {
     /// 0.2 s of its magnetisation, 0.74 s at 160 kW; not without `inverter_model` and `calibrate_offset`, nor with a `current_bandwidth`
     /// below `12.7 R_R/L_M`, in Hz.
     pub identify_legs: bool,
+    /// Look at each start for a shaft that something else turns slowly ([`crate::estimate`]'s `slow_turn`); without it such a
+    /// shaft is taken to stand still, and the field is off by `arctan ω τ_r`. Needs the feature `restart`.
+    pub find_slow_rotation: bool,
     /// Correct the inductances while the load changes alone ([`crate::estimate::kalman`]); otherwise always, by which a
     /// steady load of minutes carries them away.
     pub hold_inductances: bool,
@@ -78,6 +81,7 @@ impl EnhancedParams {
             identify_offset: true,
             identify_resistance: true,
             identify_legs: cfg!(feature = "legs"),
+            find_slow_rotation: cfg!(feature = "restart"),
             hold_inductances: true,
             apply_innovation: true,
             omega_s_min: shift(machine),
@@ -100,9 +104,11 @@ impl EnhancedParams {
                 .map_err(|e| e.with_note("electrical, not per unit; 0: the flux stays"))?;
         }
         self.priors().into_iter().try_for_each(|(name, value, most)| check(name, value, 0.002, most, ""))?;
-        let built = cfg!(feature = "legs");
-        check("identify_legs", f64::from(u8::from(self.identify_legs)), 0.0, f64::from(u8::from(built)), "")
-            .map_err(|e| e.with_note("needs the feature `legs`"))?;
+        let built = |field, on: bool, built: bool, note| {
+            check(field, f64::from(u8::from(on)), 0.0, f64::from(u8::from(built)), "").map_err(|e| e.with_note(note))
+        };
+        built("identify_legs", self.identify_legs, cfg!(feature = "legs"), "needs the feature `legs`")?;
+        built("find_slow_rotation", self.find_slow_rotation, cfg!(feature = "restart"), "needs the feature `restart`")?;
         self.validate_temperature()
     }
 
@@ -163,6 +169,7 @@ impl EnhancedParams {
         switch("identify_offset", self.identify_offset, d.identify_offset)?;
         switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;
         switch("identify_legs", self.identify_legs, d.identify_legs)?;
+        switch("find_slow_rotation", self.find_slow_rotation, d.find_slow_rotation)?;
         switch("hold_inductances", self.hold_inductances, d.hold_inductances)?;
         switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
         same("omega_s_min", self.omega_s_min, d.omega_s_min)?;

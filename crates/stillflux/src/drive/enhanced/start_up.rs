@@ -30,6 +30,9 @@
 //!    `r̂_s` is as large as half of that of `r_R`. With two current sensors the reduced currents also show the difference
 //!    of their gains ([`crate::estimate::pair`]); where it is a new one the last three quarters are repeated, since
 //!    everything identified in them was falsified by it.
+//! 5. A shaft that something else turns more slowly than the search sees drags the flux across the current. From 45° on the
+//!    start-up goes on with 3, below that the filter is initialised where the flux is
+//!    ([`crate::estimate`]'s `slow_turn`, with the feature `restart`).
 
 use super::{EnhancedEstimators, Start};
 use crate::config::{DriveConfig, REDUCED, SMALL};
@@ -47,6 +50,8 @@ use crate::estimate::legs::Alternation;
 use crate::estimate::pair::{HALF_MAX, Pair};
 #[cfg(feature = "legs")]
 use crate::estimate::search::{ROTATING, SpeedSearch};
+#[cfg(feature = "restart")]
+use crate::estimate::slow_turn::SlowTurn;
 #[cfg(feature = "restart")]
 use crate::estimate::turning::RISE;
 use crate::scalar::Real;
@@ -67,6 +72,10 @@ const SCALE: f64 = 16.0;
 /// a tenth the filter integrates what the voltage of a current that jumps to its direction, and the leakage, have of errors.
 /// Allowance: 0.02 to 0.08 were seen at 160 kW.
 const UNSEEN: f64 = 0.03;
+/// The same of a flux that a slow rotation has turned from the current of the start ([`crate::estimate::slow_turn`]). Allowance:
+/// what an error of the rotor resistance by 30 % leaves.
+#[cfg(feature = "restart")]
+const DRAGGED: f64 = 0.1;
 /// Rotor flux, relative to rated stator flux, with which control begins.
 const BUILT_UP: f64 = 0.85;
 /// Induced voltage, relative to the largest fundamental voltage, with which control begins before that: a tenth is left for
@@ -125,10 +134,10 @@ impl<R: Real> EnhancedEstimators<R> {
             self.filter.start(&c.enhanced.filter, &AlphaBeta::default());
         } else if !self.search.found_rotation() {
             // At standstill the settled flux follows from the current.
-            if stage == c.magnetise_periods / 16 * 9 {
-                self.filter.settle(&c.enhanced.filter, c.flux_control.psi_rated);
-                self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), R::ZERO);
-            } else if stage == c.magnetise_periods {
+            if stage == settled(c) {
+                let omega = self.settle(c);
+                self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), omega);
+            } else if stage == c.magnetise_periods && !self.is_dragged(c) {
                 self.filter.settle_again(&c.enhanced.filter, c.flux_control.psi_rated);
             }
         }
@@ -331,6 +340,62 @@ impl<R: Real> EnhancedEstimators<R> {
         (Rotator::default(), ahead, stage >= c.magnetise_periods)
     }
 
+    /// The filter at the settled flux of the direct current; returns the speed.
+    fn settle(&mut self, c: &DriveConfig<R>) -> R {
+        let (config, psi_s) = (&c.enhanced.filter, c.flux_control.psi_rated);
+        self.filter.settle(config, psi_s);
+        #[cfg(feature = "restart")]
+        if let Some((part, omega)) = self.slow_turn.dragged(&c.enhanced.slow_turn) {
+            let i_s = self.filter.i_s();
+            let psi_r = part * self.filter.rotor_flux(config).re();
+            self.filter.place(config, psi_r, &i_s, R::from_f64(DRAGGED));
+            return omega;
+        }
+        R::ZERO
+    }
+
+    /// Whether a slow rotation has turned the settled flux from the current.
+    #[cfg_attr(not(feature = "restart"), allow(unused_variables, clippy::unused_self))]
+    fn is_dragged(&self, c: &DriveConfig<R>) -> bool {
+        #[cfg(feature = "restart")]
+        return self.slow_turn.dragged(&c.enhanced.slow_turn).is_some();
+        #[cfg(not(feature = "restart"))]
+        false
+    }
+
+    /// A period of the build-up in a machine that the search has not found to turn: whether it turns more slowly. The start-up
+    /// then goes on as after a search that has found it.
+    #[cfg(feature = "restart")]
+    #[cold]
+    #[inline(never)]
+    pub(super) fn watch_for_rotation(&mut self, c: &DriveConfig<R>, stage: u32) {
+        if stage <= DRIVEN {
+            self.slow_turn = SlowTurn::default();
+        }
+        let most = settled(c).min(c.enhanced.slow_turn.periods);
+        if self.start != Start::Unknown || self.search.found_rotation() || stage >= most {
+            return;
+        }
+        // Once: what a repetition adds up is of another difference of the gains.
+        #[cfg(feature = "modes")]
+        if self.gone_back > 0 {
+            return;
+        }
+        let (filter, config) = (&self.filter, &c.enhanced.filter);
+        let found = self.slow_turn.step(&c.enhanced.slow_turn, &filter.u_i(), &filter.i_s(), filter.sigma_l_s(config));
+        if self.search.is_searching() {
+            return;
+        }
+        if let Some((psi_r, omega)) = found {
+            let i_s = self.filter.i_s();
+            self.filter.place(config, psi_r, &i_s, R::from_f64(DRAGGED));
+            self.speed_estimator.start(&psi_r, omega);
+            (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
+            self.search.turns();
+            self.catch_periods += stage - DRIVEN;
+        }
+    }
+
     /// After the catch and the search: the speed, the direction that the current takes with the current in its coordinates,
     /// and whether the flux has built up.
     #[cold]
@@ -458,6 +523,11 @@ impl<R: Real> EnhancedEstimators<R> {
             if period + config.settled() >= all { CurrentControl::BeginsAnew } else { CurrentControl::Continues };
         PeriodOutput { field, complete: false, current_control }
     }
+}
+
+/// Period of a start-up at standstill in which the flux has settled.
+fn settled<R: Real>(c: &DriveConfig<R>) -> u32 {
+    c.magnetise_periods / 16 * 9
 }
 
 /// Direction of a flux that may be small: as much as a direct current of the search builds up in a large machine that turns

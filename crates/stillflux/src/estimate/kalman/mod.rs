@@ -436,6 +436,13 @@ impl<R: Real> Filter<R> {
         self.i_s
     }
 
+    /// Voltage `u_s - r_s i_s` integrated in the latest period.
+    #[cfg(feature = "restart")]
+    #[inline]
+    pub fn u_i(&self) -> AlphaBeta<R> {
+        self.u_i
+    }
+
     /// Latest innovation `m - |ψ̂_R|`, per unit.
     pub fn innovation(&self) -> R {
         self.innovation * R::from_f64(SCALE_PSI)
