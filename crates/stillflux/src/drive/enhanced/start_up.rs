@@ -411,13 +411,13 @@ impl<R: Real> EnhancedEstimators<R> {
         let follows = self.follows_flux();
         let induced = self.filter.magnitude() * self.speed.omega_s;
         let at_limit = follows && !induced.within(u_dc * c.u_use * R::from_f64(VOLTAGE_USE));
+        // That of the rotor: the leakage flux of the largest current, up to a quarter of rated, goes with it.
+        let enough = c.flux_control.psi_rated * R::from_f64(BUILT_UP);
+        let built_up = psi_r.norm_sq() >= enough * enough;
         if matches!(self.start, Start::Caught | Start::Empty) {
             if self.follows_flux() {
                 field = direction(&psi_r);
             }
-            // That of the rotor: the leakage flux of the largest current, up to a quarter of rated, goes with it.
-            let enough = c.flux_control.psi_rated * R::from_f64(BUILT_UP);
-            let built_up = psi_r.norm_sq() >= enough * enough;
             if at.stage >= c.boost_periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
                 // No flux after the time that it takes: nothing that was assumed holds.
                 self.search.reject();
@@ -432,6 +432,10 @@ impl<R: Real> EnhancedEstimators<R> {
             if at.stage >= periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
                 self.search.reject();
                 periods = c.magnetise_periods;
+            }
+            // There was a flux when the current began to follow it.
+            if built_up && self.is_dragged(c) {
+                periods = 0;
             }
         }
         (field, field.to_field(&i_s), at_limit || at.stage >= periods)
