@@ -6,7 +6,6 @@ On the host, and on a Cortex-M4F under QEMU, where the interrupt in C costs hard
 from __future__ import annotations
 
 import importlib
-import json
 import shutil
 import subprocess
 import sys

@@ -109,7 +109,7 @@ def build(chain: Toolchain, name: str, *features: str, target: str = TARGET) -> 
 
 
 def emulate(elf: Path, *args: str, timeout: float = 900) -> str:
-    """Runs an image under QEMU with arguments on its command line, names of files in `OUT`; what it prints."""
+    """Runs an image under QEMU, arguments (names of files in `OUT`) on its command line; what it prints."""
     return _emulate(elf, args, [], timeout)
 
 

@@ -1,5 +1,5 @@
-"""Starts of a machine that turns: restarts with the flux of before, a shaft that something else turns, and a supply
-that comes back."""
+"""Starts of a machine that turns: restarts with the flux of before, a shaft that something else turns, and a
+supply that comes back."""
 
 from __future__ import annotations
 
