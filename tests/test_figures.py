@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+import stillflux as sf
 from stillflux.cli import main
 from stillflux.evidence import sensitivity
 from stillflux.evidence.claims import Claim, at_most
@@ -216,6 +217,16 @@ def test_a_margin_holds_under_every_seed() -> None:
     assert sensitivity.climbed(4, (0, 2), lost) == (4, "")
     held[1] = 0
     assert sensitivity.climbed(9, (0, 1), lost)[0] == 0
+
+
+def test_a_shaft_that_runs_away_beyond_what_can_be_computed_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run_away(scenario: sf.Scenario) -> sf.Result:
+        raise sf.DivergenceError("omega_m is not finite", sf.simulate(scenario.replace(duration=0.01)))
+
+    monkeypatch.setattr(sensitivity, "simulate", run_away)
+    found = sensitivity.margin("15", "2.2kW", "current offset", seeds=SEEDS[:1])
+    assert found.up == 0.0
+    assert found.fell == "+: omega_m is not finite"
 
 
 @pytest.mark.slow

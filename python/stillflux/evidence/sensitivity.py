@@ -20,7 +20,7 @@ from stillflux.evidence.journal import Runner
 from stillflux.evidence.registry import experiments
 from stillflux.evidence.seeds import SEEDS
 from stillflux.parallel import run_jobs
-from stillflux.simulation import simulate
+from stillflux.simulation import DivergenceError, simulate
 
 __all__ = [
     "FIGURES",
@@ -119,7 +119,7 @@ def _lost(experiment: Experiment, machine: str, error: str, x: float, arithmetic
     (run,) = experiment.runs(machine, arithmetic, seed)
     try:
         claims = experiment.check(simulate(ERRORS[error].apply(run, x)))
-    except ValueError as reason:  # Beyond what is admissible, or never turned.
+    except (ValueError, DivergenceError) as reason:  # Not admissible, never turned, or run away.
         return str(reason)
     fallen = experiment.unexpected(machine, claims)
     return f"{fallen[0].text}: {fallen[0].measured}" if fallen else ""
