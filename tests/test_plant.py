@@ -321,8 +321,8 @@ def test_setters(motor: sf.Motor, inverter: sf.Inverter) -> None:
     plant.speed = 3.0
     plant.step([0.5] * 3)
     assert (plant.state.R_s, plant.state.u_dc, plant.state.omega_m) == (4.4, 500.0, 3.0)
-    plant.set_state(1.0, 0.9j, 5.0)
-    assert (plant.state.psi_s, plant.state.omega_m) == (1.0, 5.0)
+    plant.set_state(1.0, 0.9j, 3.0)
+    assert (plant.state.psi_s, plant.state.omega_m) == (1.0, 3.0)
     assert plant.state.psi_r == pytest.approx(0.9j)
     with pytest.raises(ValueError, match=r"R_s = -1 ohm .* range"):
         plant.R_s = -1.0

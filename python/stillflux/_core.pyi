@@ -343,7 +343,7 @@ class FluxEstimator:
         psi_s0: complex | None = None,
         u_dc: float | NDArray[np.float64] | None = None,
     ) -> Trace:
-        """Estimates the flux over a record sampled at the inverter's `f_s`.
+        """Estimates the flux over a record with one row for each control period of the inverter.
 
         Parameters
         ----------
@@ -370,7 +370,7 @@ class FluxEstimator:
 
 @final
 class RecordEstimator:
-    """Estimators of a scheme over records whose rows are one period of the inverter's `f_s` apart.
+    """Estimators of a scheme over records whose rows are one control period of the inverter apart.
 
     Takes motor, inverter and settings as `Drive` does."""
 
@@ -491,15 +491,18 @@ class Plant:
         crane's. `pulses`, of `Drive.pulses`, take the place of `duty`: with the option `shunt` the reading is
         that of the shunt at their two instants and at the end of the period, in A."""
     def step_voltage(self, u_s: complex, dt: float, load_torque: float = 0.0) -> None:
-        """Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, past the
-        bridge."""
+        """Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, at most 100,
+        past the bridge."""
     def sample(self) -> tuple[NDArray[np.float64], float]:
         """A reading now: i_abc in A, shape (3,), and u_dc in V. Every call draws fresh noise."""
     @property
     def state(self) -> PlantState:
         """The truth."""
     def set_state(self, psi_s: complex, psi_r: complex, omega_m: float) -> None:
-        """Puts the machine into a state: stator and inverse-Γ rotor flux (complex, V·s), mechanical rad/s."""
+        """Puts the machine into a state: stator and inverse-Γ rotor flux (complex, V·s), mechanical rad/s.
+
+        Raises ValueError for another speed than the one that is imposed, and for a flux or a speed that the
+        equations' longest step cannot follow."""
     R_s: float
     u_dc: float
     speed: float | None

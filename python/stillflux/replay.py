@@ -137,14 +137,15 @@ class Replay:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the signals: CSV, NPZ or Parquet by the suffix. Raises ValueError for another one."""
         path, columns = Path(path), self.columns()
-        if path.suffix == ".csv":
+        suffix = path.suffix.lower()
+        if suffix == ".csv":
             with path.open("w", newline="", encoding="utf-8") as file:
                 writer = csv.writer(file)
                 writer.writerow(columns)
                 writer.writerows(np.column_stack(list(columns.values())).tolist())
-        elif path.suffix == ".npz":
+        elif suffix == ".npz":
             np.savez_compressed(path, t=self.t, **{name: getattr(self, name) for name in _UNITS})
-        elif path.suffix == ".parquet":
+        elif suffix == ".parquet":
             from stillflux.frames import write_parquet
 
             write_parquet(path, columns)

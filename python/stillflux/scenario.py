@@ -29,6 +29,7 @@ scenario holds numbers or points."""
 
 _RECORD_LIMIT = 4e9
 _EVERY = 1e-3  # s between the points of a profile that is given as a function
+_MOST_POINTS = 2_000_000
 _TORQUE_LIMIT = 10.0  # largest load and reference, of rated torque
 _SPEED_LIMIT = 20.0  # largest speed reference, of rated frequency
 _LEAST_LINK = 0.3  # least rated dc link over that of the motor's rated voltage, √2 U_N
@@ -285,7 +286,12 @@ def _profile(name: str, value: Any, duration: float) -> Any:
         return None
     if callable(value):
         count = math.ceil(max(duration, 0.0) / _EVERY) if math.isfinite(duration) else 0
-        times = [duration * k / count for k in range(count + 1)] if 0 < count <= 10_000_000 else [0.0]
+        if count > _MOST_POINTS:
+            raise ValueError(
+                f"{name} is a function, read every {1e3 * _EVERY:g} ms: {count} points for duration = "
+                f"{duration:g} s, at most {_MOST_POINTS} (points (t, value) have no such limit)"
+            )
+        times = [duration * k / count for k in range(count + 1)] if count else [0.0]
         return tuple((t, number(name, value(t))) for t in times)
     if isinstance(value, np.ndarray) and value.ndim:
         if value.ndim != 2 or value.shape[1] != 2:

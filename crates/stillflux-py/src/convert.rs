@@ -1,7 +1,9 @@
 //! Conversions shared by the classes.
 
+use std::any::type_name;
+
 use numpy::{Complex64, Element, PyArrayDescrMethods, PyReadonlyArray1};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyComplex, PyDict, PyList, PyTuple};
 use stillflux::params::{ParamError, check};
@@ -37,12 +39,33 @@ fn tuple<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     }
 }
 
-/// Extracts a value, a tuple from a list or an array as well; an error names it.
+/// Range of the whole number that a type is or has as option.
+fn range_of<T>() -> Option<(i128, i128)> {
+    let name = type_name::<T>();
+    let holds = |kind: &str| name == kind || name.ends_with(&format!("<{kind}>"));
+    let unsigned =
+        [("u16", u16::MAX.into()), ("u32", u32::MAX.into()), ("u64", u64::MAX.into()), ("usize", usize::MAX as i128)];
+    if holds("i64") {
+        return Some((i64::MIN.into(), i64::MAX.into()));
+    }
+    unsigned.into_iter().find(|(kind, _)| holds(kind)).map(|(_, most)| (0, most))
+}
+
+/// Extracts a value, a tuple from a list or an array as well; an error names it, and the range of a whole number that does
+/// not fit.
 pub fn extract<'py, T>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<T>
 where
     T: for<'a> FromPyObject<'a, 'py>,
 {
-    let error = |e: <T as FromPyObject<'_, 'py>>::Error| named(value.py(), name, &e.into());
+    let error = |e: <T as FromPyObject<'_, 'py>>::Error| {
+        let e: PyErr = e.into();
+        match range_of::<T>() {
+            Some((least, most)) if e.is_instance_of::<PyOverflowError>(value.py()) => {
+                PyValueError::new_err(format!("{name} = {value} is outside the admissible range {least} to {most}"))
+            }
+            _ => named(value.py(), name, &e),
+        }
+    };
     value.extract().or_else(|_| tuple(value)?.extract().map_err(error))
 }
 

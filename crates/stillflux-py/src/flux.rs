@@ -109,7 +109,7 @@ impl FluxEstimator {
         })
     }
 
-    /// Estimates the flux over a record sampled at the inverter's `f_s`.
+    /// Estimates the flux over a record with one row for each control period of the inverter.
     ///
     /// Parameters
     /// ----------

@@ -12,7 +12,7 @@ use stillflux_sim::{
     Thermal, Truth,
 };
 
-use crate::convert::{complex, each_keyword, extract, finite, finite_parts, offsets, parts, three, value_error};
+use crate::convert::{complex, each_keyword, extract, finite_parts, offsets, parts, three, value_error};
 use crate::parameters::{Inverter, Motor};
 
 fn mode(name: &str) -> PyResult<Mode> {
@@ -291,10 +291,10 @@ impl Plant {
         Ok(reading(duty.py(), s))
     }
 
-    /// Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, past the bridge.
+    /// Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, at most 100, past the bridge.
     #[pyo3(signature = (u_s, dt, load_torque=0.0))]
     fn step_voltage(&mut self, py: Python<'_>, u_s: Complex64, dt: f64, load_torque: f64) -> PyResult<()> {
-        check("dt", dt, 1e-12, 1e5, "s").map_err(value_error)?;
+        check("dt", dt, 1e-12, 100.0, "s").map_err(value_error)?;
         let u_s = finite_parts("u_s", u_s)?;
         self.load(load_torque)?;
         py.detach(|| self.plant.step_voltage(u_s, dt, load_torque));
@@ -313,10 +313,12 @@ impl Plant {
     }
 
     /// Puts the machine into a state: stator and inverse-Γ rotor flux (complex, V·s), mechanical rad/s.
+    ///
+    /// Raises ValueError for another speed than the one that is imposed, and for a flux or a speed that the equations'
+    /// longest step cannot follow.
     fn set_state(&mut self, psi_s: Complex64, psi_r: Complex64, omega_m: f64) -> PyResult<()> {
         let (psi_s, psi_r) = (finite_parts("psi_s", psi_s)?, finite_parts("psi_r", psi_r)?);
-        self.plant.set_state(psi_s, psi_r, finite("omega_m", omega_m)?);
-        Ok(())
+        self.plant.set_state(psi_s, psi_r, omega_m).map_err(value_error)
     }
 
     /// Resistance of the cold winding, Ω.

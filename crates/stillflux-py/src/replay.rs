@@ -10,7 +10,7 @@ use stillflux_sim::replay::{Estimates, Replay, Row, Start};
 use crate::convert::{complex, finite, finite_parts, pair, record, value_error};
 use crate::parameters::{Inverter, Motor, drive_params};
 
-/// Estimators of a scheme over records whose rows are one period of the inverter's `f_s` apart.
+/// Estimators of a scheme over records whose rows are one control period of the inverter apart.
 ///
 /// Takes motor, inverter and settings as `Drive` does.
 #[pyclass(module = "stillflux._core")]

@@ -96,6 +96,26 @@ pub enum ChannelFault {
     Once(f64),
 }
 
+impl ChannelFault {
+    /// Checks channel, current and factor against their ranges.
+    ///
+    /// # Errors
+    /// The first one found outside its range.
+    pub fn validate(&self, channel: usize) -> Result<(), ParamError> {
+        check_channel(channel)?;
+        match *self {
+            Self::Held => Ok(()),
+            Self::Of(other) => check_channel(other),
+            Self::Gain(factor) => check("channel gain", factor, -10.0, 10.0, ""),
+            Self::Stuck(i) | Self::Once(i) => check("channel current", i, -1e9, 1e9, "A"),
+        }
+    }
+}
+
+fn check_channel(number: usize) -> Result<(), ParamError> {
+    check("channel", number as f64, 0.0, 2.0, "")
+}
+
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Converter {
     adc: Adc,

@@ -454,7 +454,7 @@ impl Average {
             return space_vector([0, 1, 2].map(|k| {
                 let i = p[k].abs();
                 let law = if i < self.knee { 0.5 * i / self.knee } else { 1.0 - 0.5 * self.knee / i };
-                self.v[k] - self.drop[k] * part[k] + self.dead[k] * (part[k] - part[k].clamp(-law, law))
+                self.v[k] - self.drop[k] * part[k] + self.dead[k] * (part[k] - part[k].max(-law).min(law))
             }));
         }
         space_vector([0, 1, 2].map(|k| self.v[k] - self.drop[k] * part[k]))

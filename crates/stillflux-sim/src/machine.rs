@@ -24,7 +24,7 @@ pub use self::energy::Energy;
 use self::gap::Gap;
 pub(crate) use self::state::{BRANCHED, FULL, Field, LINEAR, SATURATING, State};
 pub(crate) use self::steps::{Series, Step};
-use self::tangent::Tangent;
+use self::tangent::{Tangent, apply};
 pub(crate) use self::vector::{AXIS, V2, axpy, dot, phases, space_vector, turned};
 use crate::branches::{Branch, DeepBar, IronLoss};
 use crate::slots::{LeakageSaturation, SlotRipple};
@@ -45,7 +45,6 @@ pub(crate) struct Circuit {
     pub R: f64,
     pub R_s: f64,
     pub r_d: f64,
-    pub L_l: f64,
     pub n_p: f64,
     inv_L_l: f64,
     /// `R_r/L_l`
@@ -85,7 +84,6 @@ impl Circuit {
             R: m.R_s + r_d,
             R_s: m.R_s,
             r_d,
-            L_l: g.L_l,
             n_p,
             inv_L_l: 1.0 / g.L_l,
             k_r: g.R_r / g.L_l,
@@ -241,26 +239,47 @@ impl Circuit {
     }
 
     /// State with this rotor flux of the inverse-Γ circuit: the inverse of [`Self::psi_R`]. No eddy current flows in
-    /// the iron, the branches of the rotor have one flux.
+    /// the iron, the branches of the rotor have one flux. With `Z v = l e^{j Z theta}/L_l v*` and `m` the ripple of the
+    /// permeance,
+    ///
+    /// ```text
+    /// (b + c) psi_R = (c + 1/L_l) psi_r + Z (psi_r - psi_s) + (1/L_fe - m) psi_s,   c = k/L_l |psi_s - psi_r|²
+    /// ```
+    ///
+    /// linear in `psi_r` for a given `c`. What the solution then has as `c` is below the given one for large `c`, not below
+    /// it for `c = 0`: bisection between them.
     pub fn state_of(&self, psi_s: V2, psi_R: V2, omega: f64, theta: f64) -> State {
         let b = self.b_0 + self.saturating(dot(psi_s, psi_s));
-        let g = b * self.L_l;
-        let iron = self.x[0].inv_L * self.L_l;
-        let psi_r = if self.branched {
-            [g * psi_R[0] - iron * psi_s[0], g * psi_R[1] - iron * psi_s[1]]
-        } else {
-            [g * psi_R[0], g * psi_R[1]]
+        let slot = self.slot(theta);
+        let (z, m) = self.gap.ripple(slot);
+        let given = axpy(apply(&z, psi_s), m - self.x[0].inv_L, psi_s);
+        let of_chord = |c: f64| {
+            let (a, w) = (c + self.inv_L_l + self.x[1].inv_L, axpy(given, b + c, psi_R));
+            let d = 1.0 / (a * a - z[0] * z[0] - z[1] * z[1]);
+            let psi_r = [d * ((a - z[0]) * w[0] - z[1] * w[1]), d * ((a + z[0]) * w[1] - z[1] * w[0])];
+            State { psi_s, psi_r, psi_x: [psi_s, psi_r], omega, theta, slot }
         };
-        let mut x = State { psi_s, psi_r, psi_x: [psi_s, psi_r], omega, theta, slot: self.slot(theta) };
-        if self.gap.is_some() {
-            // A contraction by the saturated and rippling part of the inverse leakage.
-            for _ in 0..100 {
-                let error = axpy(self.psi_R(&x), -1.0, psi_R);
-                x.psi_r = axpy(x.psi_r, -b / (self.b_0 - self.inv_L_u - self.x[0].inv_L), error);
-                x.psi_x[1] = x.psi_r;
-            }
+        let above = |c: f64| self.gap.chord(&of_chord(c)) <= c;
+        if above(0.0) {
+            return of_chord(0.0);
         }
-        x
+        let (mut lo, mut hi) = (0.0, self.inv_L_l);
+        while !above(hi) && hi.is_finite() {
+            (lo, hi) = (hi, 2.0 * hi);
+        }
+        while hi - lo > 1e-15 * hi {
+            let mid = 0.5 * (lo + hi);
+            if mid <= lo || mid >= hi {
+                break;
+            }
+            (lo, hi) = if above(mid) { (lo, mid) } else { (mid, hi) };
+        }
+        of_chord(hi)
+    }
+
+    /// No less than the fastest rate of the fluxes around a state, 1/s.
+    pub fn rate(&self, x: &State) -> f64 {
+        (self.R + self.gap.R_r) * self.tangent::<FULL>(x).largest::<FULL>()
     }
 
     /// `∂i_s/∂psi_s`.

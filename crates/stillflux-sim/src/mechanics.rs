@@ -4,7 +4,7 @@
 //! shaft sticks while `|T - T_load| <= T_c + T_st`.
 #![allow(non_snake_case)]
 
-use stillflux::params::{ParamError, check};
+use stillflux::params::{Machine, ParamError, check};
 
 /// Friction and inertia beyond the machine's own `J`, or an imposed speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,10 +33,11 @@ impl Mechanics {
     /// Checks every field against its admissible range.
     ///
     /// # Errors
-    /// The first field found outside its range.
-    pub fn validate(&self) -> Result<(), ParamError> {
+    /// The first field found outside its range. Viscous friction leaves the shaft a time constant of at least 100 µs: it is
+    /// integrated with the machine.
+    pub fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
         check("J_load", self.J_load, 0.0, 1e6, "kg m^2")?;
-        check("viscous", self.viscous, 0.0, 1e6, "N m s")?;
+        check("viscous", self.viscous, 0.0, 1e4 * (machine.J + self.J_load), "N m s")?;
         check("coulomb", self.coulomb, 0.0, 1e6, "N m")?;
         check("stribeck", self.stribeck, 0.0, 1e6, "N m")?;
         check("stribeck_speed", self.stribeck_speed, 1e-4, 1e4, "rad/s")?;

@@ -69,7 +69,7 @@ impl Nodes {
             self.v[k] = match b.sign[k] {
                 s if s > 0.0 => lo,
                 s if s < 0.0 => hi,
-                _ => self.v[k].clamp(lo, hi),
+                _ => self.v[k].max(lo).min(hi),
             };
         }
     }
@@ -95,7 +95,7 @@ impl Nodes {
 
     #[inline(never)]
     fn settle_leg(&mut self, b: &mut Bridge, i: V2, k: usize, lo: f64, hi: f64, energy: &mut Option<Energy>) {
-        let to = self.v[k].clamp(lo, hi);
+        let to = self.v[k].max(lo).min(hi);
         if let Some(e) = energy {
             // Through the upper device, on or diode, the charge comes from the link; else from its negative rail.
             let upper = to > 0.5 * b.u_dc;

@@ -121,13 +121,15 @@ impl PlantParams {
         // Below 10 µs of stray time constant the sub-steps would no longer be few.
         check("(R_s + r_d + R_R)/L_sigma", stray_rate(&self.machine, &self.inverter), 0.0, 1e5, "1/s")?;
         self.gate_delays.with(&self.inverter).validate(&self.inverter)?;
-        self.mechanics.validate()?;
+        self.mechanics.validate(&self.machine)?;
         self.adc.validate()?;
         for skew in self.adc.skew {
             check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s.max(self.inverter.f_c()), "s")?;
         }
         if let Some(shunt) = self.shunt {
             shunt.validate()?;
+            let skew = self.adc.skew.iter().fold(0.0, |most: f64, s| most.max(*s));
+            check("adc_skew", skew, 0.0, 0.0, "s").map_err(|e| e.with_note("a shunt has no channels of their own"))?;
             let halves = if self.mode == Mode::Switching { self.inverter.half_periods } else { 0 };
             check("half_periods", f64::from(halves), 2.0, 16.0, "")
                 .map_err(|e| e.with_note("a shunt sees the edges of whole carrier periods, in the switching model"))?;
@@ -135,7 +137,7 @@ impl PlantParams {
         self.encoder.map_or(Ok(()), |e| e.validate())?;
         self.iron_loss.map_or(Ok(()), |l| l.validate(&self.machine))?;
         self.deep_bar.map_or(Ok(()), |b| b.validate())?;
-        self.leakage_saturation.map_or(Ok(()), |l| l.validate())?;
+        self.leakage_saturation.map_or(Ok(()), |l| l.validate(&self.machine))?;
         self.slot_ripple.map_or(Ok(()), |s| s.validate())?;
         check("missed_calls", self.calls.missed, 0.0, 0.9, "")?;
         check("doubled_calls", self.calls.doubled, 0.0, 1.0 - self.calls.missed, "")?;
@@ -157,15 +159,31 @@ fn stray_rate(m: &Machine, inv: &Inverter) -> f64 {
 
 /// Fastest rate of the machine's equations at a constant voltage, 1/s.
 fn fastest_rate(p: &PlantParams, circuit: &Circuit) -> f64 {
-    // Saturated leakage raises the stray rate. A branch carries a small part of the current: its time constant may be met
-    // by fewer steps.
-    let stray = stray_rate(&p.machine, &p.inverter) * (1.0 + p.leakage_saturation.map_or(0.0, |l| l.excess()));
-    stray + 0.15 * circuit.branch_rate() + 1.5 * p.machine.omega_sR()
+    // Saturated leakage raises the stray rate, by its tangent at the current that it is given for. A branch carries a small
+    // part of the current: its time constant may be met by fewer steps.
+    let stray = stray_rate(&p.machine, &p.inverter) * (1.0 + 3.0 * p.leakage_saturation.map_or(0.0, |l| l.excess()));
+    let imposed = 0.5 * f64::from(p.machine.n_p) * p.mechanics.speed.unwrap_or(0.0).abs();
+    stray + 0.15 * circuit.branch_rate() + imposed.max(1.5 * p.machine.omega_sR())
+}
+
+/// Longest step of the equations, s.
+fn longest_step(p: &PlantParams, rate: f64) -> f64 {
+    // The ripple of the slots has to be followed.
+    let slots = p.slot_ripple.map_or(0.0, |s| f64::from(s.slots)) * p.machine.omega_sR() / f64::from(p.machine.n_p);
+    (0.05 / rate).min(60e-6).min(0.2 / slots)
 }
 
 /// The legs' nodes, if they have capacitance, and up to which length a segment then takes a Taylor step, s.
 fn node_model(m: &Machine, inv: &Inverter, rate: f64) -> (Option<Nodes>, f64) {
-    if inv.c_out > 0.0 { (Some(Nodes::new(inv.c_out, inv.u_dc, zero_current(m))), 5e-3 / rate) } else { (None, 0.0) }
+    if inv.c_out > 0.0 {
+        (Some(Nodes::new(inv.c_out, inv.u_dc, zero_current(m))), of_taylor(rate))
+    } else {
+        (None, 0.0)
+    }
+}
+
+fn of_taylor(rate: f64) -> f64 {
+    5e-3 / rate
 }
 
 /// Current that counts as zero, A.
@@ -242,6 +260,8 @@ pub struct Plant {
     skewed: bool,
     /// `∫ i_s dt` since the period began.
     int_i: V2,
+    /// `∫ |i_s|² dt` since then, with a thermal model.
+    int_i2: f64,
     /// Band of the average model, A.
     band: f64,
     /// Leg signs are out of date because the last step went past the bridge model.
@@ -292,8 +312,6 @@ impl Plant {
             },
         );
         let i_n = std::f64::consts::SQRT_2 * m.I_N;
-        // The ripple of the slots has to be followed.
-        let slots = params.slot_ripple.map_or(0.0, |s| f64::from(s.slots)) * m.omega_sR() / f64::from(m.n_p);
         let rate = fastest_rate(&params, &circuit);
         let (nodes, h_taylor) = node_model(&m, &inv, rate);
         let mut plant = Self {
@@ -309,7 +327,7 @@ impl Plant {
             period,
             stretches: (inv.half_periods / 2).max(1),
             rising: (inv.half_periods == 1).then_some(true),
-            h_max: (0.05 / rate).min(60e-6).min(0.2 / slots),
+            h_max: longest_step(&params, rate),
             h_taylor,
             tol: Tolerance {
                 current: zero_current(&m),
@@ -326,6 +344,7 @@ impl Plant {
             seen: [0.0; 3],
             skewed: adc.skew.iter().any(|s| *s > 0.0),
             int_i: [0.0; 2],
+            int_i2: 0.0,
             band: average_band(&m, &inv),
             stale: false,
             kelvin: 0.0,
@@ -540,17 +559,36 @@ impl Plant {
 
     /// Imposes a shaft speed (mechanical rad/s) from now on, or with `None` lets the shaft go.
     pub fn set_speed(&mut self, speed: Option<f64>) {
+        self.params.mechanics.speed = speed;
+        let rate = fastest_rate(&self.params, &self.circuit);
+        self.h_max = longest_step(&self.params, rate);
+        if self.nodes.is_some() {
+            self.h_taylor = of_taylor(rate);
+        }
         self.x.omega = speed.unwrap_or(self.x.omega);
         self.shaft.impose(speed, self.x.omega);
         self.refresh();
     }
 
     /// Puts the machine into a state: stator flux and inverse-Γ rotor flux in V·s, mechanical rad/s.
-    pub fn set_state(&mut self, psi_s: [f64; 2], psi_r: [f64; 2], omega_m: f64) {
-        self.x = self.circuit.state_of(psi_s, psi_r, omega_m, self.x.theta);
+    ///
+    /// # Errors
+    /// Another speed than the one that is imposed, or a state that the longest step cannot follow: a shaft that turns
+    /// by a radian in it, or iron so saturated that currents rise and decay within it.
+    pub fn set_state(&mut self, psi_s: [f64; 2], psi_r: [f64; 2], omega_m: f64) -> Result<(), ParamError> {
+        if let Some(w) = self.params.mechanics.speed {
+            check("omega_m", omega_m, w, w, "rad/s").map_err(|e| e.with_note("the speed is imposed"))?;
+        }
+        let most = 1.0 / (self.circuit.n_p * self.h_max);
+        check("omega_m", omega_m, -most, most, "rad/s")?;
+        let x = self.circuit.state_of(psi_s, psi_r, omega_m, self.x.theta);
+        check("rate of currents at psi_s and psi_r", self.circuit.rate(&x), 0.0, 1.0 / self.h_max, "1/s")
+            .map_err(|e| e.with_note("so much flux saturates the iron"))?;
+        self.x = x;
         self.shaft.restart(omega_m);
         self.stale = true;
         self.refresh();
+        Ok(())
     }
 
     /// Starts (from zero) or stops the account of energies.
@@ -587,7 +625,7 @@ impl Plant {
 
     fn begin(&mut self, load_torque: f64) -> V2 {
         self.shaft.load = load_torque;
-        self.int_i = [0.0; 2];
+        (self.int_i, self.int_i2) = ([0.0; 2], 0.0);
         // Steps turn it on: no rounding may pile up.
         self.x.slot = self.circuit.slot(self.x.theta);
         if self.shaft.stuck {
@@ -612,7 +650,7 @@ impl Plant {
         self.truth.load_torque = self.shaft.load;
         if let Some(thermal) = &self.params.thermal {
             let m = &self.params.machine;
-            let load = R_s / m.R_s * dot(mean_i, mean_i) / (2.0 * m.I_N * m.I_N);
+            let load = R_s / m.R_s * w * self.int_i2 / (2.0 * m.I_N * m.I_N);
             self.kelvin = thermal.advance(self.kelvin, load, dt);
             self.warm();
         }

@@ -126,7 +126,7 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Estimators for a record whose rows are `1/f_s` of the inverter apart.
+    /// Estimators for a record whose rows are one control period of the inverter apart.
     ///
     /// # Errors
     /// The first parameter outside its admissible range.

@@ -12,7 +12,7 @@ use stillflux::params::{Inverter, Machine, ParamError, check};
 
 use crate::adc::ChannelFault;
 use crate::encoder::EncoderFault;
-use crate::plant::{Calls, Plant, PlantParams};
+use crate::plant::{Calls, Mode, Plant, PlantParams};
 use crate::rng::Rng;
 use stillflux::si::{Arithmetic, EstimateSi, MeasurementSi, MemorySi, ReferenceSi, SiDrive, Vector};
 use stillflux::space::AlphaBeta;
@@ -91,6 +91,26 @@ pub enum Change {
     Stop(bool),
     /// The drive is told to leave a fault.
     Reset,
+}
+
+impl Change {
+    /// Checks what changes against its range and against what the plant has.
+    fn check(&self, plant: &PlantParams) -> Result<(), ParamError> {
+        match self {
+            Self::CurrentOffset(offset) => plant.adc.check_offset(offset),
+            Self::Channel(channel, fault) => fault.validate(*channel),
+            Self::OpenPhase(phase) => {
+                let phases = if plant.mode == Mode::Switching { 2.0 } else { -1.0 };
+                check("open_phase", *phase as f64, 0.0, phases, "").map_err(|e| e.with_note("in the switching model"))
+            }
+            Self::Encoder(_) => {
+                let lines = plant.encoder.map_or(0.0, |e| f64::from(e.lines));
+                check("encoder_lines", lines, 1.0, f64::INFINITY, "")
+                    .map_err(|e| e.with_note("an encoder that fails or heals has to be there"))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// A closed-loop experiment.
@@ -295,10 +315,11 @@ impl<'s> Run<'s> {
         for (t, change) in &s.changes {
             check("changes time", *t, last, 1e9, "s")?;
             last = *t;
-            if let Change::CurrentOffset(offset) = change {
-                s.plant.adc.check_offset(offset)?;
-            }
+            change.check(&s.plant)?;
         }
+        let sensors = if s.plant.shunt.is_some() { (1.0, 1.0) } else { (2.0, 3.0) };
+        check("current_sensors", f64::from(s.drive.current_sensors), sensors.0, sensors.1, "")
+            .map_err(|e| e.with_note("1 is for a plant with shunt, and for no other"))?;
         let mut plant = Plant::new(s.plant)?;
         let mut drive = SiDrive::new(&s.machine, &s.inverter, &s.drive, s.arithmetic)?;
         if let Some(m) = &s.memory {

@@ -25,6 +25,7 @@
 //! With a deep bar both leakage terms are those of the rotor's first branch.
 #![allow(non_snake_case)]
 
+use std::f64::consts::SQRT_2;
 use stillflux::params::{Machine, ParamError, check};
 
 /// Saturation of the leakage.
@@ -51,10 +52,11 @@ impl LeakageSaturation {
     /// Checks every field against its admissible range.
     ///
     /// # Errors
-    /// The first field found outside its range.
-    pub fn validate(&self) -> Result<(), ParamError> {
+    /// The first field found outside its range. The current is at least half the rated one: the law is that of a
+    /// leakage which saturates beyond rated load, and a power of the current far beyond.
+    pub fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
         check("leakage_saturation share", self.share, 0.0, 0.6, "")?;
-        check("leakage_saturation current", self.current, 1e-3, 1e6, "A")
+        check("leakage_saturation current", self.current, 0.5 * SQRT_2 * machine.I_N, 1e6, "A")
     }
 
     /// `k` in 1/(V·s)²: with `x = share/(1 - share)`, `k |psi_l|² = x` at `|psi_l| = (1 - share) L_l current`.

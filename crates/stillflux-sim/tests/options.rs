@@ -8,8 +8,11 @@ use stillflux::base::Base;
 use stillflux::config::Scheme;
 use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine};
-use stillflux_sim::simulate::{Profile, ReferenceProfile, Run, Scenario};
-use stillflux_sim::{Calls, DcLink, DeepBar, GateDelays, Grid, IronLoss, LeakageSaturation, SlotRipple};
+use stillflux_sim::simulate::{Change, Profile, ReferenceProfile, Run, Scenario};
+use stillflux_sim::{
+    Calls, ChannelFault, DcLink, DeepBar, EncoderFault, GateDelays, Grid, IronLoss, LeakageSaturation, Mode, Shunt,
+    SlotRipple,
+};
 
 /// Record of the plant's truth, and of what the drive believes that the bridge gives.
 const SIGNALS: [&str; 10] =
@@ -341,4 +344,43 @@ fn delays_of_the_parameters_are_compensated_in_both_schemes() {
         println!("{scheme:?}: {told:.3} V, without {untold:.3} V");
         assert!(told < 0.03 && untold > 0.2, "{scheme:?}: {told} V, without {untold} V");
     }
+}
+
+#[test]
+fn what_the_plant_does_not_have_is_refused_and_not_left_out() {
+    let with = |option: &dyn Fn(&mut Scenario)| {
+        let mut s = Scenario::new(Machine::preset_2k2(), Inverter::preset_2k2(), 1.0);
+        option(&mut s);
+        Run::new(Cow::Owned(s)).map(|_| ()).map_err(|e| e.field)
+    };
+    assert_eq!(with(&|_| ()), Ok(()));
+    let change = |what: Change| move |s: &mut Scenario| s.changes = vec![(0.5, what)];
+    assert_eq!(with(&change(Change::OpenPhase(1))), Ok(()));
+    assert_eq!(with(&change(Change::OpenPhase(3))), Err("open_phase"));
+    let averaged = |s: &mut Scenario| {
+        (s.plant.mode, s.changes) = (Mode::Averaged, vec![(0.5, Change::OpenPhase(1))]);
+    };
+    assert_eq!(with(&averaged), Err("open_phase"));
+    assert_eq!(with(&change(Change::Encoder(Some(EncoderFault::Broken)))), Err("encoder_lines"));
+    for (channel, fault, field) in [
+        (3, ChannelFault::Held, "channel"),
+        (0, ChannelFault::Of(3), "channel"),
+        (0, ChannelFault::Stuck(f64::NAN), "channel current"),
+        (0, ChannelFault::Once(f64::INFINITY), "channel current"),
+        (0, ChannelFault::Gain(f64::NAN), "channel gain"),
+    ] {
+        assert_eq!(with(&change(Change::Channel(channel, fault))), Err(field));
+    }
+    assert_eq!(with(&|s| s.drive.current_sensors = 1), Err("current_sensors"));
+    assert_eq!(with(&|s| s.plant.shunt = Some(Shunt { settling: 0.3e-6 })), Err("current_sensors"));
+    let both = |s: &mut Scenario| {
+        s.drive.current_sensors = 1;
+        s.plant.shunt = Some(Shunt { settling: 0.3e-6 });
+    };
+    assert_eq!(with(&both), Ok(()));
+    let skewed = |s: &mut Scenario| {
+        both(s);
+        s.plant.adc.skew[1] = 1e-6;
+    };
+    assert_eq!(with(&skewed), Err("adc_skew"));
 }

@@ -23,7 +23,7 @@ fn afterwards(scheme: Scheme, omega: f64, load: f64, noise: u32, realignment: bo
     let t = *rig.plant.truth();
     let along = |length: f64| t.i_s.map(|i| i * length / t.i_s[0].hypot(t.i_s[1]));
     let psi_r = along(t.psi_r[0].hypot(t.psi_r[1]));
-    rig.plant.set_state([0, 1].map(|k| psi_r[k] + machine.L_sigma * t.i_s[k]), psi_r, 0.0);
+    rig.plant.set_state([0, 1].map(|k| psi_r[k] + machine.L_sigma * t.i_s[k]), psi_r, 0.0).unwrap();
     rig.plant.set_speed(None);
     rig.run(1.0, at, load, |_| false);
     rig.angle = 0.0;

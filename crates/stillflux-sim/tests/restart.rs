@@ -97,7 +97,7 @@ fn a_drive_at_power_up_catches_a_flux_that_it_did_not_build_up() {
         for (omega, psi, angle) in [(0.4, 0.8, 0.3_f64), (-0.7, 0.5, 2.0), (1.0, 0.6, -1.0)] {
             let mut rig = Rig::new(m.0, m.1, |_| {});
             let psi_r = [angle.cos(), angle.sin()].map(|x| x * psi * rig.base.psi);
-            rig.plant.set_state(psi_r, psi_r, omega * rig.base.omega_m);
+            rig.plant.set_state(psi_r, psi_r, omega * rig.base.omega_m).unwrap();
             let at = rig.speed(omega);
             let t = rig.run(3.0, at, 0.0, |drive| matches!(drive.status(), Status::Running | Status::Faulted { .. }));
             rig.run(0.5, at, 0.0, |_| false);

@@ -83,7 +83,9 @@ def without_nan(log: Log, rate: float | None, max_gap: float, notes: list[str]) 
                 f"stretches of up to max_gap = {max_gap:g} s are bridged, the longest has {longest} rows"
             )
         good = np.flatnonzero(~bad)
-        filled = np.interp(np.arange(n), good, values[good].real)
+        # An angle that is wrapped goes on through the wrap.
+        known = np.unwrap(values[good]) if name == "angle" else values[good]
+        filled = np.interp(np.arange(n), good, known.real)
         if np.iscomplexobj(values):
             filled = filled + 1j * np.interp(np.arange(n), good, values[good].imag)
         data[name] = filled
@@ -295,16 +297,17 @@ class Rows(_Series):
 
 
 def grid_of(step: float, inverter: Inverter) -> tuple[float, Inverter]:
-    """Grid points per row (1, 2, … or 1/2, 1/3, …), and the inverter with their rate as `f_s`: dead time and
-    node capacitance in proportion, so that loss and knee stay."""
-    ratio = step * inverter.f_s
+    """Grid points per row (1, 2, … or 1/2, 1/3, …), near one for each control period, and an inverter whose
+    control period is theirs: dead time and node capacitance in proportion, so that loss and knee stay."""
+    ratio = step * 2.0 * inverter.f_s / inverter.half_periods
     many = float(round(ratio)) if ratio >= 1.5 else 1.0 / max(1, round(1.0 / ratio))
     f_s = many / step
-    if abs(f_s / inverter.f_s - 1.0) < 1e-6:
+    if abs(f_s / inverter.f_s - 1.0) < 1e-6 and inverter.half_periods == 2:
         return many, inverter
     scale = inverter.f_s / f_s
     return many, inverter.replace(
         f_s=f_s,
+        half_periods=2,
         f_clk=0.0,
         dead_time=inverter.dead_time * scale,
         c_out=min(inverter.c_out * scale, 10e-9),

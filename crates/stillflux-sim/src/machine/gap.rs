@@ -145,6 +145,12 @@ impl Gap {
             + 0.5 * self.zigzag * dot(mirrored(x.slot, l), l)
     }
 
+    /// `v -> l e^{j Z theta}/L_l v*` as symmetric matrix (αα, αβ, ββ), and `p cos(Z theta)/L_u`.
+    pub fn ripple(&self, slot: V2) -> ([f64; 3], f64) {
+        let (c, s) = (self.zigzag * slot[0], self.zigzag * slot[1]);
+        ([c, s, -c], self.main * slot[0])
+    }
+
     /// Chord of the leakage's saturation, to add to `1/L_l`.
     pub fn chord(&self, x: &State) -> f64 {
         let l = axpy(x.psi_s, -1.0, x.psi_r);

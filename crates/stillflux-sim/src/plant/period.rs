@@ -10,7 +10,7 @@
 use super::events::Event;
 use super::{H_MAX, Plant};
 use crate::bridge::Feed;
-use crate::machine::{Field, State, Step, V2, phases};
+use crate::machine::{Field, State, Step, V2, dot, phases};
 use crate::nodes::Nodes;
 use crate::shunt::Amplifier;
 use stillflux::control::shunt::Pulses;
@@ -267,6 +267,10 @@ impl Plant {
         }
         if let (Feed::Nodes(..), Some(nodes)) = (feed, &mut self.nodes) {
             nodes.discharge(&self.bridge, step.int_i);
+        }
+        if self.params.thermal.is_some() {
+            // The current of a segment is a straight line but for its curvature, some 1e-4 of it.
+            self.int_i2 += h / 3.0 * (dot(self.f.i, self.f.i) + dot(self.f.i, f.i) + dot(f.i, f.i));
         }
         (self.x, self.f) = (step.x, f);
         self.int_i[0] += step.int_i[0];

@@ -120,7 +120,7 @@ fn energy_is_conserved_through_every_switching() {
 fn loaded(p: PlantParams, i: [f64; 2]) -> (Plant, [f64; 3]) {
     let (L, mut plant) = (p.machine.L_sigma, plant(held(p, 0.0)));
     let psi_R = [0.224 * i[0], 0.224 * i[1]];
-    plant.set_state([psi_R[0] + L * i[0], psi_R[1] + L * i[1]], psi_R, 0.0);
+    plant.set_state([psi_R[0] + L * i[0], psi_R[1] + L * i[1]], psi_R, 0.0).unwrap();
     (plant, AXIS.map(|e| (e[0] * i[0] + e[1] * i[1]).signum()))
 }
 
@@ -230,7 +230,7 @@ fn blocked_bridge_lets_the_current_die_and_then_shows_the_emf() {
     for p in [linear(), saturated()] {
         let mut plant = plant(held(p, 60.0));
         let psi_R = [0.9, 0.1];
-        plant.set_state([0.95, 0.25], psi_R, 60.0);
+        plant.set_state([0.95, 0.25], psi_R, 60.0).unwrap();
         let mut periods = 0;
         while plant.sample().i_abc != [0.0; 3] {
             plant.step([0.5; 3], false, 0.0);
@@ -259,7 +259,7 @@ fn emf_above_the_link_voltage_rectifies() {
         let mut p = held(linear(), 157.0);
         p.inverter.u_dc = u_dc;
         let mut plant = plant(p);
-        plant.set_state([1.0, 0.0], [1.0, 0.0], 157.0);
+        plant.set_state([1.0, 0.0], [1.0, 0.0], 157.0).unwrap();
         let mut seen = false;
         plant.track_energy(true);
         for _ in 0..50 {
@@ -276,7 +276,7 @@ fn leg_without_current_stays_clamped() {
     let p = held(linear(), 0.0);
     let mut plant = plant(p);
     // Flux and current along the beta axis, all legs switching together: nothing pushes phase a.
-    plant.set_state([0.0, 0.721], [0.0, 0.7], 0.0);
+    plant.set_state([0.0, 0.721], [0.0, 0.7], 0.0).unwrap();
     for _ in 0..12 {
         let i = plant.step([0.5; 3], true, 0.0).i_abc;
         assert!(i[0] == 0.0 && i[1] > 0.01, "{i:?}");
@@ -303,7 +303,7 @@ fn a_current_that_only_touches_zero_between_two_events_stops_there() {
             plant.step([0.0; 3], true, 0.0);
         }
         let (psi_r, i) = ([0.9, psi_b], [i_a, 3.0]);
-        plant.set_state([0, 1].map(|x| psi_r[x] + p.machine.L_sigma * i[x]), psi_r, 157.0);
+        plant.set_state([0, 1].map(|x| psi_r[x] + p.machine.L_sigma * i[x]), psi_r, 157.0).unwrap();
         let mut touched = false;
         for _ in 0..(T_S * f_s).round() as u32 {
             plant.step([0.0; 3], true, 0.0);
@@ -379,7 +379,7 @@ fn brute_force_bridge_agrees_at_small_currents_and_blocked() {
         let mut plant = plant(held(p, omega));
         let psi = [0.85, -0.2];
         let psi_R = if case == 0 { [0.844, -0.195] } else { [0.80, -0.18] };
-        plant.set_state(psi, psi_R, omega);
+        plant.set_state(psi, psi_R, omega).unwrap();
         // Γ rotor flux of the same state, from i_s and the Γ equations.
         let t = *plant.truth();
         let L = p.machine.saturation.map_or(g.L_s, |s| s.L_u / (1.0 + (s.a * psi[0].hypot(psi[1])).powf(s.S)));
@@ -467,7 +467,7 @@ fn shaft_sticks_slides_and_stops() {
     // Coasting: Coulomb alone stops within J w/T exactly, and stays.
     p.mechanics.stribeck = 0.0;
     let mut b = plant(p);
-    b.set_state([0.0; 2], [0.0; 2], 10.0);
+    b.set_state([0.0; 2], [0.0; 2], 10.0).unwrap();
     for _ in 0..1499 {
         b.step([0.5; 3], false, 0.0);
     }
@@ -479,7 +479,7 @@ fn shaft_sticks_slides_and_stops() {
     }
     assert!((b.truth().theta_m - 0.5 * 10.0 * 0.15).abs() < 1e-6);
     // An active load pulls it through standstill: decelerates with T + T_c, goes on with T - T_c.
-    b.set_state([0.0; 2], [0.0; 2], 1.0);
+    b.set_state([0.0; 2], [0.0; 2], 1.0).unwrap();
     for _ in 0..100 {
         b.step([0.5; 3], false, 4.0);
     }
@@ -502,6 +502,63 @@ fn winding_warms_to_its_rise() {
     assert!((R_s / (3.7 * (1.0 + 0.0039 * kelvin)) - 1.0).abs() < 1e-6, "{R_s}");
     plant.set_R_s(4.0);
     assert!((plant.truth().R_s / R_s - 4.0 / 3.7).abs() < 1e-12);
+}
+
+#[test]
+fn a_winding_warms_by_the_square_of_its_current_however_a_stretch_is_divided() {
+    // A current that swings about zero: the square of its mean over a long stretch would be none of the heat.
+    let heat = |parts: u32| {
+        let mut p = held(linear(), 300.0);
+        p.thermal = Some(Thermal { time_constant: 1e3, rise: 80.0, alpha: 0.0039, alpha_R: 0.0 });
+        let mut plant = plant(p);
+        plant.set_state([0.5, 0.0], [0.5, 0.0], 300.0).unwrap();
+        for _ in 0..parts {
+            plant.step_voltage([0.0; 2], 0.2 / f64::from(parts), 0.0);
+        }
+        plant.truth().R_s / 3.7 - 1.0
+    };
+    let (one, many) = (heat(1), heat(2000));
+    assert!(one > 1e-6 && (one / many - 1.0).abs() < 2e-3, "{one:e} {many:e}");
+}
+
+#[test]
+fn a_state_that_steps_cannot_follow_is_refused() {
+    let mut plant = plant(capacitive(0.0));
+    let refused = |plant: &mut Plant, psi: f64, omega: f64| {
+        let before = *plant.truth();
+        let error = plant.set_state([psi, 0.0], [psi, 0.0], omega).unwrap_err();
+        assert_eq!(*plant.truth(), before);
+        error.field
+    };
+    assert_eq!(refused(&mut plant, 1e9, 0.0), "rate of currents at psi_s and psi_r");
+    assert_eq!(refused(&mut plant, f64::NAN, 0.0), "rate of currents at psi_s and psi_r");
+    assert_eq!(refused(&mut plant, 1.0, 1e9), "omega_m");
+    plant.set_speed(Some(10.0));
+    assert_eq!(refused(&mut plant, 1.0, 11.0), "omega_m");
+    let mut p = capacitive(0.0);
+    p.mechanics.viscous = 1.01e4 * p.machine.J;
+    assert_eq!(Plant::new(p).unwrap_err().field, "viscous");
+}
+
+#[test]
+fn the_fastest_shaft_and_the_strongest_friction_are_followed() {
+    // Constant voltage: the steady state of the equations in closed form, j w_s = 0 in the stator.
+    for speed in [1e3, 1e5] {
+        let p = held(linear(), speed);
+        let mut plant = plant(p);
+        for _ in 0..40 {
+            plant.step_voltage([3.7, 0.0], 5e-3, 0.0);
+        }
+        let i = plant.truth().i_s;
+        assert!((i[0] - 1.0).abs() < 1e-3 && i[1].abs() < 1e-2, "{speed}: {i:?}");
+    }
+    let mut p = capacitive(0.0);
+    p.mechanics.viscous = 1e4 * p.machine.J;
+    let mut plant = plant(p);
+    for _ in 0..20 {
+        plant.step([0.5; 3], false, -10.0);
+    }
+    assert!((plant.truth().omega_m * p.mechanics.viscous / 10.0 - 1.0).abs() < 1e-3, "{}", plant.truth().omega_m);
 }
 
 #[test]

@@ -78,7 +78,7 @@ fn stiff(L_sigma: f64, inverter: Inverter, i_s: [f64; 2], psi_r: [f64; 2], omega
     let mut plant = plant(held(ideal_sensors(m, inverter), omega));
     // Gates on and duties in the preload register before the state is set.
     plant.step([0.5; 3], true, 0.0);
-    plant.set_state([0, 1].map(|x| psi_r[x] + L_sigma * i_s[x]), psi_r, omega);
+    plant.set_state([0, 1].map(|x| psi_r[x] + L_sigma * i_s[x]), psi_r, omega).unwrap();
     plant
 }
 
@@ -123,7 +123,7 @@ fn current_ripple_doubles_the_slope_of_the_error_at_current_zero() {
         let i = 0.2 * f64::from(n) * ripple_a.abs();
         let mut plant = stiff(L, inv, [i, 0.0], [0.0, -0.8], 0.5 * U / 0.8);
         plant.step(duty, true, 0.0);
-        plant.set_state([L * i, -0.8], [0.0, -0.8], 0.5 * U / 0.8);
+        plant.set_state([L * i, -0.8], [0.0, -0.8], 0.5 * U / 0.8).unwrap();
         let got = lost(&mut plant, duty);
         let leg = |rise: f64, fall: f64| law(fall / knee).max(0.0) + law(rise / knee).min(0.0);
         let a = leg(i + ripple_a, i - ripple_a);
@@ -187,7 +187,7 @@ fn run_case((p, omega, u, w, blocked): (PlantParams, f64, f64, f64, bool), slow:
     let psi_R = if slow { [0.844, -0.195] } else { [0.80, -0.18] };
     plant.step([0.5; 3], true, 0.0);
     plant.step([0.5; 3], true, 0.0);
-    plant.set_state(psi, psi_R, omega);
+    plant.set_state(psi, psi_R, omega).unwrap();
     let t = *plant.truth();
     let L = p.machine.saturation.map_or(g.L_s, |s| s.L_u / (1.0 + (s.a * psi[0].hypot(psi[1])).powf(s.S)));
     let psi_r = [0, 1].map(|x| psi[x] + g.L_l * (psi[x] / L - t.i_s[x]));
@@ -287,7 +287,7 @@ fn nodes_stay_between_the_diodes_whatever_happens() {
             plant.set_u_dc(300.0 + 300.0 * next());
         }
         if k % 300 == 299 {
-            plant.set_state([next() - 0.5, next() - 0.5], [next() - 0.5, next() - 0.5], 100.0 * next());
+            plant.set_state([next() - 0.5, next() - 0.5], [next() - 0.5, next() - 0.5], 100.0 * next()).unwrap();
         }
         plant.step([0; 3].map(|_| next()), k / 50 % 3 > 0, 0.0);
         let (u_dc, v) = (plant.truth().u_dc, plant.node_potentials().unwrap());
@@ -303,7 +303,7 @@ fn nodes_of_a_long_blocked_bridge_follow_the_induced_voltage() {
         let mut p = held(capacitive(c_out), 60.0);
         p.machine.saturation = None;
         let mut plant = plant(p);
-        plant.set_state([0.95, 0.25], [0.9, 0.1], 60.0);
+        plant.set_state([0.95, 0.25], [0.9, 0.1], 60.0).unwrap();
         plant.track_energy(true);
         let begin = plant.magnetic_energy();
         plant.step([0.5; 3], true, 0.0);

@@ -46,7 +46,7 @@ fn pulse(p: PlantParams, current: f64, chord: f64, axis: f64) -> f64 {
     let mut plant = plant(p);
     // psi_R = psi_s - L_sigma i_s with psi_s = 0 and i_s = psi_l chord/L_l.
     let psi_R = g.L_l * current * chord / (chord + g.L_l / g.L_s);
-    plant.set_state([0.0; 2], polar(-psi_R, axis), 0.0);
+    plant.set_state([0.0; 2], polar(-psi_R, axis), 0.0).unwrap();
     let before = plant.truth().i_s;
     assert!((before[0].hypot(before[1]) - current * chord).abs() < 1e-9);
     plant.step_voltage(polar(500.0, axis), 1e-7, 0.0);
@@ -142,7 +142,7 @@ fn cogging_is_that_of_the_fields_energy() {
     for _ in 0..40 {
         plant.step([0.5; 3], false, 0.0);
         let k = g.L_s / (g.L_s + g.L_l);
-        plant.set_state([0.9, 0.0], [0.9 * k, 0.0], 1.0);
+        plant.set_state([0.9, 0.0], [0.9 * k, 0.0], 1.0).unwrap();
         let t = plant.truth();
         let (cos, sin) = ((28.0 * t.theta_m).cos(), (28.0 * t.theta_m).sin());
         // psi_R = psi_s - L_sigma i_s; what the slots add to the current leaves some leakage flux.
@@ -166,4 +166,37 @@ fn bad_slots_are_named() {
     assert_eq!(field(None, Some(SlotRipple { slots: 0, ..SLOTS })), "slot_ripple slots");
     assert_eq!(field(None, Some(SlotRipple { leakage: 0.4, ..SLOTS })), "slot_ripple leakage");
     assert_eq!(field(Some(KNEE), Some(SLOTS)), "");
+}
+
+#[test]
+fn a_state_is_found_again_however_far_leakage_saturates() {
+    let mut seed = 1u32;
+    let mut next = || {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(seed) / f64::from(u32::MAX) * 3.0 - 1.5
+    };
+    let mut found = 0;
+    for k in 0..200 {
+        let mut p = PlantParams {
+            leakage_saturation: Some(LeakageSaturation { share: 0.6, current: 4.0 }),
+            slot_ripple: Some(SLOTS),
+            saturation: k % 2 == 0,
+            ..capacitive(0.0)
+        };
+        if k % 3 == 0 {
+            p.iron_loss = Some(IronLoss { R_fe: 900.0, time_constant: 150e-6 });
+            p.deep_bar = Some(DeepBar { conductance: 0.3, leakage: 0.6 });
+        }
+        let mut plant = plant(p);
+        let (psi_s, psi_R) = ([next(), next()], [next(), next()]);
+        if plant.set_state(psi_s, psi_R, 0.0).is_ok() {
+            found += 1;
+            let t = plant.truth();
+            assert!(
+                distance(t.psi_s, psi_s) == 0.0 && distance(t.psi_r, psi_R) < 1e-12,
+                "{k}: {t:?}, wanted {psi_R:?}"
+            );
+        }
+    }
+    assert!(found > 100, "{found}");
 }
