@@ -16,7 +16,7 @@ from stillflux.cli import main
 from stillflux.evidence import demo
 from stillflux.evidence.claims import at_most
 from stillflux.evidence.report import page
-from stillflux.outputs import naming
+from stillflux.outputs import naming, whole, write_text
 
 SCENARIO = """
 motor = "2.2kW"
@@ -108,6 +108,30 @@ def test_a_full_disk_is_named_with_the_file() -> None:
     with pytest.raises(OSError, match="No space") as caught, naming("run.npz"):
         raise OSError(errno.ENOSPC, "No space left on device")
     assert caught.value.filename == "run.npz"
+
+
+def test_files_are_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    path, link = tmp_path / "page.html", tmp_path / "link.html"
+    path.write_text("before")
+    link.symlink_to(path)
+
+    def fails() -> None:
+        with whole(path) as part:
+            part.write_text("half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails()
+    assert (path.read_text(), len(list(tmp_path.iterdir()))) == ("before", 2)
+    write_text(link, "after")
+    assert (path.read_text(), link.is_symlink()) == ("after", True)
+    (tmp_path / "other").write_text("")
+    assert path.stat().st_mode == (tmp_path / "other").stat().st_mode
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        write_text(tmp_path / "none" / "page.html", "")
+    with pytest.raises(OSError, match="/dev/full"):
+        write_text(Path("/dev/full"), "x")
+    assert not Path("/dev/full").is_file()
 
 
 def test_report_is_self_contained(scenario: sf.Scenario, tmp_path: Path) -> None:

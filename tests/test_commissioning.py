@@ -13,6 +13,7 @@ import pytest
 
 import stillflux as sf
 from stillflux.cli import main
+from stillflux.commissioning_command import _task
 from stillflux.evidence import beyond, commissioning
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import OwnMachine
@@ -210,6 +211,24 @@ def test_other_errors_of_a_commissioning() -> None:
         sf.Commissioning(PLATE, sf.Inverter(), only="offset")  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("option", "named"),
+    [
+        ({"shunt": 0.3e-6}, "shunt = 0.0000003 s is not admissible.*reads the phase currents"),
+        ({"missed_calls": 0.1}, "missed_calls = 0.1 .*once a period"),
+        ({"doubled_calls": 0.1}, "doubled_calls = 0.1 .*once a period"),
+        ({"plant_inverter": sf.Inverter.preset("2.2kW").replace(f_s=8e3)}, "plant inverter.f_s = 8000 Hz"),
+        (
+            {"plant_inverter": sf.Inverter.preset("2.2kW").replace(half_periods=1)},
+            "plant inverter.half_periods = 1",
+        ),
+    ],
+)
+def test_a_plant_that_a_commissioning_cannot_have_is_refused(option: dict[str, Any], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        sf.commission(PLATE, sf.Inverter.preset("2.2kW"), plant_motor=PLATE.motor(), **option)
+
+
 FILE = """
 [nameplate]
 P_N = 2110.0
@@ -262,6 +281,20 @@ def test_the_command_writes_a_motor_file_and_a_report(
     assert "R_s + r_d" in text
     assert main(["commission", "--motor", str(file), "--out", str(tmp_path / "none" / "x.toml")]) == 2
     assert "there is no folder" in capsys.readouterr().err
+
+
+def test_a_file_takes_a_preset_and_refuses_a_motor_beside_its_plate(tmp_path: Path) -> None:
+    file = tmp_path / "motor.toml"
+    file.write_text(FILE.replace("r_d = 0.2", 'preset = "2.2kW"\nu_dc = 560.0'))
+    task = _task(str(file))
+    assert task.sheet == sf.Inverter.preset("2.2kW").replace(u_dc=560.0)
+    assert task.inverter == task.sheet.replace(dead_time=2.1e-6)
+    file.write_text(FILE + '\n[motor]\npreset = "2.2kW"\n')
+    with pytest.raises(ValueError, match=r"give one of the tables \[nameplate\] and \[motor\]"):
+        _task(str(file))
+    file.write_text(FILE.replace("r_d = 0.2", "r_dd = 0.2"))
+    with pytest.raises(ValueError, match="r_dd is not known"):
+        _task(str(file))
 
 
 def test_a_plate_alone_is_commissioned_on_the_motor_that_follows_from_it(

@@ -11,6 +11,8 @@ import pytest
 
 import stillflux as sf
 from stillflux.cli import main
+from stillflux.logs.read import read_log
+from stillflux.logs.signals import grid_of, without_nan
 from stillflux.options import Scheme
 
 MOTOR, INVERTER = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
@@ -128,6 +130,60 @@ def test_duties_are_delayed_and_the_bridge_is_modelled() -> None:
     # Two periods at 80 rad/s are 0.9°; dead time and threshold, left out, are taken for a resistance.
     assert worst(delay=0.0)[0] > 0.5
     assert worst(voltage="compensated")[1] > 1.3 * R_s
+
+
+@pytest.mark.parametrize("half_periods", [1, 2, 4])
+def test_the_grid_is_that_of_the_control_period(half_periods: int) -> None:
+    """Single and double update, control in every second carrier period: one row for each call."""
+    inverter = INVERTER.replace(half_periods=half_periods)
+    run = sf.simulate(
+        sf.Scenario(
+            motor=MOTOR,
+            inverter=inverter,
+            duration=3.0,
+            record_every=1,
+            omega_ref=[(0, 0), (1.7, 0), (2.0, 0.1 * MOTOR.base["omega_m"])],
+        )
+    )
+    part = run.window(1.6)
+    log = {"t": part.t, **phases(part["measured.i_s"], "i"), **phases(part["u_s"], "u")}
+    found = sf.replay(log, MOTOR, inverter)
+    assert len(found.t) == len(log["t"])
+    assert np.abs(angle_error(found, run)[found.t > 2.5]).max() < 1.0
+
+
+def test_a_delay_does_not_reach_across_a_gap(run: sf.Result) -> None:
+    log = terminals(run)
+    keep = np.ones(len(log["t"]), bool)
+    keep[4000:4500] = False
+    cut = {k: v[keep] for k, v in log.items()}
+    # What the rows before the gap hold must not matter to those after it, but for what was learned.
+    wild = {k: v.copy() for k, v in cut.items()}
+    for name, volts in (("u_a", 1e3), ("u_b", -500.0), ("u_c", -500.0)):
+        wild[name][3998:4000] = volts
+    late = slice(4000, 4200)
+    one, other = (sf.replay(x, MOTOR, INVERTER, delay=2.5, check=False) for x in (cut, wild))
+    np.testing.assert_array_equal(one.u_s[late], other.u_s[late])
+
+
+def test_a_wrapped_angle_is_bridged_through_its_wrap() -> None:
+    t = np.arange(3000) / 10e3
+    angle = np.angle(np.exp(1j * (100.0 * t)))
+    wrap = int(np.flatnonzero(np.diff(angle) < -3.0)[0])
+    log = {"t": t, "angle": angle.copy()}
+    log["angle"][wrap - 2 : wrap + 3] = np.nan
+    read = read_log(log, None)
+    bridged = without_nan(read, None, 1e-3, []).data["angle"]
+    assert np.abs(np.angle(np.exp(1j * (bridged - 100.0 * t)))).max() < 1e-9
+
+
+def test_a_capacitance_beyond_its_range_is_noted() -> None:
+    notes: list[str] = []
+    grid_of(1e-3, INVERTER.replace(half_periods=16, f_s=8e3, c_out=5e-9), notes)
+    assert len(notes) == 1
+    assert "knee is narrower" in notes[0]
+    grid_of(1e-4, INVERTER, notes)
+    assert len(notes) == 1
 
 
 @pytest.mark.parametrize("rate", [1e3, 2.5e3, 40e3])
@@ -313,6 +369,10 @@ def test_the_command_writes_estimates_and_plot(
     estimates = np.genfromtxt(out, delimiter=",", names=True)
     assert len(estimates) == len(columns["t"])
     assert plot.stat().st_size > 20_000
+    assert (
+        main(["replay", str(log), *how[:2], "--out", str(out.with_suffix(".NPZ")), "--scheme", "paper"]) == 0
+    )
+    assert len(np.load(out.with_suffix(".NPZ"))["t"]) == len(columns["t"])
     assert main(["replay", str(log), "--column", "i_a=Iv"]) == 2
     assert "column 'Iv' is missing" in capsys.readouterr().err
     log.write_text("t,i_a\n")

@@ -220,6 +220,11 @@ def test_releases_the_gil(scenario: sf.Scenario) -> None:
     assert longest < 0.04
 
 
+def test_a_function_of_too_many_points_is_refused_by_name(scenario: sf.Scenario) -> None:
+    with pytest.raises(ValueError, match="load_torque is a function, read every 1 ms: 5000000 points"):
+        scenario.replace(duration=5000.0, load_torque=lambda t: 0.0)
+
+
 def test_profiles_are_numbers_arrays_and_functions(scenario: sf.Scenario) -> None:
     points = [(0.0, 0.0), (1.0, 2.0)]
     kinds: list[Any] = [points, np.array(points), [np.array(p) for p in points], [list(p) for p in points]]

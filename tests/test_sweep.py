@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+import os
 import runpy
 import signal
 import subprocess
 import sys
+import threading
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -200,6 +204,62 @@ def test_a_killed_sweep_goes_on_and_loses_at_most_one_task(tmp_path: Path) -> No
     journal.write_text("t,i_a\n")
     with pytest.raises(ValueError, match="holds no rows of a sweep"):
         sf.sweep(points(), ["angle_max"], "serial", journal)
+
+
+def test_the_key_of_a_metric_is_that_of_its_behaviour_in_every_process() -> None:
+    program = """
+from functools import partial
+from stillflux.sweep import _build
+def power(result, base=2.0, *, names=frozenset({"omega_m", "torque", "i_s"})):
+    return max((lambda x: abs(x) ** base)(x) for x in result[min(names)])
+def held(limit):
+    return lambda result: [x for x in result["omega_m"] if x in {"a", "b", "c"}][0] > limit
+print(_build({"a": power, "b": partial(power, base=3.0), "c": held(4.0)}).hex())
+"""
+
+    def key(text: str, seed: str) -> str:
+        command = [sys.executable, "-c", text]
+        done = subprocess.run(
+            command, capture_output=True, check=True, text=True, env={**os.environ, "PYTHONHASHSEED": seed}
+        )
+        return done.stdout
+
+    first = key(program, "1")
+    assert first == key(program, "2")
+    for old, new in [
+        ("base=2.0", "base=2.5"),
+        ("** base)", "* base)"),
+        ("base=3.0", "base=3.5"),
+        ("held(4.0)", "held(5.0)"),
+        ('"torque"', '"psi_s"'),
+        ('"b", "c"', '"b", "d"'),
+    ]:
+        assert key(program.replace(old, new), "1") != first, new
+
+
+def test_a_metric_that_cannot_be_told_from_others_is_refused_where_it_would_be_reused(tmp_path: Path) -> None:
+    lock = threading.Lock()
+    metrics = {"locked": lambda result: float(lock.locked())}
+    assert sf.sweep(points()[:1], metrics, "serial")["locked"] == [0.0]
+    with pytest.raises(ValueError, match="'locked' cannot be told from others"):
+        sf.sweep(points()[:1], metrics, "serial", tmp_path / "sweep.jsonl")
+    with pytest.raises(ValueError, match="has no name: give a mapping"):
+        sf.sweep(points()[:1], [functools.partial(METRICS["angle_max"])], "serial")
+
+
+def test_a_sweep_that_was_killed_in_its_first_row_goes_on(tmp_path: Path) -> None:
+    journal = tmp_path / "sweep.jsonl"
+    for cut in ('["abc", {"status": "runn', '["'):
+        journal.write_text(cut)
+        assert len(sf.sweep(points()[:1], ["angle_max"], "serial", journal)) == 1
+    assert len(sf.sweep(points()[:1], ["angle_max"], "serial", journal, progress=interrupt)) == 1, "stored"
+
+
+def test_a_torque_reference_has_no_speed_error() -> None:
+    torque = replace(BASE, omega_ref=0.0, torque_ref=1.0, duration=0.1)
+    found = sf.sweep([torque], ["speed_error_end", "speed_error_max"], "serial")
+    assert np.isnan(found["speed_error_end"][0])
+    assert not found.failed
 
 
 def test_ctrl_c_keeps_what_was_done() -> None:

@@ -9,7 +9,7 @@ f_N = 50.0
 n_N = 1435.0
 cos_phi = 0.82
 
-[inverter]                     # what its data sheet says; optional
+[inverter]                     # what its data sheet says, or preset = "2.2kW" and what differs; optional
 u_dc = 540.0
 
 [plant]                        # options of stillflux.Plant; optional
@@ -32,7 +32,7 @@ from __future__ import annotations
 import argparse
 import html
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,9 +41,9 @@ import numpy as np
 from stillflux.commissioning import PROCEDURES, Commissioned, CommissioningInterrupted, pulse_delay
 from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
-from stillflux.machine_file import load_machine, part, read_toml, typical_inverter
+from stillflux.machine_file import inverter_of, load_machine, part, read_toml
 from stillflux.nameplate import Nameplate
-from stillflux.outputs import check_file
+from stillflux.outputs import check_file, write_text
 from stillflux.parameters import PRESETS, Inverter, Motor, leg_delay
 from stillflux.simulation import progress_bar
 
@@ -125,11 +125,11 @@ def _run(options: argparse.Namespace) -> int:
         print(f"warning: {text}")
     if options.out:
         text = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=_simulated(task))
-        options.out.write_text(text, encoding="utf-8")
+        write_text(options.out, text)
         print(f"motor file: {options.out}")
     if options.report:
         text = report(task.name, found, _rows(task, found), _far(task.plate, found))
-        options.report.write_text(text, encoding="utf-8")
+        write_text(options.report, text)
         print(f"report: {options.report}")
     return status or int(found.cause is not None)
 
@@ -147,17 +147,20 @@ def _task(source: str) -> _Task:
     plant = dict(data.get("plant", {}))
     motor = part(Motor, plant.pop("motor")) if "motor" in plant else None
     changes = plant.pop("inverter", {})
+    if ("nameplate" in data) == ("motor" in data):
+        raise ValueError(
+            f"{path}: give one of the tables [nameplate] and [motor]; the motor that is simulated in "
+            f"place of that of the plate is [plant.motor]"
+        )
     if "nameplate" in data:
         plate = Nameplate(**data["nameplate"])
         if motor is None:
             print(f"{path} has no [plant.motor]: the motor that follows from the plate is simulated")
             motor = plate.motor()
-    elif "motor" in data:
+    else:
         told = part(Motor, data["motor"])
         plate, motor = Nameplate.of(told), motor or told
-    else:
-        raise ValueError(f"{path}: give one of the tables [nameplate] and [motor]")
-    sheet = Inverter(**{**asdict(typical_inverter(plate.motor())), **data.get("inverter", {})})
+    sheet = inverter_of(data.get("inverter"), plate.motor())
     inverter = sheet.replace(**changes)
     options = {key: _tuples(value) for key, value in plant.items()}
     return _Task(str(data.get("name", path.stem)), plate, sheet, motor, inverter, options)

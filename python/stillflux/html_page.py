@@ -11,6 +11,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stillflux.outputs import write_text
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -82,7 +84,7 @@ def page(title: str, body: str) -> str:
 def write(path: Path, title: str, body: str) -> None:
     """Writes a page, and its folder where there is none."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(title, body), encoding="utf-8")
+    write_text(path, page(title, body))
 
 
 def svg(figure: Figure) -> str:

@@ -57,7 +57,16 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["Machine", "load_machine", "machine_to_toml", "part", "priors", "read_toml", "typical_inverter"]
+__all__ = [
+    "Machine",
+    "inverter_of",
+    "load_machine",
+    "machine_to_toml",
+    "part",
+    "priors",
+    "read_toml",
+    "typical_inverter",
+]
 
 _TABLES = ("motor", "inverter", "deviation", "nameplate", "plant")
 _CIRCUITS = (
@@ -128,7 +137,7 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
     else:
         motor, assumed = _checked(path, "nameplate", _of_nameplate, data["nameplate"])
         deviation = {**assumed, **deviation}
-    inverter = _checked(path, "inverter", lambda t: _inverter(t, motor), data.get("inverter"))
+    inverter = _checked(path, "inverter", lambda t: inverter_of(t, motor), data.get("inverter"))
     name = data.get("name", path.stem)
     if not isinstance(name, str) or not re.fullmatch(r"[^\x00-\x1f/\\:*?\"<>|]{1,80}", name):
         raise ValueError(
@@ -231,7 +240,9 @@ def _motor(table: Mapping[str, Any]) -> Motor:
     raise ValueError(f"has no complete equivalent circuit, which is one of: {known}")
 
 
-def _inverter(table: Mapping[str, Any] | None, motor: Motor) -> Inverter:
+def inverter_of(table: Mapping[str, Any] | None, motor: Motor) -> Inverter:
+    """The inverter of a table, whose fields change a preset's or those that suit the motor. Raises
+    ValueError, TypeError."""
     if table is None:
         return typical_inverter(motor)
     fields = _inverter_fields(table)

@@ -89,7 +89,9 @@ def offset_voltage(result: Result) -> complex:
 
 
 def speed_error(result: Result) -> NDArray[np.float64]:
-    """True speed minus reference, per unit of rated frequency."""
+    """True speed minus reference, per unit of rated frequency; NaN where the reference is a torque."""
+    if result.scenario.torque_ref is not None:
+        return np.full(len(result.t), np.nan)
     error: NDArray[np.float64] = (result["omega_m"] - result["reference"]) / _base(result)["omega_m"]
     return error
 
@@ -143,12 +145,13 @@ def least_confidence(result: Result) -> float:
 
 
 def last_speed_error(result: Result) -> float:
-    """True speed minus reference at the end, per unit."""
+    """True speed minus reference at the end, per unit; NaN where the reference is a torque."""
     return float(speed_error(result)[-1])
 
 
 def worst_speed_error(result: Result) -> float:
-    """Largest magnitude of true speed minus reference while the drive runs, per unit; inf if it never did."""
+    """Largest magnitude of true speed minus reference while the drive runs, per unit; inf if it never did,
+    NaN where the reference is a torque."""
     error = np.abs(speed_error(result)[running(result)])
     return float(error.max()) if len(error) else math.inf
 

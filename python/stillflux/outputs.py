@@ -1,13 +1,14 @@
-"""Where a command writes: looked at before it runs, named when it fails."""
+"""Where a command writes: looked at before it runs, written whole or not at all, named when it fails."""
 
 from __future__ import annotations
 
 import os
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["check_file", "check_folder", "naming"]
+__all__ = ["check_file", "check_folder", "naming", "whole", "write_text"]
 
 
 def check_file(path: Path | None, *suffixes: str) -> None:
@@ -41,3 +42,32 @@ def naming(path: str | os.PathLike[str]) -> Iterator[None]:
         if error.filename is not None or error.errno is None:
             raise
         raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A file beside `path` to be written in its place, which takes it at the end; nothing is left of it after
+    an error. What is no file, a pipe or a device, is written itself. Raises FileNotFoundError where there is
+    no such folder."""
+    if not path.absolute().parent.is_dir():
+        raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
+    if path.exists() and not path.is_file():
+        with naming(path):
+            yield path
+        return
+    # A link stays one.
+    place = path.resolve()
+    part = place.with_name(f".{uuid.uuid4().hex}.{place.name}")
+    try:
+        with naming(path):
+            yield part
+            os.replace(part, place)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a text, whole or not at all."""
+    with whole(path) as part:
+        part.write_text(text, encoding="utf-8")

@@ -43,6 +43,7 @@ from stillflux.logs.signals import (
 )
 from stillflux.logs.start import Start, starts
 from stillflux.logs.wiring import check_wiring
+from stillflux.outputs import whole
 from stillflux.parameters import Inverter, Motor, number
 from stillflux.result import Result
 
@@ -135,20 +136,23 @@ class Replay:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the signals: CSV, NPZ or Parquet by the suffix. Raises ValueError for another one."""
+        """Writes the signals, whole or not at all: CSV, NPZ or Parquet by the suffix. Raises ValueError
+        for another one."""
         path, columns = Path(path), self.columns()
         suffix = path.suffix.lower()
         if suffix == ".csv":
-            with path.open("w", newline="", encoding="utf-8") as file:
+            with whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
                 writer = csv.writer(file)
                 writer.writerow(columns)
                 writer.writerows(np.column_stack(list(columns.values())).tolist())
         elif suffix == ".npz":
-            np.savez_compressed(path, t=self.t, **{name: getattr(self, name) for name in _UNITS})
+            with whole(path) as part, part.open("wb") as file:
+                np.savez_compressed(file, t=self.t, **{name: getattr(self, name) for name in _UNITS})
         elif suffix == ".parquet":
             from stillflux.frames import write_parquet
 
-            write_parquet(path, columns)
+            with whole(path) as part:
+                write_parquet(part, columns)
         else:
             raise ValueError(f"{path}: {path.suffix or 'no suffix'} is not one of .csv, .npz, .parquet")
 
@@ -267,12 +271,12 @@ def replay(
     notes: list[str] = []
     table = without_nan(table, rate, max_gap, notes)
     t, pieces = times(table, rate, max_gap, notes)
-    signals = signals_of(table, t, motor, inverter, delay, sampled)
+    signals = signals_of(table, t, pieces, motor, inverter, delay, sampled)
     if check:
         check_units(table, signals, motor, inverter)
     model = effective(inverter, kind)
     step = float(np.median(np.diff(t)))
-    many, model = grid_of(step, model)
+    many, model = grid_of(step, model, notes)
     calibrated = bool(settings.get("calibrate_offset", True))
     found: list[dict[str, NDArray[Any]]] = []
     estimator: RecordEstimator | None = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import json
 import os
-import uuid
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ import numpy as np
 
 from stillflux import _core, metrics
 from stillflux._core import Status
+from stillflux.outputs import whole
 from stillflux.scenario import Scenario, plain, rich
 
 if TYPE_CHECKING:
@@ -192,19 +192,10 @@ class Result:
             "status": self.status.__getnewargs__(),
             "memory": plain(self.memory),
         }
-        path = Path(path)
-        if not path.absolute().parent.is_dir():
-            raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
         arrays: dict[str, Any] = {"t": self.t, **self.data, _META: json.dumps(meta)}
-        # Opened as any other file: it gets the user's permissions.
-        part = path.with_name(f".{path.name}.{os.getpid()}.{uuid.uuid4().hex}")
-        try:
-            with part.open("xb") as file:
-                np.savez_compressed(file, **arrays)
-            os.replace(part, path)
-        except BaseException:
-            part.unlink(missing_ok=True)
-            raise
+        # As an open file numpy adds no suffix.
+        with whole(Path(path)) as part, part.open("wb") as file:
+            np.savez_compressed(file, **arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:

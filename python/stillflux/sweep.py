@@ -26,16 +26,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
+from types import CodeType, FunctionType, MethodType, ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from stillflux import metrics as of_results
 from stillflux.build import fingerprint
-from stillflux.outputs import naming
+from stillflux.outputs import naming, write_text
 from stillflux.result import Result
 from stillflux.scenario import Scenario, plain
 from stillflux.simulation import progress_bar, simulate
@@ -247,8 +249,8 @@ class Sweep:
         return text.getvalue()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes `to_csv()`."""
-        Path(path).write_text(self.to_csv(), encoding="utf-8")
+        """Writes `to_csv()`, whole or not at all."""
+        write_text(Path(path), self.to_csv())
 
     def map(self, x: str, y: str, metric: str) -> Figure:
         """A metric over two parameters; a cell with several rows shows the largest value, one that failed or
@@ -318,13 +320,15 @@ def sweep(
         here, one after the other. None: processes, one for each processor.
     resume
         A file that gets each row as soon as it is done. Rows that it already has, of the same scenario,
-        metrics and build, are not run again: a sweep that was killed goes on where it was.
+        metrics and build, are not run again: a sweep that was killed goes on where it was. A function is told
+        by its code, its defaults and what it holds, not by other functions of yours that it calls.
     progress
         True: a bar on stderr. A function gets the number done, the number of all, and the latest row.
 
     A scenario or a metric that raises an error is a row with the error, and so is a task that a cluster's
     worker took along when it ended. Raises `SweepInterrupted` on Ctrl-C,
-    ValueError for an unknown metric or one that cannot be sent to another process. In a script call it below
+    ValueError for an unknown metric, one that cannot be sent to another process, and with `resume` one that
+    cannot be told from others. In a script call it below
     `if __name__ == "__main__":`, as everything that starts processes.
     """
     chosen = _metrics(metrics)
@@ -333,8 +337,9 @@ def sweep(
     clash = set(names) & {"status", "error", *chosen}
     if clash:
         raise ValueError(f"scenarios: a parameter has the name of a column, {', '.join(sorted(clash))}")
-    keys = [_key(point, chosen) for point in points]
     journal = _Journal(resume) if resume is not None else None
+    build = _build(chosen) if journal is not None else b""
+    keys = [_key(point, build) for point in points]
     outcomes: dict[int, Mapping[str, Any]] = {}
     todo = []
     for k, (point, key) in enumerate(zip(points, keys, strict=True)):
@@ -372,6 +377,8 @@ def _metrics(metrics: Metrics) -> dict[str, Metric]:
     chosen: dict[str, Metric] = {}
     for metric in metrics:
         if callable(metric):
+            if not hasattr(metric, "__name__"):
+                raise ValueError(f"metrics: {metric!r} has no name: give a mapping of names to functions")
             chosen[metric.__name__] = metric
         elif metric in METRICS:
             chosen[metric] = METRICS[metric]
@@ -393,16 +400,58 @@ def _points(scenarios: Iterable[Any] | Mapping[str, Scenario]) -> list[Point]:
     return points
 
 
-def _key(point: Point, metrics: Mapping[str, Metric]) -> str:
-    """Of a scenario, the metrics and the build."""
-    digest = hashlib.sha256(fingerprint().encode())
+def _key(point: Point, build: bytes) -> str:
+    """Of a scenario, and of what `_build` makes of metrics and build."""
+    digest = hashlib.sha256(build)
     if point.scenario is not None:
         digest.update(json.dumps(point.scenario.to_dict(), sort_keys=True).encode())
-    for name, metric in metrics.items():
-        code = getattr(metric, "__code__", None)
-        what = (name, getattr(metric, "__qualname__", repr(metric)))
-        digest.update(repr((what, (code.co_code, code.co_consts, code.co_names) if code else None)).encode())
     return digest.hexdigest()
+
+
+def _build(metrics: Mapping[str, Metric]) -> bytes:
+    """Of the metrics and the build, the same in every process. Raises ValueError for a metric of which that
+    cannot be said."""
+    told = [fingerprint()]
+    for name, metric in metrics.items():
+        try:
+            told.append(repr((name, _told(metric, ()))))
+        except Exception:
+            raise ValueError(
+                f"metrics: {name!r} cannot be told from others when the sweep goes on: define it in a "
+                "module, or leave out resume"
+            ) from None
+    return "\n".join(told).encode()
+
+
+def _told(x: Any, within: tuple[int, ...]) -> Any:
+    """What decides what a function gives, in plain values without addresses or an order by chance."""
+    if id(x) in within:
+        return "itself"
+    inner = (*within, id(x))
+
+    def each(values: Iterable[Any]) -> list[Any]:
+        return [_told(value, inner) for value in values]
+
+    if x is None or x is ... or isinstance(x, bool | int | float | complex | str | bytes):
+        return x
+    if isinstance(x, tuple | list):
+        return [type(x).__name__, each(x)]
+    if isinstance(x, set | frozenset):
+        return ["set", sorted(map(repr, each(x)))]
+    if isinstance(x, Mapping):
+        return ["mapping", sorted(repr(pair) for pair in each(x.items()))]
+    if isinstance(x, CodeType):
+        return ["code", x.co_code, x.co_names, each(x.co_consts)]
+    if isinstance(x, FunctionType):
+        held = [cell.cell_contents for cell in x.__closure__ or ()]
+        return [x.__module__, x.__qualname__, *each((x.__code__, x.__defaults__, x.__kwdefaults__, held))]
+    if isinstance(x, MethodType):
+        return ["method", *each((x.__func__, x.__self__))]
+    if isinstance(x, partial):
+        return ["partial", *each((x.func, x.args, x.keywords))]
+    if isinstance(x, ModuleType):
+        return ["module", x.__name__]
+    return [type(x).__qualname__, pickle.dumps(x)]
 
 
 def run_task(scenario: Scenario, metrics: Mapping[str, Metric]) -> dict[str, Any]:
@@ -512,7 +561,8 @@ class _Journal:
                 continue
             if isinstance(row, dict) and "status" in row and "error" in row:
                 self.rows[key] = row
-        if text and not self.rows:
+        cut_off = text.startswith(b'["') and b"\n" not in text
+        if text and not self.rows and not cut_off:
             raise ValueError(f"resume = {path} holds no rows of a sweep")
         self._path.parent.mkdir(parents=True, exist_ok=True)
         # Opened in any case: that it cannot be written shows before the first run, not after it.

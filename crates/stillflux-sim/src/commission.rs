@@ -2,9 +2,10 @@
 //! shaft has turned. Wiring faults are made between plant and control.
 
 use crate::plant::{Plant, PlantParams};
+use crate::shunt::Shunt;
 use stillflux::commission::si::{Shaft, SiCommissioning};
 use stillflux::commission::{Nameplate, Stage, Status};
-use stillflux::params::{Inverter, ParamError};
+use stillflux::params::{Inverter, ParamError, check};
 use stillflux::si::{Arithmetic, MeasurementSi};
 
 /// What is wrong with the wiring between plant and control.
@@ -42,7 +43,8 @@ impl CommissioningRun {
     /// Before the first period.
     ///
     /// # Errors
-    /// The first value outside its admissible range.
+    /// The first value outside its admissible range, and what a commissioning cannot do with a plant: a single shunt, calls
+    /// that are missed or doubled, another control period.
     pub fn new(
         plate: &Nameplate,
         inverter: &Inverter,
@@ -52,6 +54,14 @@ impl CommissioningRun {
         wiring: Wiring,
     ) -> Result<Self, ParamError> {
         let commissioning = SiCommissioning::new(plate, inverter, shaft, arithmetic)?;
+        plant.check_period(inverter)?;
+        for (field, chance) in [("missed_calls", plant.calls.missed), ("doubled_calls", plant.calls.doubled)] {
+            check(field, chance, 0.0, 0.0, "").map_err(|e| e.with_note("a commissioning is called once a period"))?;
+        }
+        if let Some(Shunt { settling }) = plant.shunt {
+            let note = "a commissioning reads the phase currents";
+            return Err(ParamError { field: "shunt", value: settling, min: 1.0, max: 0.0, unit: "s", note });
+        }
         let mut plant = Plant::new(plant)?;
         let measured = wiring.read(plant.sample());
         let rated_peak = std::f64::consts::SQRT_2 * plate.I_N;

@@ -153,6 +153,15 @@ impl PlantParams {
     }
 }
 
+impl PlantParams {
+    /// Checks that the control of an inverter is called in the plant's period.
+    pub(crate) fn check_period(&self, inverter: &Inverter) -> Result<(), ParamError> {
+        check("plant inverter.f_s", self.inverter.f_s, inverter.f_s, inverter.f_s, "Hz")?;
+        let half_periods = f64::from(inverter.half_periods);
+        check("plant inverter.half_periods", f64::from(self.inverter.half_periods), half_periods, half_periods, "")
+    }
+}
+
 fn stray_rate(m: &Machine, inv: &Inverter) -> f64 {
     (m.R_s + inv.r_d + m.R_R) / m.L_sigma
 }

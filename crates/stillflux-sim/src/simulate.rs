@@ -307,10 +307,7 @@ impl<'s> Run<'s> {
         let s = &*scenario;
         check("duration", s.duration, 0.0, 1e5, "s")?;
         check("record_every", f64::from(s.record_every), 1.0, 1e9, "periods")?;
-        let (f_s, half_periods) = (s.inverter.f_s, f64::from(s.inverter.half_periods));
-        check("plant inverter.f_s", s.plant.inverter.f_s, f_s, f_s, "Hz")?;
-        let real = f64::from(s.plant.inverter.half_periods);
-        check("plant inverter.half_periods", real, half_periods, half_periods, "")?;
+        s.plant.check_period(&s.inverter)?;
         let mut last = 0.0;
         for (t, change) in &s.changes {
             check("changes time", *t, last, 1e9, "s")?;

@@ -29,6 +29,7 @@ __all__ = [
 ]
 
 _RATES = (1e3, 1e7)
+_C_OUT_MAX = 10e-9  # F
 TURN = np.exp(2j * np.pi / 3)
 """Axis of phase b."""
 
@@ -166,9 +167,15 @@ def times(
 
 
 def signals_of(
-    log: Log, t: NDArray[np.float64], motor: Motor, inverter: Inverter, delay: float | None, sampled: bool
+    log: Log,
+    t: NDArray[np.float64],
+    pieces: list[tuple[int, int]],
+    motor: Motor,
+    inverter: Inverter,
+    delay: float | None,
+    sampled: bool,
 ) -> Signals:
-    """Voltages and currents of the log's columns; a voltage is moved by `delay` rows."""
+    """Voltages and currents of the log's columns; a voltage is moved by `delay` rows, not across a gap."""
     i, i_sum, currents = _vector(log, "i")
     u_dc = log.data.get("u_dc", np.full(len(log), inverter.u_dc))
     if "d_a" in log.data or "d_b" in log.data:
@@ -183,27 +190,30 @@ def signals_of(
                 hint = ", in percent? give its unit '%'" if value <= 100.0 else ""
                 raise ValueError(f"{log.place(name, int(bad[0]))}: duty {value:g} is outside 0 … 1{hint}")
         duties = space(*(log.data[name] for name in voltages))
-        u = _delayed(duties, 2.0 if delay is None else delay, log) * u_dc
+        u = _delayed(duties, 2.0 if delay is None else delay, pieces) * u_dc
     else:
         u, _, voltages = _vector(log, "u")
-        u = _delayed(u, 0.0 if delay is None else delay, log)
+        u = _delayed(u, 0.0 if delay is None else delay, pieces)
     if sampled:
-        u = np.concatenate((u[:1], 0.5 * (u[1:] + u[:-1])))
+        u = 0.5 * (u + _delayed(u, 1.0, pieces))
     psi_ref = log.data.get("psi_ref", np.full(len(log), motor.base["psi"]))
     return Signals(t, u, i, i_sum, u_dc, psi_ref, currents, voltages)
 
 
-def _delayed(u: NDArray[np.complex128], delay: float, log: Log) -> NDArray[np.complex128]:
+def _delayed(
+    u: NDArray[np.complex128], delay: float, pieces: list[tuple[int, int]]
+) -> NDArray[np.complex128]:
+    """The rows of `delay` rows earlier, at the begin of a piece its first."""
     if not 0.0 <= delay <= 100.0:
         raise ValueError(f"delay = {delay} is outside 0 … 100 rows")
-    del log
-    whole = int(delay)
-    part = delay - whole
-
-    def by(rows: int) -> NDArray[np.complex128]:
-        return np.concatenate((np.full(min(rows, len(u)), u[0]), u[: max(len(u) - rows, 0)]))
-
-    return by(whole) if part == 0.0 else (1.0 - part) * by(whole) + part * by(whole + 1)
+    rows = np.arange(len(u), dtype=float)
+    moved = np.empty_like(u)
+    for begin, end in pieces:
+        at = np.maximum(rows[begin:end] - delay, begin)
+        low = np.floor(at).astype(int)
+        part = at - low
+        moved[begin:end] = (1.0 - part) * u[low] + part * u[np.minimum(low + 1, end - 1)]
+    return moved
 
 
 def space(a: Any, b: Any, c: Any) -> NDArray[np.complex128]:
@@ -296,21 +306,27 @@ class Rows(_Series):
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
 
-def grid_of(step: float, inverter: Inverter) -> tuple[float, Inverter]:
+def grid_of(step: float, inverter: Inverter, notes: list[str]) -> tuple[float, Inverter]:
     """Grid points per row (1, 2, … or 1/2, 1/3, …), near one for each control period, and an inverter whose
-    control period is theirs: dead time and node capacitance in proportion, so that loss and knee stay."""
+    control period is theirs: dead time and node capacitance in proportion, so that loss and knee stay. A
+    capacitance that is then beyond the range of an inverter is a note."""
     ratio = step * 2.0 * inverter.f_s / inverter.half_periods
     many = float(round(ratio)) if ratio >= 1.5 else 1.0 / max(1, round(1.0 / ratio))
     f_s = many / step
     if abs(f_s / inverter.f_s - 1.0) < 1e-6 and inverter.half_periods == 2:
         return many, inverter
     scale = inverter.f_s / f_s
+    if inverter.c_out * scale > _C_OUT_MAX:
+        notes.append(
+            f"c_out = {inverter.c_out:g} F in a grid of {f_s:g} Hz would be {inverter.c_out * scale:.3g} F: "
+            f"{_C_OUT_MAX:g} F is taken, the bridge's knee is narrower than it was told"
+        )
     return many, inverter.replace(
         f_s=f_s,
         half_periods=2,
         f_clk=0.0,
         dead_time=inverter.dead_time * scale,
-        c_out=min(inverter.c_out * scale, 10e-9),
+        c_out=min(inverter.c_out * scale, _C_OUT_MAX),
     )
 
 

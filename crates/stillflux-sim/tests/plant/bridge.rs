@@ -541,6 +541,19 @@ fn a_state_that_steps_cannot_follow_is_refused() {
 }
 
 #[test]
+fn a_state_that_is_no_number_stays_one_without_a_panic() {
+    for (mode, c_out) in [(Mode::Averaged, 1e-9), (Mode::Switching, 1e-9), (Mode::Switching, 0.0)] {
+        let mut plant = plant(PlantParams { mode, ..capacitive(c_out) });
+        plant.step([0.6, 0.5, 0.4], true, 0.0);
+        plant.step_voltage([f64::NAN, 0.0], 1e-4, 0.0);
+        for gates_on in [true, false] {
+            plant.step([0.6, 0.5, 0.4], gates_on, 0.0);
+        }
+        assert!(plant.truth().i_s[0].is_nan(), "{mode:?} {c_out}");
+    }
+}
+
+#[test]
 fn the_fastest_shaft_and_the_strongest_friction_are_followed() {
     // Constant voltage: the steady state of the equations in closed form, j w_s = 0 in the stator.
     for speed in [1e3, 1e5] {

@@ -188,7 +188,8 @@ fn a_state_is_found_again_however_far_leakage_saturates() {
             p.deep_bar = Some(DeepBar { conductance: 0.3, leakage: 0.6 });
         }
         let mut plant = plant(p);
-        let (psi_s, psi_R) = ([next(), next()], [next(), next()]);
+        let psi_s = [0.6 * next(), 0.6 * next()];
+        let psi_R = psi_s.map(|x| x + 0.15 * next());
         if plant.set_state(psi_s, psi_R, 0.0).is_ok() {
             found += 1;
             let t = plant.truth();

@@ -35,8 +35,8 @@ def _drawn(case: Case) -> Case:
         "current_gain": (gain, 1.0, 1.0),
         "current_offset": (offset, 0.0, 0.0),
     }
-    scenario = case.scenario.replace(plant=plant).with_settings(current_sensors=1, shunt_settling=_SETTLING)
-    return replace(case, scenario=scenario)
+    settings = {**case.scenario.settings, "current_sensors": 1, "shunt_settling": _SETTLING}
+    return replace(case, scenario=case.scenario.replace(plant=plant, settings=settings))
 
 
 def _cases(machine: str, scheme: str, arithmetic: str) -> list[Case]:
