@@ -166,8 +166,20 @@ impl<R: Real> AlphaBeta<R> {
     /// Clarke transformation; a common (zero-sequence) part of the phase values drops out.
     #[inline]
     pub fn from_phases(abc: [R; 3]) -> Self {
-        let re = (abc[0] + abc[0] - abc[1] - abc[2]).times(1.0 / 3.0);
-        Self::new(re, (abc[1] - abc[2]).times(0.577_350_269_189_625_8))
+        Self::from_lines([abc[0] - abc[2], abc[1] - abc[2]])
+    }
+
+    /// [`Self::from_phases`] of the values of phases a and b less that of phase c.
+    #[inline]
+    pub fn from_lines([ac, bc]: [R; 2]) -> Self {
+        Self::new((ac + ac - bc).times(1.0 / 3.0), bc.times(0.577_350_269_189_625_8))
+    }
+
+    /// Phases a and b less phase c of [`Self::to_phases`].
+    #[inline]
+    pub fn to_lines(&self) -> [R; 2] {
+        let h = self.im().times(HALF_SQRT3);
+        [self.re() + self.re().half() + h, h + h]
     }
 
     /// Inverse Clarke transformation without zero sequence.

@@ -27,18 +27,23 @@ pub fn zero_duty<R: Real>() -> Duty<R> {
 /// at most 32.
 #[inline(always)]
 pub fn modulate<R: Real>(u: [R; 3], inv_u_dc: R, timer: Option<&Timer>) -> Duty<R> {
+    modulate_lines([u[0] - u[2], u[1] - u[2]], inv_u_dc, timer)
+}
+
+/// [`modulate`] for the voltages of legs a and b less that of leg c.
+#[inline(always)]
+pub fn modulate_lines<R: Real>([a, b]: [R; 2], inv_u_dc: R, timer: Option<&Timer>) -> Duty<R> {
     // Largest and smallest of the three by magnitudes instead of comparisons, with the third one as zero:
     // max(x, 0) = (x + |x|)/2. So `hi + lo` and `hi - lo` take no branch.
-    let (a, b) = (u[0] - u[2], u[1] - u[2]);
     let (sum, distance) = (a + b, (a - b).abs());
     let larger = (sum + distance).half();
     let smaller = sum - larger;
     let (p, q) = (larger.abs(), smaller.abs());
-    let common = (sum + p - q).quarter();
     let span = distance + p + q;
 
-    let leg = |x: R| R::HALF + (x - common) * inv_u_dc;
-    let mut duty = [leg(a), leg(b), R::HALF - common * inv_u_dc];
+    // The common part is (sum + p - q)/4, leg c has nothing else.
+    let c = R::HALF - (sum + p - q) * inv_u_dc.quarter();
+    let mut duty = [a * inv_u_dc + c, b * inv_u_dc + c, c];
     // The duties lie at half ± span/4: one comparison for all six limits.
     if !likely(span * inv_u_dc <= R::from_f64(1.9999)) {
         for d in &mut duty {

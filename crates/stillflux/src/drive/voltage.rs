@@ -10,7 +10,7 @@
 //! the loss `u_l` of the inverter model. A dc link that changes within two periods is not resolved.
 
 use crate::config::DriveConfig;
-use crate::control::modulator::{Duty, applied, clamped_leg, modulate, modulate_clamped};
+use crate::control::modulator::{Duty, clamped_leg, modulate_clamped, modulate_lines};
 #[cfg(feature = "shunt")]
 use crate::control::shunt::{Pulses, Shunt, ShuntConfig};
 use crate::inverter::{Distortion, Knee};
@@ -23,15 +23,15 @@ const HYSTERESIS: f64 = 0.9;
 /// turns by 5° until it is the leg's turn again, and is near its zero for 15° (2.2 kW, 10 kHz). Allowance.
 const LOW: f64 = 0.25;
 
-/// A period's voltage.
+/// A period's voltage: legs a and b less leg c, which is half of the way to the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 struct Commanded<R: Real> {
     /// Applied by ideal legs, per unit of dc link.
-    ideal: AlphaBeta<R>,
+    ideal: [R; 2],
     /// Loss of the inverter model, which is not applied.
-    loss: AlphaBeta<R>,
+    loss: [R; 2],
 }
 
 /// Modulation with its delay.
@@ -109,20 +109,20 @@ impl<R: Real> Voltage<R> {
         self.inv_u_dc = u_dc.recip_near(self.inv_u_dc);
         // Commanded two calls ago; this call's command overwrites it.
         let last = &self.commanded[(period & 1) as usize];
-        self.u_s = last.ideal * u_dc - last.loss;
+        self.u_s = AlphaBeta::from_lines([0, 1].map(|k| last.ideal[k] * u_dc - last.loss[k]));
         self.u_s
     }
 
     /// Leg that discontinuous modulation holds at a rail, if the voltage is large enough for it; it has no dead time then.
     #[cold]
     #[inline(never)]
-    fn clamp(&mut self, c: &DriveConfig<R>, u_ref: &AlphaBeta<R>, u: &[R; 3]) -> Option<(usize, bool)> {
+    fn clamp(&mut self, c: &DriveConfig<R>, u_ref: &AlphaBeta<R>) -> Option<(usize, bool)> {
         let least = c.discontinuous_sq()?;
         let part = *u_ref * self.inv_u_dc;
         let least = if self.discontinuous { least * R::from_f64(HYSTERESIS) } else { least };
         self.discontinuous = part.norm_sq() >= least;
         self.discontinuous.then(|| {
-            let leg = clamped_leg(u);
+            let leg = clamped_leg(&u_ref.to_phases());
             self.loss = self.loss.without_edges(leg.0);
             leg
         })
@@ -171,7 +171,7 @@ impl<R: Real> Voltage<R> {
         u_dc: R,
         (gain, knee): (R, &Knee<R>),
     ) -> Duty<R> {
-        let (u, mut clamped) = (u_ref.to_phases(), None);
+        let mut clamped = None;
         // A leg that is held at a rail changes the loss that is kept.
         if period & (c.slow_mask >> 2) == 0 || !likely(c.discontinuous_sq().is_none()) {
             let i_ref = i_ref();
@@ -184,7 +184,7 @@ impl<R: Real> Voltage<R> {
             }
         }
         if !likely(c.discontinuous_sq().is_none()) {
-            clamped = self.clamp(c, u_ref, &u);
+            clamped = self.clamp(c, u_ref);
         }
         // With an update at each extreme of the carrier: the first call is in the lower zero vector, its duties act in the
         // falling half.
@@ -193,12 +193,15 @@ impl<R: Real> Voltage<R> {
         } else {
             self.loss.of_half(period & 1 == 0, clamped.map(|(leg, _)| leg))
         };
-        let phases = [u[0] + e[0], u[1] + e[1], u[2] + e[2]];
+        let (u, loss) = (u_ref.to_lines(), [e[0] - e[2], e[1] - e[2]]);
         let timer = c.timer.as_ref();
         #[cfg_attr(not(feature = "shunt"), allow(unused_mut))]
         let mut duty = match clamped {
-            None => modulate(phases, self.inv_u_dc, timer),
-            Some(leg) => modulate_clamped(phases, leg, self.inv_u_dc, timer),
+            None => modulate_lines([u[0] + loss[0], u[1] + loss[1]], self.inv_u_dc, timer),
+            Some(leg) => {
+                let u = u_ref.to_phases();
+                modulate_clamped([0, 1, 2].map(|k| u[k] + e[k]), leg, self.inv_u_dc, timer)
+            }
         };
         #[cfg(feature = "shunt")]
         if !likely(c.shunt.is_none())
@@ -206,7 +209,8 @@ impl<R: Real> Voltage<R> {
         {
             self.shape(shunt, period, &mut duty, u_dc);
         }
-        self.commanded[(period & 1) as usize] = Commanded { ideal: applied(&duty), loss: AlphaBeta::from_phases(e) };
+        let ideal = [duty[0] - duty[2], duty[1] - duty[2]];
+        self.commanded[(period & 1) as usize] = Commanded { ideal, loss };
         duty
     }
 }
