@@ -275,14 +275,10 @@ impl<R: Real> Common<R> {
         let (i_abc, i_s) = self.sequence.currents(c, measured, estimators);
         let mut start_up = None;
         if likely(matches!(self.sequence.status(), Status::Running)) {
-            // Two ways out: with one the two questions would make a value that is then asked for.
-            match reference {
-                Reference::Stop => return self.stop(c, estimators, measured, i_s),
-                Reference::Speed(x) | Reference::Torque(x) if !likely(x.is_finite()) => {
-                    self.prepare(c, estimators, measured, reference, i_s);
-                    return self.blocked();
-                }
-                _ => {}
+            if !likely(reference.is_admissible()) {
+                // A stop, or a reference that is not a number.
+                self.prepare(c, estimators, measured, reference, i_s);
+                return self.blocked();
             }
         } else {
             start_up = self.prepare(c, estimators, measured, reference, i_s);
@@ -350,20 +346,6 @@ impl<R: Real> Common<R> {
         }
         estimators.idle(&i_s);
         None
-    }
-
-    /// The first period of a stop.
-    #[cold]
-    #[inline(never)]
-    fn stop<E: Estimators<R>>(
-        &mut self,
-        c: &DriveConfig<R>,
-        estimators: &mut E,
-        measured: &Measurement<R>,
-        i_s: AlphaBeta<R>,
-    ) -> Output<R> {
-        self.prepare(c, estimators, measured, &Reference::Stop, i_s);
-        self.blocked()
     }
 
     /// Estimators of the scheme, under control or in its start-up.

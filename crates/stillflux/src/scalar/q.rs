@@ -48,8 +48,13 @@ fn wide(a: Q, b: Q) -> i64 {
 fn product(a: i32, b: i32) -> i64 {
     i64::from(a) * i64::from(b)
 }
-#[cfg(all(target_arch = "arm", not(target_has_atomic = "32")))]
-use halves::{product, rounded};
+
+/// The upper word of a product: one instruction there, too.
+#[cfg(not(all(target_arch = "arm", not(target_has_atomic = "32"))))]
+#[inline(always)]
+fn upper(a: i32, b: i32) -> i32 {
+    (product(a, b) >> 32) as i32
+}
 
 /// [`narrow`] of the product of two words.
 #[cfg(not(all(target_arch = "arm", not(target_has_atomic = "32"))))]
@@ -64,8 +69,15 @@ fn rounded(a: i32, b: i32) -> i32 {
 fn product_unsigned(a: u32, b: u32) -> u64 {
     u64::from(a) * u64::from(b)
 }
+
+/// Upper word of `a·b`: product of a Q31 fraction. (From halves of its own the compiler would make its routine again.)
+#[inline]
+fn mul_hi(a: u32, b: u32) -> u32 {
+    (product_unsigned(a, b) >> 32) as u32
+}
+
 #[cfg(all(target_arch = "arm", not(target_has_atomic = "32")))]
-use halves::product_unsigned;
+use halves::{product, product_unsigned, rounded, upper};
 
 /// Products of two words on a Cortex-M0+, whose multiplier returns the lower word only: four products of half words,
 ///
@@ -77,6 +89,8 @@ use halves::product_unsigned;
 /// exchange, which is how the build knows them. No sum below exceeds a word: `(2^16 - 1)² + 2^16 - 1 < 2^32`.
 #[cfg(any(test, all(target_arch = "arm", not(target_has_atomic = "32"))))]
 mod halves {
+    use crate::scalar::likely;
+
     #[cfg_attr(not(test), inline(never))]
     pub(super) fn product(a: i32, b: i32) -> i64 {
         let (a_1, a_0, b_1, b_0) = (a >> 16, a & 0xFFFF, b >> 16, b & 0xFFFF);
@@ -94,12 +108,29 @@ mod halves {
         let low = (a_0 as u32).wrapping_mul(b_0 as u32);
         let middle = a_1.wrapping_mul(b_0).wrapping_add((low >> 16) as i32);
         let last = a_0.wrapping_mul(b_1).wrapping_add(middle & 0xFFFF);
-        let high = a_1.wrapping_mul(b_1).wrapping_add(middle >> 16).wrapping_add(last >> 16);
-        let mut upper = high << 8;
-        if upper >> 8 != high {
-            upper = if high < 0 { i32::MIN } else { 0x7FFF_FF00 };
-        }
+        let high = a_1.wrapping_mul(b_1).wrapping_add(middle >> 16);
+        // The upper word but for what `last` carries into it, 2^15 at most: farther from ±2^23 nothing is saturated.
+        const FREE: i32 = (1 << 23) - (1 << 15);
+        let free = ((high + FREE) as u32) < 2 * FREE as u32;
+        if likely(free) { (high << 8) + (last >> 8) } else { saturated(high, last) }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn saturated(high: i32, last: i32) -> i32 {
+        let high = high.wrapping_add(last >> 16);
+        let upper = high.clamp(-(1 << 23), (1 << 23) - 1) << 8;
         upper | (last >> 8 & 0xFF)
+    }
+
+    /// Upper word of [`product`].
+    #[cfg_attr(not(test), inline(never))]
+    pub(super) fn upper(a: i32, b: i32) -> i32 {
+        let (a_1, a_0, b_1, b_0) = (a >> 16, a & 0xFFFF, b >> 16, b & 0xFFFF);
+        let low = (a_0 as u32).wrapping_mul(b_0 as u32);
+        let middle = a_1.wrapping_mul(b_0).wrapping_add((low >> 16) as i32);
+        let last = a_0.wrapping_mul(b_1).wrapping_add(middle & 0xFFFF);
+        a_1.wrapping_mul(b_1).wrapping_add(middle >> 16).wrapping_add(last >> 16)
     }
 
     #[cfg_attr(not(test), inline(never))]
@@ -119,12 +150,6 @@ mod halves {
 fn narrow(p: i64) -> i32 {
     let hi = ((p >> 32) as i32).clamp(-(1 << 23), (1 << 23) - 1);
     (hi << 8) | ((p as u32) >> 24) as i32
-}
-
-/// Upper word of `a·b`: product of a Q31 fraction.
-#[inline]
-fn mul_hi(a: u32, b: u32) -> u32 {
-    (product_unsigned(a, b) >> 32) as u32
 }
 
 impl Add for Q {
@@ -337,7 +362,7 @@ impl Real for Q {
         let c = Self::from_f64(literal).0;
         debug_assert!((-(1 << 23)..=1 << 24).contains(&c), "{literal}");
         let (c, whole) = if c < 1 << 23 { (c, 0) } else { (c - (1 << 24), self.0) };
-        Self(whole.wrapping_add((product(self.0, c << 8) >> 32) as i32))
+        Self(whole.wrapping_add(upper(self.0, c << 8)))
     }
     #[inline]
     fn dot(a: [Self; 2], b: [Self; 2]) -> Self {
@@ -426,6 +451,7 @@ mod tests {
                 assert_eq!(halves::product_unsigned(a, b), u64::from(a) * u64::from(b));
                 let (a, b) = (a as i32, b as i32);
                 assert_eq!(halves::product(a, b), i64::from(a) * i64::from(b));
+                assert_eq!(halves::upper(a, b), upper(a, b));
                 assert_eq!(halves::rounded(a, b), (Q(a) * Q(b)).0);
             }
         }
@@ -454,6 +480,7 @@ mod tests {
         fn products_of_halves_are_the_product(a: i32, b: i32, m in 0_u32..32, n in 0_u32..32) {
             for (a, b) in [(a, b), (a >> m, b >> n), (a << m, b << n)] {
                 prop_assert_eq!(halves::product(a, b), i64::from(a) * i64::from(b));
+                prop_assert_eq!(halves::upper(a, b), upper(a, b));
                 prop_assert_eq!(halves::rounded(a, b), (Q(a) * Q(b)).0);
                 let (a, b) = (a as u32, b as u32);
                 prop_assert_eq!(halves::product_unsigned(a, b), u64::from(a) * u64::from(b));
