@@ -77,6 +77,25 @@ def test_header_and_library_have_the_same_features() -> None:
     assert renamed == header
 
 
+def test_the_state_is_aligned_where_a_compiler_aligns_long_words_to_four_bytes(
+    compiler: str, library: tuple[str, Path]
+) -> None:
+    """i386: there the library expects more than the union of the header would give it by itself."""
+    _, folder = library
+    source = folder / "aligned.c"
+    source.write_text(
+        '#include "stillflux.h"\n'
+        "struct with { char c; stillflux_drive drive; };\n"
+        "typedef char whole[offsetof(struct with, drive) == 8 && sizeof(stillflux_drive) % 8 == 0 ? 1 : -1];\n"
+    )
+    for word in ("-m32", "-m64"):
+        command = [compiler, word, *WARNINGS, "-Wpedantic", "-ffreestanding", "-fsyntax-only", f"-I{folder}"]
+        done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False)
+        if f"unrecognized command-line option '{word}'" in done.stderr:
+            continue  # Not an x86.
+        assert done.returncode == 0, done.stderr
+
+
 def compile_host(compiler: str, library: Path, to: Path, *sources: str) -> None:
     command = [compiler, *WARNINGS, "-Wpedantic", "-O2", f"-I{library}"]
     command += [*(str(EXAMPLES / s) for s in sources), str(library / "libstillflux.a"), "-o", str(to)]

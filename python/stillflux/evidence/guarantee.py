@@ -5,8 +5,8 @@ Ten drives on the courses of `courses`, with default settings, the tolerances of
     |ω̂ - ω| > 0.2 pu for no longer than 0.2 s,      field angle error > 30° for no longer than 1 s
 
 while the status is "running". Its counterpart: a run that ends with a fault is made again without supervision
-(`supervision=False`, the negative control); one that comes through then, below 30° all the time, was ended
-needlessly.
+(`supervision=False`, the negative control); one that is not lost then as `tolerance` has it, by the angle or by the speed
+at its end, was ended needlessly.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import angle
 from stillflux.evidence.seeds import seed_of
-from stillflux.evidence.tolerance import LOST_ANGLE, scenario
+from stillflux.evidence.tolerance import LOST_ANGLE, loss, scenario
 from stillflux.metrics import faulted
 from stillflux.parallel import run_jobs
 from stillflux.result import Result
@@ -75,7 +75,7 @@ class Outcome:
     fault: str
     """That ended the run; empty: none."""
     needless: bool
-    """Without supervision the run comes through."""
+    """Without supervision the run is not lost."""
     speed_off: float
     """`speed` of the run without supervision, where there is one, else `speed`."""
     angle_off: float
@@ -123,7 +123,7 @@ def run(machine: str, course: str, draw: int, scale: float) -> Outcome:
     if faulted(result).any():
         alone = simulate(made.with_settings(supervision=False))
         off = judged(alone)
-        needless = not faulted(alone).any() and float(np.abs(angle(alone)).max()) < LOST_ANGLE
+        needless = not loss(alone, 0.0)[1]
     return Outcome(machine, course, draw, scale, speed, lost, result.status.fault or "", needless, *off)
 
 

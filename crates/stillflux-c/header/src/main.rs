@@ -69,8 +69,9 @@ fn state() -> String {
          /* Bytes of a drive's state. */\n#define STILLFLUX_DRIVE_BYTES {}\n\n\
          /* A drive: state of known size, without pointers; it may be copied and moved. All zero is no drive, which \
          blocks\n * the bridge. */\n\
-         typedef union stillflux_drive {{\n  uint64_t align;\n  uint8_t bytes[STILLFLUX_DRIVE_BYTES];\n\
-         }} stillflux_drive;\n\n",
+         typedef union stillflux_drive {{\n  uint64_t align;\n  uint8_t bytes[STILLFLUX_DRIVE_BYTES];\n}}\n\
+         #if defined(__GNUC__) /* i386 aligns an uint64_t to 4 bytes. */\n__attribute__((aligned(8)))\n#endif\n\
+         stillflux_drive;\n\n",
         u8::from(cfg!(feature = "q")),
         size_of::<State>(),
     );
