@@ -86,7 +86,8 @@ def test_the_state_is_aligned_where_a_compiler_aligns_long_words_to_four_bytes(
     source.write_text(
         '#include "stillflux.h"\n'
         "struct with { char c; stillflux_drive drive; };\n"
-        "typedef char whole[offsetof(struct with, drive) == 8 && sizeof(stillflux_drive) % 8 == 0 ? 1 : -1];\n"
+        "typedef char placed[offsetof(struct with, drive) == 8 ? 1 : -1];\n"
+        "typedef char padded[sizeof(stillflux_drive) % 8 == 0 ? 1 : -1];\n"
     )
     for word in ("-m32", "-m64"):
         command = [compiler, word, *WARNINGS, "-Wpedantic", "-ffreestanding", "-fsyntax-only", f"-I{folder}"]

@@ -5,8 +5,8 @@ Ten drives on the courses of `courses`, with default settings, the tolerances of
     |ω̂ - ω| > 0.2 pu for no longer than 0.2 s,      field angle error > 30° for no longer than 1 s
 
 while the status is "running". Its counterpart: a run that ends with a fault is made again without supervision
-(`supervision=False`, the negative control); one that is not lost then as `tolerance` has it, by the angle or by the speed
-at its end, was ended needlessly.
+(`supervision=False`, the negative control); one that is not lost then as `tolerance` has it, by the angle or
+by the speed at its end, was ended needlessly.
 """
 
 from __future__ import annotations
