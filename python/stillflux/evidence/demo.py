@@ -9,7 +9,7 @@ from pathlib import Path
 
 from stillflux.evidence.claims import Claim, at_most, holds, reported
 from stillflux.evidence.conditions import SCHEMES, line_speed
-from stillflux.evidence.figure import enhanced
+from stillflux.evidence.figure import enhanced, until_it_runs_away
 from stillflux.evidence.judge import EXCURSION, angle, lost
 from stillflux.evidence.machines import motor_of, ramp
 from stillflux.evidence.paper import paper_drive
@@ -18,7 +18,7 @@ from stillflux.evidence.report import page
 from stillflux.evidence.report.page import Section
 from stillflux.result import Result
 from stillflux.scenario import Scenario
-from stillflux.simulation import DivergenceError, simulate
+from stillflux.simulation import simulate
 
 __all__ = ["run"]
 
@@ -107,11 +107,7 @@ def _at_zero(machine: str, arithmetic: str) -> Scenario:
 def _loaded(machine: str, arithmetic: str, scheme: str) -> Section:
     """What tells the schemes apart: here the published one is measured, not judged."""
     scenario = _at_zero(machine, arithmetic)
-    try:
-        result = simulate(enhanced(scenario) if scheme == SCHEMES[1] else scenario, progress=True)
-    except DivergenceError as stop:
-        # A drive that is lost leaves the shaft to its load, which takes it away.
-        result = stop.result
+    result = until_it_runs_away(enhanced(scenario) if scheme == SCHEMES[1] else scenario, progress=True)
     return Section(
         f"{machine}: rated load at zero stator frequency, scheme {scheme}",
         f"demo-{machine}-loaded-{scheme}",

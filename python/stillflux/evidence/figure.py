@@ -17,7 +17,7 @@ from stillflux.evidence.seeds import REALISATIONS, SEEDS, realised
 from stillflux.options import DriveSettings
 from stillflux.result import Result
 from stillflux.scenario import Scenario
-from stillflux.simulation import simulate
+from stillflux.simulation import DivergenceError, Progress, simulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +34,7 @@ __all__ = [
     "first",
     "inverter",
     "settings",
+    "until_it_runs_away",
     "warmer_winding",
 ]
 
@@ -155,9 +156,9 @@ class Experiment:
             if isinstance(run, OpenLoop):
                 results.append(run.run())
             elif self.chained and results and role != "control":
-                results.append(simulate(run.replace(memory=results[-1].memory)))
+                results.append(until_it_runs_away(run.replace(memory=results[-1].memory)))
             else:
-                results.append(simulate(run))
+                results.append(until_it_runs_away(run))
         return tuple(results)
 
     def run(self, machine: str, arithmetic: str = "f32", seed: int = 0) -> list[Claim]:
@@ -186,6 +187,15 @@ class Experiment:
         """The claims that do not hold and that no limit explains."""
         excused = self.limits[machine].quantities if machine in self.limits else ()
         return [claim for claim in judged if not claim.ok and claim.quantity not in excused]
+
+
+def until_it_runs_away(scenario: Scenario, progress: Progress = None) -> Result:
+    """The run, up to where its shaft leaves what the plant can compute: a drive that is lost leaves it to its
+    load."""
+    try:
+        return simulate(scenario, progress)
+    except DivergenceError as stop:
+        return stop.result
 
 
 def enhanced(run: Any) -> Any:

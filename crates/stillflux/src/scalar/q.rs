@@ -76,8 +76,15 @@ fn mul_hi(a: u32, b: u32) -> u32 {
     (product_unsigned(a, b) >> 32) as u32
 }
 
+/// Zeros before the first one bit: one instruction there, too.
+#[cfg(not(all(target_arch = "arm", not(target_has_atomic = "32"))))]
+#[inline(always)]
+fn leading_zeros(x: u32) -> u32 {
+    x.leading_zeros()
+}
+
 #[cfg(all(target_arch = "arm", not(target_has_atomic = "32")))]
-use halves::{product, product_unsigned, rounded, upper};
+use halves::{leading_zeros, product, product_unsigned, rounded, upper};
 
 /// Products of two words on a Cortex-M0+, whose multiplier returns the lower word only: four products of half words,
 ///
@@ -93,26 +100,15 @@ mod halves {
 
     #[cfg_attr(not(test), inline(never))]
     pub(super) fn product(a: i32, b: i32) -> i64 {
-        let (a_1, a_0, b_1, b_0) = (a >> 16, a & 0xFFFF, b >> 16, b & 0xFFFF);
-        let low = (a_0 as u32).wrapping_mul(b_0 as u32);
-        let middle = a_1.wrapping_mul(b_0).wrapping_add((low >> 16) as i32);
-        let last = a_0.wrapping_mul(b_1).wrapping_add(middle & 0xFFFF);
-        let high = a_1.wrapping_mul(b_1).wrapping_add(middle >> 16).wrapping_add(last >> 16);
-        i64::from(high) << 32 | i64::from((last as u32) << 16 | low & 0xFFFF)
+        i64::from(upper_word(a, b)) << 32 | i64::from(a.wrapping_mul(b) as u32)
     }
 
     /// `a b >> 24`, saturated as in [`super::narrow`].
     #[cfg_attr(not(test), inline(never))]
     pub(super) fn rounded(a: i32, b: i32) -> i32 {
-        let (a_1, a_0, b_1, b_0) = (a >> 16, a & 0xFFFF, b >> 16, b & 0xFFFF);
-        let low = (a_0 as u32).wrapping_mul(b_0 as u32);
-        let middle = a_1.wrapping_mul(b_0).wrapping_add((low >> 16) as i32);
-        let last = a_0.wrapping_mul(b_1).wrapping_add(middle & 0xFFFF);
-        let high = a_1.wrapping_mul(b_1).wrapping_add(middle >> 16);
-        // The upper word but for what `last` carries into it, 2^15 at most: farther from ±2^23 nothing is saturated.
-        const FREE: i32 = (1 << 23) - (1 << 15);
-        let free = ((high + FREE) as u32) < 2 * FREE as u32;
-        if likely(free) { (high << 8) + (last >> 8) } else { saturated(high, last) }
+        let (high, last) = parts(a, b);
+        // The upper word but for what `last` carries into it, 2^15 at most. Below 2^22, ±64, nothing is saturated.
+        if likely(high >> 22 == high >> 31) { (high << 8) + (last >> 8) } else { saturated(high, last) }
     }
 
     #[cold]
@@ -126,11 +122,23 @@ mod halves {
     /// Upper word of [`product`].
     #[cfg_attr(not(test), inline(never))]
     pub(super) fn upper(a: i32, b: i32) -> i32 {
+        upper_word(a, b)
+    }
+
+    #[inline(always)]
+    fn upper_word(a: i32, b: i32) -> i32 {
+        let (high, last) = parts(a, b);
+        high.wrapping_add(last >> 16)
+    }
+
+    /// `a b = high 2^32 + last 2^16 +` the lower half of `a₀b₀`.
+    #[inline(always)]
+    fn parts(a: i32, b: i32) -> (i32, i32) {
         let (a_1, a_0, b_1, b_0) = (a >> 16, a & 0xFFFF, b >> 16, b & 0xFFFF);
         let low = (a_0 as u32).wrapping_mul(b_0 as u32);
         let middle = a_1.wrapping_mul(b_0).wrapping_add((low >> 16) as i32);
         let last = a_0.wrapping_mul(b_1).wrapping_add(middle & 0xFFFF);
-        a_1.wrapping_mul(b_1).wrapping_add(middle >> 16).wrapping_add(last >> 16)
+        (a_1.wrapping_mul(b_1).wrapping_add(middle >> 16), last)
     }
 
     #[cfg_attr(not(test), inline(never))]
@@ -140,7 +148,20 @@ mod halves {
         let middle = a_1.wrapping_mul(b_0).wrapping_add(low >> 16);
         let last = a_0.wrapping_mul(b_1).wrapping_add(middle & 0xFFFF);
         let high = a_1.wrapping_mul(b_1).wrapping_add(middle >> 16).wrapping_add(last >> 16);
+        // With `a.wrapping_mul(b)` as lower word the compiler would make its routine of all this.
         u64::from(high) << 32 | u64::from(last << 16 | low & 0xFFFF)
+    }
+
+    #[cfg_attr(not(test), inline(never))]
+    pub(super) fn leading_zeros(mut x: u32) -> u32 {
+        const OF_NIBBLE: [u8; 16] = [4, 3, 2, 2, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0];
+        let mut n = 0;
+        for step in [16, 8, 4] {
+            if x >> (32 - step) == 0 {
+                (n, x) = (n + step, x << step);
+            }
+        }
+        n + u32::from(OF_NIBBLE[(x >> 28) as usize])
     }
 }
 
@@ -260,7 +281,7 @@ impl Real for Q {
             // 1/x beyond the range.
             return Self(if self.0 < 0 { -i32::MAX } else { i32::MAX });
         }
-        let shift = magnitude.leading_zeros();
+        let shift = leading_zeros(magnitude);
         let m = magnitude << shift; // Q32 in [1/2, 1)
         // y in Q30, 1/m in (1, 2].
         let mut y = 0xB4B4_B4B4_u32.wrapping_sub(mul_hi(m, 0x7878_7878));
@@ -281,7 +302,7 @@ impl Real for Q {
     /// As [`Real::recip`] with two steps of Newton's method, whose products are upper words.
     #[inline]
     fn over_64(self, y: Self) -> Self {
-        let shift = (y.0 as u32).leading_zeros() & 31;
+        let shift = leading_zeros(y.0 as u32) & 31;
         let m = (y.0 as u32) << shift;
         let mut inv = 0xB4B4_B4B4_u32.wrapping_sub(mul_hi(m, 0x7878_7878));
         for _ in 0..2 {
@@ -305,7 +326,7 @@ impl Real for Q {
             return Self(i32::MAX);
         }
         let x = self.0 as u32;
-        let shift = x.leading_zeros() & !1;
+        let shift = leading_zeros(x) & !1;
         let m = x << shift; // Q32 in [1/4, 1)
         // Parabola through 1/√m at Chebyshev-like points, Q29; 1/√m in (1, 2].
         // y0 = 2.60 - 3.12 m + 1.55 m²; worst relative error below 4 %.
@@ -449,6 +470,7 @@ mod tests {
         for a in words() {
             for b in words() {
                 assert_eq!(halves::product_unsigned(a, b), u64::from(a) * u64::from(b));
+                assert_eq!(halves::leading_zeros(a), a.leading_zeros());
                 let (a, b) = (a as i32, b as i32);
                 assert_eq!(halves::product(a, b), i64::from(a) * i64::from(b));
                 assert_eq!(halves::upper(a, b), upper(a, b));
@@ -484,6 +506,7 @@ mod tests {
                 prop_assert_eq!(halves::rounded(a, b), (Q(a) * Q(b)).0);
                 let (a, b) = (a as u32, b as u32);
                 prop_assert_eq!(halves::product_unsigned(a, b), u64::from(a) * u64::from(b));
+                prop_assert_eq!(halves::leading_zeros(a), a.leading_zeros());
             }
         }
 

@@ -3,29 +3,34 @@
 //! ```text
 //! |i* - i|² > 0.2² |i*|² + 0.05²         violated
 //! Σ|i_x| < 0.15 Σ|i_x*|                  phase x is open; sums over the violated calls
-//! |i* - i|² > 0.06² |i*|² + 0.02²        and |ω̂_s| > 0.03 for 4 ms and 0.1 rad of ω̂_s τ, and in every call from the first
-//!                                        to the last of them |i_x| < 0.03 |i|: phase x is open
+//! |i* - i|² > 0.06² |i*|² + 0.02²        with (i_x* - i_x)² > |i* - i|²/4 and |ω̂_s| > 0.03 for 4 ms and 0.1 rad of ω̂_s τ,
+//!                                        and in every call from the first to the last of them |i_x| < 0.03 |i|:
+//!                                        phase x is open
 //! ```
 //!
 //! An open phase confines the current vector to a line. A rotating reference leaves that line in every turn, and the
-//! sums over the violated calls tell the phase; a direct current deviates unless the phase happens to carry none. At low
-//! frequency the estimated field may follow the current that is left, and the reference with it: then a phase whose
-//! current stays at its zero under a small deviation, although the field turns, is open: a healthy one has passed the zero
-//! after 2 · 0.03 rad. Not while a violation is remembered: after a step of the reference the current comes up to it from
-//! beside, by as much as the field turns, and a healthy phase may stay at its zero for some ms. After 4 ms of violation (leaky, [`super::leaky`]) an open
-//! phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped or
-//! inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
+//! sums over the violated calls tell the phase; a direct current deviates unless the phase happens to carry none. At
+//! low frequency the estimated field may follow the current that is left, and the reference with it: then a phase whose
+//! current stays at its zero under a small deviation, although the field turns, is open: a healthy one has passed the
+//! zero after 2 · 0.03 rad. What such a phase lacks lies along its axis: a deviation along the line of the other two is
+//! none of it, as while a speed controller takes the torque current back as fast as the field turns, and the dead time
+//! holds at zero a phase that is to carry next to nothing (the published scheme before its first offset). Not while a
+//! violation is remembered: after a step of the reference the current comes up to it from beside, by as much as the
+//! field turns, and a healthy phase may stay at its zero for some ms. After 4 ms of violation (leaky, [`super::leaky`])
+//! an open phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped
+//! or inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
 //!
-//! In a start-up nothing but a phase that is open keeps a direct current off its reference, however small it is (0.13 pu in
-//! the comparison of the legs of a machine with a small magnetising current): there the deviation that is admissible, and the
-//! reference with which a phase counts, shrink with the reference,
+//! In a start-up nothing but a phase that is open keeps a direct current off its reference, however small it is (0.13
+//! pu in the comparison of the legs of a machine with a small magnetising current): there the deviation that is
+//! admissible, and the reference with which a phase counts, shrink with the reference,
 //!
 //! ```text
 //! |i* - i|² > (0.2² + 0.15²) |i*|²,      |i_x*| > 0.4 |i*|
 //! ```
 //!
-//! as far as they are below the values above, and from 0.05 on: at no current there is no phase to carry it. Along the axis of a phase the other two carry half of the current each, and the
-//! line of a phase that is open is 30° or 90° away: the deviation is at least half of the reference.
+//! as far as they are below the values above, and from 0.05 on: at no current there is no phase to carry it. Along the
+//! axis of a phase the other two carry half of the current each, and the line of a phase that is open is 30° or 90°
+//! away: the deviation is at least half of the reference.
 //!
 //! Validity: the deviation of a healthy drive is over within some ms, in the voltage limit within tens of ms.
 
@@ -40,6 +45,8 @@ const DEVIATION: f64 = 0.2;
 const SMALL: f64 = 0.06;
 /// Smallest current of a phase relative to the current vector: a healthy phase has passed it after `2 · ZERO` rad.
 const ZERO: f64 = 0.03;
+/// Part of the deviation's square that lies along the axis of a phase that is open: half of the deviation.
+const AIMED: f64 = 0.25;
 /// Angle by which the field turns while an open phase stays there, rad.
 const PASSED: f64 = 0.1;
 /// Current of an open phase relative to its reference, mean magnitudes: noise, and samples that still deviated
@@ -160,9 +167,14 @@ impl<R: Real> Phases<R> {
         let nothing = if settled { i.norm_sq() * r(ZERO * ZERO) } else { R::ZERO };
         for (k, number) in [1.0, 2.0, 3.0].into_iter().enumerate() {
             let (calls, angle) = self.zero[k];
+            let missing = wanted[k] - measured[k];
             self.zero[k] = match turned {
                 Some(turned) if measured[k] * measured[k] < nothing => {
-                    (calls.saturating_add(1), (angle + turned).min(R::ONE))
+                    if missing * missing > deviation * r(AIMED) {
+                        (calls.saturating_add(1), (angle + turned).min(R::ONE))
+                    } else {
+                        (calls, angle)
+                    }
                 }
                 _ => (0, R::ZERO),
             };
@@ -288,19 +300,36 @@ mod tests {
             let (sin, cos) = (f64::from(k) * omega_s * c.t_s).sin_cos();
             let field = Rotator { cos, sin };
             let phase_a = field.to_stator(&i_ref).re();
-            let i = if open {
-                // The field of the estimate follows what is left: the deviation comes and goes.
-                let part = if k % 4 == 0 { 0.99 } else { 0.9 };
-                field.to_field(&AlphaBeta::new(0.0, part * 0.8))
+            let (i, i_ref) = if open {
+                // The reference lies near the line that is left: the deviation comes and goes.
+                let of_phase = if k % 4 == 0 { 0.01 } else { 0.08 };
+                (AlphaBeta::new(0.0, 0.8), AlphaBeta::new(of_phase, 0.8))
             } else if phase_a.abs() < 0.03 * 0.8 {
-                Dq::new(0.72, 0.0)
+                (field.to_stator(&Dq::new(0.72, 0.0)), field.to_stator(&i_ref))
             } else {
-                i_ref
+                (field.to_stator(&i_ref), field.to_stator(&i_ref))
             };
-            // An open phase: the reference lies along the line that is left.
-            let i_ref = if open { i * (0.8 / i.norm_sq().sqrt()) } else { i_ref };
+            let (i, i_ref) = (field.to_field(&i), field.to_field(&i_ref));
             phases.step(&c, &i, &i_ref, &field, Some(omega_s)).map(|trip| trip.value)
         })
+    }
+
+    #[test]
+    fn a_phase_at_its_zero_while_the_current_deviates_along_the_line_of_the_others_is_not_open() {
+        // Phase a is at its zero and stays there, by a reference that turns back in the field as fast as that turns.
+        let found = |part: f64, of_phase: f64| {
+            let (mut phases, omega_s) = (Phases::default(), 0.1);
+            let line = AlphaBeta::new(0.0, 0.8);
+            (0..100).find_map(|k| {
+                let (sin, cos) = (f64::from(k) * omega_s * CONFIG.t_s).sin_cos();
+                let field = Rotator { cos, sin };
+                let (i, i_ref) = (line * part, AlphaBeta::new(of_phase, line.im()));
+                let trip = phases.step(&CONFIG, &field.to_field(&i), &field.to_field(&i_ref), &field, Some(omega_s));
+                trip.map(|trip| trip.value)
+            })
+        };
+        assert_eq!(found(0.9, 0.0), None);
+        assert_eq!(found(1.0, 0.08), Some(1.0));
     }
 
     #[test]

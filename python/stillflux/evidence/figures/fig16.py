@@ -29,7 +29,7 @@ def claims(earlier: Result, result: Result) -> list[Claim]:
     return [
         runs_to_the_end(result),
         speed_kept("after two periods", result.window(RUN + 8.0)),
-        turned_by_at_most(5, "from the start on", result.window(RUN + 0.2)),
+        turned_by_at_most(3, "from the start on", result.window(RUN + 0.2)),
     ]
 
 
