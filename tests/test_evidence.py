@@ -210,7 +210,7 @@ def test_a_chain_takes_the_memory_along_but_for_its_control(monkeypatch: pytest.
         begun.append(run.memory)
         return SimpleNamespace(memory=stored)
 
-    monkeypatch.setattr(figure, "simulate", simulated)
+    monkeypatch.setattr(figure, "until_it_runs_away", simulated)
     experiment = registry.experiments()["16"]
     assert experiment.chained
     experiment.simulate("2.2kW")
@@ -219,6 +219,17 @@ def test_a_chain_takes_the_memory_along_but_for_its_control(monkeypatch: pytest.
     begun.clear()
     experiment.simulate("2.2kW", role="control")
     assert begun == [None] * len(begun)
+
+
+def test_a_run_whose_shaft_runs_away_is_judged_up_to_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = registry.experiments()["16"].runs("2.2kW")[0].replace(duration=0.01)
+    before = sf.simulate(scenario)
+
+    def diverges(run: sf.Scenario, progress: object = None) -> sf.Result:
+        raise sf.DivergenceError("u_s is not finite", before)
+
+    monkeypatch.setattr(figure, "simulate", diverges)
+    assert figure.until_it_runs_away(scenario) is before
 
 
 # Seeds.
