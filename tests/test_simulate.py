@@ -9,7 +9,8 @@ import pickle
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import pytest
 
 import stillflux as sf
 from stillflux import metrics
+from stillflux._core import RecordEstimator
 
 
 def test_records_truth_and_estimate_apart(scenario: sf.Scenario) -> None:
@@ -207,6 +209,31 @@ def test_interrupt_within_200_ms_keeps_what_was_recorded(scenario: sf.Scenario) 
     assert time.process_time() - pressed < 0.2
     assert isinstance(stop.value, KeyboardInterrupt)
     assert 0.0 < stop.value.result.t[-1] < 5000.0
+
+
+@pytest.mark.usefixtures("_interruptible")
+@pytest.mark.parametrize("estimator", ["FluxEstimator", "RecordEstimator"])
+def test_an_estimator_over_a_long_record_is_interrupted_within_200_ms(estimator: str) -> None:
+    motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
+    i_s = np.ones(5_000_000, complex)
+    one, pressed = np.ones(len(i_s)), 0.0
+    run: Callable[[], object]
+    if estimator == "FluxEstimator":
+        run = partial(sf.FluxEstimator(motor, inverter).run, i_s, i_s)
+    else:
+        record = RecordEstimator(motor, inverter, "enhanced")
+        run = partial(record.run, i_s, i_s, 0.0 * one, 540.0 * one, one, 1.0 + 0.0j, 0.1, 0.0)
+
+    def press() -> None:
+        nonlocal pressed
+        pressed = time.process_time()
+        _thread.interrupt_main()
+
+    timer = threading.Timer(0.2, press)
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        run()
+    assert time.process_time() - pressed < 0.2
 
 
 def test_releases_the_gil(scenario: sf.Scenario) -> None:

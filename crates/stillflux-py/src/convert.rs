@@ -14,6 +14,11 @@ pub fn value_error(e: ParamError) -> PyErr {
     PyValueError::new_err(e.to_string())
 }
 
+/// Ctrl-C, looked for in every 2^16th row of a loop that has released the GIL.
+pub fn interrupt(row: usize) -> PyResult<()> {
+    if row.is_multiple_of(1 << 16) { Python::attach(|py| py.check_signals()) } else { Ok(()) }
+}
+
 /// Admits a finite number.
 pub fn finite(field: &'static str, value: f64) -> PyResult<f64> {
     check(field, value, -1e9, 1e9, "").map_err(value_error)?;

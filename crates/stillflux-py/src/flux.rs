@@ -10,7 +10,7 @@ use stillflux::estimate::flux::FluxEstimator as CoreFlux;
 use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use stillflux::space::AlphaBeta;
 
-use crate::convert::{finite_parts, record, scaled, value_error};
+use crate::convert::{finite_parts, interrupt, record, scaled, value_error};
 use crate::parameters::{Inverter, Motor, drive_params};
 
 /// Per-unit values for `n` samples, of one number for all or one for each.
@@ -128,7 +128,8 @@ impl FluxEstimator {
     /// u_dc
     ///     dc-link voltage in V for the inverter model, a number or shape (n,); None: the inverter's rated one.
     ///
-    /// Raises ValueError for lengths that differ and for samples that are not finite.
+    /// Raises ValueError for lengths that differ and for samples that are not finite, KeyboardInterrupt within some
+    /// tenths of a second of Ctrl-C.
     #[pyo3(signature = (u_s, i_s, omega_s=None, R_s=None, psi_s0=None, u_dc=None))]
     #[allow(clippy::too_many_arguments)]
     fn run(
@@ -162,7 +163,7 @@ impl FluxEstimator {
             }
         };
 
-        let c = py.detach(|| self.estimate(&u, &i, omega.as_deref(), &r_s, start));
+        let c = py.detach(|| self.estimate(&u, &i, omega.as_deref(), &r_s, start))?;
         let t = (0..n).map(|k| k as f64 / self.f_s).collect();
         let angle = c.psi_s.iter().map(|z| z.arg()).collect();
         let real = |v: Vec<f64>| PyArray1::from_vec(py, v).unbind();
@@ -188,12 +189,13 @@ impl FluxEstimator {
         omega: Option<&[f64]>,
         r_s: &[f64],
         start: AlphaBeta<f64>,
-    ) -> Columns {
+    ) -> PyResult<Columns> {
         let b = &self.base;
         let mut c = Columns::default();
         let (mut flux, mut speed) = (CoreFlux::default(), SpeedEstimator::default());
         let mut estimate = SpeedEstimate::default();
         for k in 0..u.len() {
+            interrupt(k)?;
             if k == 0 {
                 flux.start(start, i[0]);
                 speed.start(&self.config.speed_config().rotor_flux(&start, &i[0]), 0.0);
@@ -216,6 +218,6 @@ impl FluxEstimator {
             c.omega_s.push(estimate.omega_s * b.omega);
             c.omega_m.push(estimate.omega_m * b.omega_m);
         }
-        c
+        Ok(c)
     }
 }

@@ -7,7 +7,7 @@ use pyo3::types::PyDict;
 use stillflux::params::check;
 use stillflux_sim::replay::{Estimates, Replay, Row, Start};
 
-use crate::convert::{complex, finite, finite_parts, pair, record, value_error};
+use crate::convert::{complex, finite, finite_parts, interrupt, pair, record, value_error};
 use crate::parameters::{Inverter, Motor, drive_params};
 
 /// Estimators of a scheme over records whose rows are one control period of the inverter apart.
@@ -60,7 +60,7 @@ impl RecordEstimator {
     ///     Resistance for the scheme "paper", Ω; None: that of the parameters.
     ///
     /// Returns the estimates after each row by name. Raises ValueError for lengths that differ and values that are not
-    /// finite.
+    /// finite, KeyboardInterrupt within some tenths of a second of Ctrl-C: start again then.
     #[pyo3(signature = (u_s, i_s, i_sum, u_dc, psi_ref, psi_s0, deviation, omega_m, settled=false, R_s=None))]
     #[allow(clippy::too_many_arguments)]
     fn run<'py>(
@@ -109,9 +109,10 @@ impl RecordEstimator {
             R_s,
         };
         let replay = &mut self.replay;
-        let found: Vec<Estimates> = py.detach(|| {
+        let found = py.detach(|| -> PyResult<Vec<Estimates>> {
             let mut found = Vec::with_capacity(n);
             for (k, row) in rows.iter().enumerate() {
+                interrupt(k)?;
                 if k == 0 {
                     replay.start(&start, row);
                 } else {
@@ -119,8 +120,8 @@ impl RecordEstimator {
                 }
                 found.push(replay.estimates());
             }
-            found
-        });
+            Ok(found)
+        })?;
         Ok(columns!(
             py, found;
             complex: psi_s, psi_r, i_s, u_s, u_off;
