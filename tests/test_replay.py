@@ -378,6 +378,9 @@ def test_the_command_writes_estimates_and_plot(
     log.write_text("t,i_a\n")
     assert main(["replay", str(log)]) == 2
     assert "log.csv" in capsys.readouterr().err
+    log.write_text("time,Ia\n" + "0,1\n" * 100)
+    assert main(["replay", str(log)]) == 2
+    assert "on the command line: --column QUANTITY=NAME[:UNIT]" in capsys.readouterr().err
 
 
 def test_files_of_instruments_and_of_this_package_are_read(run: sf.Result, tmp_path: Path) -> None:

@@ -181,6 +181,14 @@ def _simulate(options: argparse.Namespace) -> int:
     return status
 
 
+_ARGUMENTS = {
+    "columns={": "--column QUANTITY=NAME[:UNIT]",
+    "rate = …": "--rate HZ",
+    "max_gap =": "--max-gap S",
+}
+"""What errors of `replay` ask for as an argument, and its option."""
+
+
 def _replay(options: argparse.Namespace) -> int:
     check_file(options.out, ".csv", ".npz", ".parquet")
     check_file(options.plot, *_PLOTS)
@@ -192,17 +200,21 @@ def _replay(options: argparse.Namespace) -> int:
         name, colon, unit = name.rpartition(":") if ":" in name else (name, "", "")
         columns[quantity] = (name, unit) if colon else name
     machine = load_machine(options.motor)
-    found = replay(
-        options.log,
-        machine.motor,
-        machine.inverter,
-        options.scheme,
-        columns,
-        voltage=options.voltage,
-        rate=options.rate,
-        delay=options.delay,
-        max_gap=options.max_gap,
-    )
+    try:
+        found = replay(
+            options.log,
+            machine.motor,
+            machine.inverter,
+            options.scheme,
+            columns,
+            voltage=options.voltage,
+            rate=options.rate,
+            delay=options.delay,
+            max_gap=options.max_gap,
+        )
+    except ValueError as error:
+        named = [option for argument, option in _ARGUMENTS.items() if argument in str(error)]
+        raise ValueError(f"{error}\non the command line: {', '.join(named)}" if named else error) from None
     print(f"machine: {machine.name}\n{found.summary()}")
     if options.out:
         with naming(options.out):
