@@ -264,7 +264,7 @@ def test_a_large_machine_is_controlled_as_well_where_its_control_is_fast(half_pe
     psi = np.abs(result["psi_s"][weighed]) / motor.base["psi"]
     assert np.ptp(psi) < 0.02, "the flux is steady"
     with pytest.raises(ValueError, match=r"flux_bandwidth = 5 Hz .* at once"):
-        sf.Drive(motor, inverter, flux_bandwidth=5.0)
+        sf.Drive(motor, inverter, flux_bandwidth=5.0, current_bandwidth=0.03 * inverter.f_c)
 
 
 @pytest.mark.parametrize("f_N", [200.0, 400.0])

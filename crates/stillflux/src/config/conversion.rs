@@ -157,14 +157,6 @@ impl<'a> Conversion<'a> {
         self.pu.tau_r / self.pu.base.omega
     }
 
-    fn l_product(&self) -> f64 {
-        self.pu.l_s * self.pu.sigma_l_s
-    }
-
-    fn inv_two_l_product(&self) -> f64 {
-        0.5 / self.l_product()
-    }
-
     fn current_k_i(&self) -> f64 {
         self.pu.t_s * self.current_gain * self.pu.hz(self.p.current_bandwidth) / 5.0
     }
@@ -217,12 +209,10 @@ impl<'a> Conversion<'a> {
         if p.scheme == Scheme::Enhanced {
             FilterConfig::<R>::check(machine, inverter)?;
         }
-        // Root of the radicand of (12), in the enhanced scheme at half of the leakage.
-        let (l_s, sigma_l_s, l_product) = (pu.l_s, pu.sigma_l_s, self.l_product());
-        let root = p.psi_ref * if p.scheme == Scheme::Enhanced { l_s + l_s - sigma_l_s } else { l_s - sigma_l_s };
-        fits::<R>("L_M", machine.L_M, "H", (root * root).max(pu.l_m * pu.l_m), 2.0)?;
-        fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * l_product * l_product, 4.0)?;
-        fits::<R>("L_sigma", machine.L_sigma, "H", self.inv_two_l_product(), -1.0)?;
+        let sigma_l_s = pu.sigma_l_s;
+        fits::<R>("L_M", machine.L_M, "H", pu.l_m * pu.l_m, 2.0)?;
+        fits::<R>("L_sigma", machine.L_sigma, "H", 4.0 * sigma_l_s * sigma_l_s, 2.0)?;
+        fits::<R>("L_sigma", machine.L_sigma, "H", 0.5 / sigma_l_s, -1.0)?;
         fits::<R>("i_max", p.i_max, "A", 1.0 / (0.9 * self.i_q_max * p.psi_ref), -1.0)?;
         let (acceleration, jerk) = self.ramp_units();
         for (field, value, unit, factor) in
@@ -270,14 +260,14 @@ impl<'a> Conversion<'a> {
 
     pub fn flux_control<R: Real>(&self) -> FluxControlConfig<R> {
         let Self { p, pu, flux_gain, i_0, .. } = *self;
-        let (r, t_slow, l_product) = (rounded::<R>, self.time(self.slow_periods), self.l_product());
+        let (r, t_slow) = (rounded::<R>, self.time(self.slow_periods));
         FluxControlConfig {
             psi_rated: r(p.psi_ref),
             inv_psi_rated: r(1.0 / p.psi_ref),
-            l_sum: r(pu.l_s + pu.sigma_l_s),
-            l_difference: r(pu.l_s - pu.sigma_l_s),
-            root_i_q: r(4.0 * l_product * l_product),
-            inv_two_l_product: r(self.inv_two_l_product()),
+            inv_l_s: r(1.0 / pu.l_s),
+            one_minus_sigma: r(1.0 - pu.sigma_l_s / pu.l_s),
+            root_i_q: r(4.0 * pu.sigma_l_s * pu.sigma_l_s),
+            inv_two_sigma_l_s: r(0.5 / pu.sigma_l_s),
             k_p: r(flux_gain * pu.tau_r),
             k_i: r(t_slow * flux_gain),
             limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
