@@ -57,11 +57,13 @@ _CONTROL = Control("offset estimator on", first(settings(offset_estimator=True))
 
 GAIN = 2.0
 """Gain of the noise compensator with the tenfold offset, per unit; the default begins at 0.06."""
-_LOADED = RUN + 7.0
+_LOADED = RUN + 1.0
 """Rated load is there from a second after this time on, at 5 Hz, s.
 
-With this gain and offset Fig. 15's run hunts for five seconds until û_off is found; a load meanwhile keeps
-one realisation of twenty at 11 kW from it.
+It comes before the swings do. Without load the 11-kW drive hunts with this gain and offset: for five seconds
+until û_off is found, or, with the offset in one of the four directions, for the 25 s that were tried, in 12
+realisations of 12. A load that comes during the hunt leaves 1 or 2 of 10 in it; of 120 runs that are loaded
+0.5 to 3 s after the start-up all find the offset.
 """
 _FOLLOWS = "mean speed over its reference"
 
