@@ -2,14 +2,15 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find crates/stillflux crates/stillflux-sim crates/stillflux-py \
-	-name '*.rs' -o -name Cargo.toml)
+	-path '*/src/*.rs' -o -name Cargo.toml)
 
 # As maturin sets it: one build of pyo3 serves extension, tests and lints, and none links to an interpreter.
 export PYO3_BUILD_EXTENSION_MODULE := 1
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export VIRTUAL_ENV := $(abspath .venv)
 
-.PHONY: demo reproduce beyond tolerance sensitivity metrics docs test test-slow test-rust lint bench bench-tools build clean
+.PHONY: demo reproduce beyond tolerance sensitivity metrics docs test test-builds test-slow test-rust lint bench bench-tools
+.PHONY: build clean
 
 demo: build
 	$(BIN)/stillflux demo
@@ -32,7 +33,11 @@ test-rust: .venv/installed
 PYTEST := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder < /dev/null
 
 test: test-rust build
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow and not builds"
+
+# What has to be built for it: images for a Cortex-M under QEMU, the C library, the core with other features.
+test-builds: build
+	$(PYTEST) -m "not slow and builds"
 
 # All tests, among them 10⁹ periods of random drives: an hour on two cores.
 test-slow: test-rust build

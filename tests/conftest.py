@@ -6,8 +6,8 @@ import pytest
 
 import stillflux as sf
 
-#: Files whose tests take longest: they compile images for a target.
-_LONG = ("test_firmware.py", "test_firmware_examples.py", "test_c.py", "test_figures.py")
+#: Files whose tests take longest: many closed loops, or images for a target that are compiled.
+_LONG = ("test_firmware.py", "test_firmware_examples.py", "test_c.py", "test_beyond.py", "test_figures.py")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -157,7 +157,9 @@ def test_an_offset_that_appears_once_running_is_found(machine: str, scheme: str)
     assert failing(point(machine, scheme, regenerating, 1.0, "drift")) == []
 
 
-@MACHINE
+@pytest.mark.parametrize(
+    "machine", [m if m == "2.2kW" else pytest.param(m, marks=pytest.mark.slow) for m in ALL_MACHINES]
+)
 @pytest.mark.parametrize("scheme", ["enhanced"])
 @pytest.mark.parametrize("error", ["r_s step +25 %", "L_M −10 %", "gain of a channel +2 %"])
 def test_mismatch_is_survived_in_motoring_and_regeneration(machine: str, scheme: str, error: str) -> None:
@@ -611,7 +613,7 @@ def test_every_case_is_named_once() -> None:
 @pytest.mark.parametrize(
     ("drive", "warmed", "torque", "back"),
     [
-        ("2.2kW", 1.3, -1.0, 0.06),
+        pytest.param("2.2kW", 1.3, -1.0, 0.06, marks=pytest.mark.slow),
         pytest.param("4kW", 0.85, 1.0, 0.05, marks=pytest.mark.slow),
         pytest.param("4kW", 1.3, 1.0, 0.05, marks=pytest.mark.slow),
         pytest.param("11kW", 1.3, -1.0, 0.05, marks=pytest.mark.slow),

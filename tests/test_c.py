@@ -28,6 +28,8 @@ pil: Any = importlib.import_module("tools.pil")
 image: Any = importlib.import_module("tools.image")
 cost: Any = importlib.import_module("tools.cost")
 
+pytestmark = pytest.mark.builds
+
 WARNINGS = [
     *("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wstrict-prototypes"),
     *("-Wmissing-prototypes", "-Werror"),

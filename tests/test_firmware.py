@@ -32,6 +32,8 @@ pil: Any = importlib.import_module("tools.pil")
 cost: Any = importlib.import_module("tools.cost")
 documents: Any = importlib.import_module("tools.documents")
 
+pytestmark = pytest.mark.builds
+
 ISR = "control_isr"
 #: First word of a parameter page.
 MAGIC = b"sfr3"

@@ -17,6 +17,8 @@ sys.path.insert(0, str(ROOT / "crates" / "stillflux-firmware"))
 toolchain: Any = importlib.import_module("tools.toolchain")
 image: Any = importlib.import_module("tools.image")
 
+pytestmark = pytest.mark.builds
+
 #: The control interrupt of an STM32G4's first two converters.
 ISR = "ADC1_2"
 #: Flash for code and constants, and RAM, of an STM32G431 (`memory.x`), bytes.

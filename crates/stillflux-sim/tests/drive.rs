@@ -328,6 +328,7 @@ fn other_machines_hold_torque_at_low_speed_in_every_quadrant() {
 }
 
 #[test]
+#[ignore = "slow: make test-slow"]
 fn other_machines_hold_torque_at_low_speed_in_every_quadrant_on_legs_without_capacitance() {
     hold_torque_in_every_quadrant(&others().map(|(m, i)| (m, Inverter { c_out: 0.0, ..i })));
 }
@@ -391,6 +392,7 @@ fn minutes_of_steady_load_leave_the_inductances_where_they_are() {
 /// The negative control of the test above: by how much the leakage walks off, and whether the field is lost with it, differs
 /// by realisation.
 #[test]
+#[ignore = "slow: make test-slow"]
 fn minutes_of_steady_load_carry_the_leakage_away_where_it_is_corrected_always() {
     let ([leakage, _], error) = after_minutes_of_load(-0.06, 3, false);
     assert!((leakage - 1.0).abs() > 0.25, "corrected always: {leakage}");

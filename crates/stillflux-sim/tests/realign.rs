@@ -1,8 +1,6 @@
 //! The way out of a false equilibrium: a flux along the current, which makes no torque, and which the estimate does not see.
 
-mod rig;
-
-use rig::{Rig, machines};
+use crate::rig::{Rig, machines};
 use stillflux::config::Scheme;
 use stillflux::drive::Status;
 
@@ -50,6 +48,7 @@ fn a_drive_whose_flux_lies_along_its_current_finds_it_and_reaches_its_speed() {
 
 /// With more load the published scheme is lost before it is suspected.
 #[test]
+#[ignore = "slow: make test-slow"]
 fn so_does_the_published_scheme_under_little_load() {
     let [with, without] = [true, false].map(|on| come_right(Scheme::Paper, &[0.1, 0.2], &[0.15, 0.3], on));
     println!("{with} of 20, without realignment {without}");

@@ -1,8 +1,6 @@
 //! Stops and restarts of a drive whose machine keeps its flux and its speed.
 
-mod rig;
-
-use rig::{Rig, machines};
+use crate::rig::{Rig, machines};
 use stillflux::config::DriveParams;
 use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine, Rating, TModel};

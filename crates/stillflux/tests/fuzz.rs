@@ -463,13 +463,13 @@ fn whatever_is_admitted_keeps_its_numbers_in_fixed_point() {
 // 10⁹ periods together.
 
 #[test]
-#[ignore = "minutes: cargo test -p stillflux --test fuzz -- --ignored"]
+#[ignore = "slow: make test-slow"]
 fn whatever_is_admitted_keeps_its_numbers_in_floating_point_for_half_a_billion_periods() {
     campaign::<f32>(1_000_001, 10_000, 50_000);
 }
 
 #[test]
-#[ignore = "minutes: cargo test -p stillflux --test fuzz -- --ignored"]
+#[ignore = "slow: make test-slow"]
 fn whatever_is_admitted_keeps_its_numbers_in_fixed_point_for_half_a_billion_periods() {
     campaign::<Q>(2_000_001, 10_000, 50_000);
 }

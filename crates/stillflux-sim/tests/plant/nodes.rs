@@ -213,6 +213,7 @@ struct CaseRun {
 }
 
 #[test]
+#[ignore = "slow: make test-slow"]
 fn brute_force_bridge_agrees_driven_and_blocked_with_small_nodes() {
     agrees_with_brute_force(&[0.1e-9]);
 }
