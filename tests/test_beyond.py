@@ -35,7 +35,16 @@ from stillflux.metrics import speed_error
 
 METRICS = Path(__file__).parent / "metrics.csv"
 BOTH = pytest.mark.parametrize("scheme", SCHEMES)
-MACHINE = pytest.mark.parametrize("machine", ALL_MACHINES)
+QUICK = ("2.2kW", LEAKY)
+"""The small machine, and of the two with 11 kW the one that is harder to hold."""
+
+
+def others_are_slow(machine: str) -> Any:
+    """A machine as a parameter of tests."""
+    return machine if machine in QUICK else pytest.param(machine, marks=pytest.mark.slow)
+
+
+MACHINE = pytest.mark.parametrize("machine", [others_are_slow(machine) for machine in ALL_MACHINES])
 
 
 @pytest.fixture(autouse=True)
@@ -90,7 +99,7 @@ def failing(row: beyond.Row) -> list[str]:
 
 
 AWAY = [
-    (machine, scheme, omega, torque)
+    pytest.param(machine, scheme, omega, torque, marks=[] if machine in QUICK else pytest.mark.slow)
     for machine in ALL_MACHINES
     for scheme in SCHEMES
     for omega, torque in ((0.05, 0.6), (-0.1, -1.2), (0.0, 1.0), (0.1, -0.4))

@@ -37,7 +37,11 @@ LONG = (
     "11",
     "17-120",
     "18-at-rest",
+    "II-B-gains",
     "II-D-range",
+    "III-E-l_s",
+    "III-E-sigma",
+    "III-E-light",
     "III-E-load",
     "12-quotient",
 )
