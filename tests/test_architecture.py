@@ -1,4 +1,4 @@
-"""Structure of core and plant: modules depend on each other in one direction."""
+"""Structure of core and plant: modules depend on each other in one direction, every test file is compiled."""
 
 from __future__ import annotations
 
@@ -134,3 +134,11 @@ def test_a_child_that_uses_its_parent_is_not_used_by_it(tmp_path: Path) -> None:
     assert not circle(imports(tmp_path))
     (tmp_path / "a.rs").write_text("mod c;\npub use c::C;\npub struct A(C);\n")
     assert circle(imports(tmp_path))
+
+
+@pytest.mark.parametrize("crate", ["stillflux", "stillflux-sim"])
+def test_every_file_of_tests_is_in_the_one_test_program_of_its_crate(crate: str) -> None:
+    """One that `main.rs` does not name would not run, and nothing would say so."""
+    folder = CRATES / crate / "tests"
+    named = set(re.findall(r"(?m)^mod (\w+);$", (folder / "main.rs").read_text()))
+    assert named == {p.stem for p in folder.iterdir() if p.name != "main.rs"}

@@ -36,15 +36,22 @@ from stillflux.metrics import speed_error
 METRICS = Path(__file__).parent / "metrics.csv"
 BOTH = pytest.mark.parametrize("scheme", SCHEMES)
 QUICK = ("2.2kW", LEAKY)
-"""The small machine, and of the two with 11 kW the one that is harder to hold."""
+"""Machines of the quick tests; the slow ones have all."""
 
 
-def others_are_slow(machine: str) -> Any:
-    """A machine as a parameter of tests."""
-    return machine if machine in QUICK else pytest.param(machine, marks=pytest.mark.slow)
+def slow_unless(quick: bool) -> Any:
+    """Marks of a parameter."""
+    return () if quick else pytest.mark.slow
 
 
-MACHINE = pytest.mark.parametrize("machine", [others_are_slow(machine) for machine in ALL_MACHINES])
+def every_machine(quick: tuple[str, ...] = QUICK) -> pytest.MarkDecorator:
+    """Parametrizes a test by machine; those that are not quick are slow."""
+    return pytest.mark.parametrize(
+        "machine", [pytest.param(m, marks=slow_unless(m in quick)) for m in ALL_MACHINES]
+    )
+
+
+MACHINE = every_machine()
 
 
 @pytest.fixture(autouse=True)
@@ -99,7 +106,7 @@ def failing(row: beyond.Row) -> list[str]:
 
 
 AWAY = [
-    pytest.param(machine, scheme, omega, torque, marks=[] if machine in QUICK else pytest.mark.slow)
+    pytest.param(machine, scheme, omega, torque, marks=slow_unless(machine in QUICK))
     for machine in ALL_MACHINES
     for scheme in SCHEMES
     for omega, torque in ((0.05, 0.6), (-0.1, -1.2), (0.0, 1.0), (0.1, -0.4))
@@ -166,9 +173,7 @@ def test_an_offset_that_appears_once_running_is_found(machine: str, scheme: str)
     assert failing(point(machine, scheme, regenerating, 1.0, "drift")) == []
 
 
-@pytest.mark.parametrize(
-    "machine", [m if m == "2.2kW" else pytest.param(m, marks=pytest.mark.slow) for m in ALL_MACHINES]
-)
+@every_machine(quick=("2.2kW",))
 @pytest.mark.parametrize("scheme", ["enhanced"])
 @pytest.mark.parametrize("error", ["r_s step +25 %", "L_M −10 %", "gain of a channel +2 %"])
 def test_mismatch_is_survived_in_motoring_and_regeneration(machine: str, scheme: str, error: str) -> None:

@@ -30,7 +30,7 @@ DRIVE = pytest.mark.parametrize("machine", DRIVES)
 
 @DRIVE
 def test_every_course_begins_after_the_magnetisation(machine: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Thousands of changes of the dc link, which take longer than all the rest.
+    # The ripple of the dc link is thousands of changes a scenario, and moves none of these times.
     monkeypatch.setattr(tolerance, "ripple", lambda *_: [])
     drive = DRIVES[machine]
     begin = tolerance.start_up(drive.motor, drive.inverter)

@@ -1,4 +1,4 @@
-//! The plant against closed forms, balances and independent integrations: one test program, one block a module.
+//! The plant against closed forms, balances and independent integrations: one block a module.
 #![allow(non_snake_case)]
 
 mod branches;
