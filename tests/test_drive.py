@@ -290,3 +290,30 @@ def test_a_spindle_reaches_rated_speed_and_its_opposite(f_N: float) -> None:
     assert result.status.fault is None
     assert np.abs(np.degrees(result["angle_error"]))[result.t > 1.8].max() < 6.0
     assert result["omega_m"][-1] == pytest.approx(-w, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_heavy_shaft_does_not_hunt_where_the_rotor_resistance_is_a_quarter_less(seed: int) -> None:
+    motor = sf.Motor.preset("2.2kW")
+    motor = motor.replace(J=20 * motor.J)
+
+    def ripple(**settings: float) -> float:
+        """Standard deviation of the true speed under rated load, per unit."""
+        result = sf.simulate(
+            sf.Scenario(
+                motor=motor,
+                inverter=sf.Inverter.preset("2.2kW"),
+                plant_motor=motor.replace(R_R=0.75 * motor.R_R),
+                load_torque=[(0, 0), (1.6, 0), (1.6, motor.T_N)],
+                duration=4.0,
+                plant={"seed": seed, "adc_noise": 0.005 * motor.I_N},
+                settings=settings,
+                signals=["omega_m"],
+                record_every=20,
+            )
+        )
+        return float(np.std(result.window(3.0)["omega_m"])) / motor.base["omega_m"]
+
+    assert ripple() < 0.0005
+    # The bandwidth of a light shaft: the gain from the torque to itself is 1.7.
+    assert ripple(speed_bandwidth=9.0) > 0.005

@@ -38,7 +38,7 @@ class DriveSettings(TypedDict, total=False):
     """Bandwidth of flux control, Hz: 5, less where a long rotor time constant and a large leakage ask for
     it."""
     speed_bandwidth: float
-    """Bandwidth of speed control, Hz."""
+    """Bandwidth of speed control, Hz: 9, less where the inertia is large."""
     pll_bandwidth: float
     """Natural frequency of the speed estimator's phase-locked loop, Hz."""
     inverter_model: bool

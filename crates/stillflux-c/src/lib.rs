@@ -308,7 +308,7 @@ pub struct stillflux_settings {
     pub current_bandwidth: f64,
     /// Bandwidth of flux control, Hz.
     pub flux_bandwidth: f64,
-    /// Bandwidth of speed control, Hz.
+    /// Bandwidth of speed control, Hz: 9, less where the inertia is large.
     pub speed_bandwidth: f64,
     /// Natural frequency of the speed estimator, Hz.
     pub pll_bandwidth: f64,

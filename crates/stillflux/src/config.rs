@@ -429,13 +429,20 @@ mod tests {
 
     #[test]
     fn what_its_arithmetic_cannot_hold_is_refused_by_name_with_the_range_that_it_can() {
-        // 25 times the inertia, a speed gain of 151: beyond fixed point, nothing special in floating point.
-        let heavy = |factor: f64| move |m: &mut Machine, _: &mut Inverter, _: &mut DriveParams| m.J = 0.015 * factor;
+        // 25 times the inertia with 9 Hz, a speed gain of 151: beyond fixed point, nothing special in floating point.
+        let heavy = |factor: f64| {
+            move |m: &mut Machine, _: &mut Inverter, p: &mut DriveParams| {
+                m.J = 0.015 * factor;
+                p.speed_bandwidth = 9.0;
+            }
+        };
         assert_eq!(refused::<f32>(heavy(25.0)), None);
         assert_eq!(refused::<Q>(heavy(10.0)), None);
         let e = refused::<Q>(heavy(25.0)).unwrap();
         assert!(e.field == "J" && e.max > 0.015 * 20.0 && e.max < 0.015 * 25.0, "{e}");
         assert_eq!(refused::<Q>(heavy(0.999 * e.max / 0.015)), None, "the range is the admissible one");
+        let by_default = |m: &mut Machine, _: &mut Inverter, _: &mut DriveParams| m.J = 0.015 * 1000.0;
+        assert_eq!(refused::<Q>(by_default), None, "the default gain does not grow with the inertia");
         let e = refused::<Q>(|_, i, p| {
             i.f_s = 40e3;
             p.speed_bandwidth = 0.05;

@@ -90,6 +90,9 @@ const CURRENT_BANDWIDTH: f64 = 0.03;
 /// Largest bandwidth of current control relative to the control's frequency: 32° of phase by 1.5 periods of delay.
 const FASTEST_CURRENT: f64 = 0.06;
 
+/// Range of the bandwidth of speed control, Hz.
+const SPEED_BANDWIDTH: (f64, f64) = (0.05, 20.0);
+
 /// Control periods in one turn of the field that the loops need: current control is lost with 25, not with 30.
 const PERIODS_A_TURN: f64 = 30.0;
 
@@ -116,9 +119,26 @@ const LINES_A_POLE_PAIR: f64 = 16.0;
 /// Difference of measured and estimated speed that an estimate may have: three quarters of the rated slip, for a rotor
 /// resistance that is wrong by half at one and a half times rated torque, and 0.01 pu for the rest.
 fn encoder_deviation(machine: &Machine) -> f64 {
-    let b = Base::new(machine);
-    let slip = machine.R_R * machine.T_N / (1.5 * f64::from(machine.n_p) * b.psi * b.psi);
-    (0.75 * slip + 0.01 * b.omega) / f64::from(machine.n_p)
+    0.75 * rated_slip(machine) + 0.01 * Base::new(machine).omega_m
+}
+
+/// Rated slip at rated flux, mechanical rad/s.
+fn rated_slip(machine: &Machine) -> f64 {
+    let n_p = f64::from(machine.n_p);
+    let psi = Base::new(machine).psi;
+    machine.R_R * machine.T_N / (1.5 * n_p * psi * psi) / n_p
+}
+
+/// Default bandwidth of speed control, Hz: 9, less where the proportional gain would ask for more than twice the rated torque
+/// when the speed is off by the rated slip `Δ`.
+///
+/// A rotor resistance that is wrong by a part `ε` of the real one leaves `ω̂ = ω - ε Δ T/T_N`: with `T = k_p (ω* - ω̂)` the
+/// torque acts on itself with the gain `ε k_p Δ/T_N`, at once. From 1 on a positive one runs away, and behind the delays of speed
+/// estimator and current control a negative one oscillates. `k_p = J ω_c` and `ω_c ≤ 2 T_N/(J Δ)` leave a gain of `2ε`. At
+/// the drives of the evidence 9 Hz are below that; it counts where a large inertia is driven.
+fn speed_bandwidth(machine: &Machine) -> f64 {
+    let fastest = 2.0 * machine.T_N / (machine.J * rated_slip(machine)) / core::f64::consts::TAU;
+    fastest.clamp(SPEED_BANDWIDTH.0, 9.0)
 }
 
 /// What an error says of a setting that is left out of the build.
@@ -251,7 +271,7 @@ pub struct DriveParams {
     /// Bandwidth of flux control, Hz: 5, less where a long rotor time constant and a large leakage ask for it (docs/gains.md);
     /// at most 30, and little more than the default there.
     pub flux_bandwidth: f64,
-    /// Bandwidth of speed control, Hz.
+    /// Bandwidth of speed control, Hz: 9, less where the inertia is large (docs/gains.md).
     pub speed_bandwidth: f64,
     /// Natural frequency of the speed estimator's phase-locked loop, Hz.
     pub pll_bandwidth: f64,
@@ -361,7 +381,7 @@ impl DriveParams {
             u_dc_max: 1.45 * inverter.u_dc,
             current_bandwidth,
             flux_bandwidth: flux_bandwidth_at(FLUX_POLE.0, machine, inverter, current_bandwidth).min(5.0),
-            speed_bandwidth: 9.0,
+            speed_bandwidth: speed_bandwidth(machine),
             pll_bandwidth: 25.0,
             inverter_model: true,
             calibrate_offset: true,
@@ -425,7 +445,7 @@ impl DriveParams {
         let fastest = flux_bandwidth_at(FLUX_POLE.1, machine, inverter, self.current_bandwidth);
         check("flux_bandwidth", self.flux_bandwidth, 0.1, fastest.min(30.0), "Hz")
             .map_err(|e| e.with_note("by way of the leakage its current acts on the flux at once"))?;
-        check("speed_bandwidth", self.speed_bandwidth, 0.05, 20.0, "Hz")?;
+        check("speed_bandwidth", self.speed_bandwidth, SPEED_BANDWIDTH.0, SPEED_BANDWIDTH.1, "Hz")?;
         // A fifteenth of the rate at which the loop runs.
         check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
@@ -617,5 +637,24 @@ impl DriveParams {
             check("u_dc_chopper[1]", full, on + 0.005 * inverter.u_dc, self.u_dc_max)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speed_control_asks_for_twice_the_rated_torque_at_most_where_the_speed_is_off_by_the_rated_slip() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        for factor in [0.1, 1.0, 5.0, 10.0, 100.0, 1000.0] {
+            let machine = Machine { J: factor * machine.J, ..machine };
+            let bandwidth = DriveParams::new(&machine, &inverter).speed_bandwidth;
+            let torque = machine.J * core::f64::consts::TAU * bandwidth * rated_slip(&machine);
+            assert!(bandwidth == 9.0 || (torque / machine.T_N - 2.0).abs() < 1e-12, "{factor}: {bandwidth} Hz");
+            assert_eq!(bandwidth == 9.0, factor <= 5.0, "{factor}: {bandwidth} Hz");
+        }
+        let immovable = Machine { J: 1e5, ..machine };
+        assert_eq!(DriveParams::new(&immovable, &inverter).speed_bandwidth, SPEED_BANDWIDTH.0, "admissible");
     }
 }
