@@ -11,7 +11,7 @@ import stillflux as sf
 from stillflux.evidence.conditions import slip
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import ADC_NOISE
-from stillflux.options import Arithmetic, Scheme
+from stillflux.options import Arithmetic, DriveSettings, Scheme
 
 
 class ForeignMotor:
@@ -297,7 +297,7 @@ def test_a_heavy_shaft_does_not_hunt_where_the_rotor_resistance_is_a_quarter_les
     motor = sf.Motor.preset("2.2kW")
     motor = motor.replace(J=20 * motor.J)
 
-    def ripple(**settings: float) -> float:
+    def ripple(settings: DriveSettings) -> float:
         """Standard deviation of the true speed under rated load, per unit."""
         result = sf.simulate(
             sf.Scenario(
@@ -314,6 +314,6 @@ def test_a_heavy_shaft_does_not_hunt_where_the_rotor_resistance_is_a_quarter_les
         )
         return float(np.std(result.window(3.0)["omega_m"])) / motor.base["omega_m"]
 
-    assert ripple() < 0.0005
+    assert ripple({}) < 0.0005
     # The bandwidth of a light shaft: the gain from the torque to itself is 1.7.
-    assert ripple(speed_bandwidth=9.0) > 0.005
+    assert ripple({"speed_bandwidth": 9.0}) > 0.005
