@@ -11,6 +11,7 @@ import stillflux as sf
 from stillflux.evidence.conditions import slip
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import ADC_NOISE
+from stillflux.evidence.tolerance import SIGNALS, loss, start_up
 from stillflux.options import Arithmetic, DriveSettings, Scheme
 
 
@@ -292,28 +293,68 @@ def test_a_spindle_reaches_rated_speed_and_its_opposite(f_N: float) -> None:
     assert result["omega_m"][-1] == pytest.approx(-w, rel=0.01)
 
 
+def heavy_shaft(
+    machine: str, resistance: float, load: list[tuple[float, float]], seed: int, settings: DriveSettings
+) -> sf.Result:
+    """A drive at rest with twenty times its inertia and a real R_R of `resistance` times its parameter.
+
+    The load is in units of rated torque over the time since control began, s. The run ends half a second
+    after its last point."""
+    drive = DRIVES[machine]
+    motor = drive.motor.replace(J=20 * drive.motor.J)
+    begin = start_up(motor, drive.inverter)
+    points = [(begin + t, torque * motor.T_N) for t, torque in load]
+    return sf.simulate(
+        sf.Scenario(
+            motor=motor,
+            inverter=drive.inverter,
+            plant_motor=motor.replace(R_R=resistance * motor.R_R),
+            load_torque=[(0, 0), *points],
+            duration=points[-1][0] + 0.5,
+            plant={"seed": seed, "adc_noise": ADC_NOISE * motor.I_N},
+            settings=settings,
+            signals=SIGNALS,
+            record_every=20,
+        )
+    )
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_heavy_shaft_does_not_hunt_where_the_rotor_resistance_is_a_quarter_less(seed: int) -> None:
-    motor = sf.Motor.preset("2.2kW")
-    motor = motor.replace(J=20 * motor.J)
-
     def ripple(settings: DriveSettings) -> float:
         """Standard deviation of the true speed under rated load, per unit."""
-        result = sf.simulate(
-            sf.Scenario(
-                motor=motor,
-                inverter=sf.Inverter.preset("2.2kW"),
-                plant_motor=motor.replace(R_R=0.75 * motor.R_R),
-                load_torque=[(0, 0), (1.6, 0), (1.6, motor.T_N)],
-                duration=4.0,
-                plant={"seed": seed, "adc_noise": 0.005 * motor.I_N},
-                settings=settings,
-                signals=["omega_m"],
-                record_every=20,
-            )
-        )
-        return float(np.std(result.window(3.0)["omega_m"])) / motor.base["omega_m"]
+        result = heavy_shaft("2.2kW", 0.75, [(0.2, 0), (0.2, 1), (2.1, 1)], seed, settings)
+        last = result.window(float(result.t[-1]) - 1.0)
+        return float(np.std(last["omega_m"])) / DRIVES["2.2kW"].motor.base["omega_m"]
 
     assert ripple({}) < 0.0005
     # The bandwidth of a light shaft: the gain from the torque to itself is 1.7.
     assert ripple({"speed_bandwidth": 9.0}) > 0.005
+
+
+@pytest.mark.slow
+def test_a_large_heavy_shaft_is_kept_through_steps_of_the_load_whatever_the_rotor_resistance() -> None:
+    steps = [
+        (1, 0),
+        (1, 1),
+        (2.5, 1),
+        (2.5, 0),
+        (4, 0),
+        (4, -1),
+        (5.5, -1),
+        (5.5, 1),
+        (7, 1),
+        (7, -1),
+        (8, -1),
+    ]
+
+    def lost(settings: DriveSettings) -> int:
+        results = [
+            heavy_shaft("160kW", resistance, [(float(t), float(x)) for t, x in steps], seed, settings)
+            for resistance in (0.75, 0.88, 1.0, 1.12, 1.25)
+            for seed in range(5)
+        ]
+        return sum(loss(result, 0.0)[1] != "" for result in results)
+
+    assert lost({}) == 0
+    assert lost({"speed_bandwidth": 9.0}) > 0

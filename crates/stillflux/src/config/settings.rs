@@ -122,7 +122,8 @@ fn encoder_deviation(machine: &Machine) -> f64 {
     0.75 * rated_slip(machine) + 0.01 * Base::new(machine).omega_m
 }
 
-/// Rated slip at rated flux, mechanical rad/s.
+/// Slip at rated torque with the base flux in the rotor, mechanical rad/s. The rotor's own flux is `L_M/L_s` of that without load,
+/// and the slip more.
 fn rated_slip(machine: &Machine) -> f64 {
     let n_p = f64::from(machine.n_p);
     let psi = Base::new(machine).psi;
@@ -132,7 +133,7 @@ fn rated_slip(machine: &Machine) -> f64 {
 /// Default bandwidth of speed control, Hz: 9, less where the proportional gain would ask for more than twice the rated torque
 /// when the speed is off by the rated slip `Δ`.
 ///
-/// A rotor resistance that is wrong by a part `ε` of the real one leaves `ω̂ = ω - ε Δ T/T_N`: with `T = k_p (ω* - ω̂)` the
+/// `R_R` above the real one by a part `ε` of it leaves `ω̂ = ω - ε Δ T/T_N`: with `T = k_p (ω* - ω̂)` the
 /// torque acts on itself with the gain `ε k_p Δ/T_N`, at once. From 1 on a positive one runs away, and behind the delays of speed
 /// estimator and current control a negative one oscillates. `k_p = J ω_c` and `ω_c ≤ 2 T_N/(J Δ)` leave a gain of `2ε`. At
 /// the drives of the evidence 9 Hz are below that; it counts where a large inertia is driven.
