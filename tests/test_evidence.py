@@ -30,7 +30,7 @@ from stillflux.evidence.claims import (
 from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.journal import Journal
 from stillflux.evidence.seeds import SEEDS
-from stillflux.evidence.table import Line, Table, agree
+from stillflux.evidence.table import DRAWN, Line, Table, agree
 from stillflux.parallel import Stopped
 from stillflux.result import Result
 from test_architecture import circle
@@ -308,6 +308,17 @@ def test_table_keeps_what_agrees_and_what_was_not_measured() -> None:
     assert table.updated([line(0.2)]).lines == [line(0.2), other]
     assert table.updated([line(0.9)]).lines == [line(0.9), other]
     assert table.updated([line(1.1, ok=False)]).lines == [line(1.1, ok=False), other]
+
+
+def test_what_other_draws_have_shown_is_written_anew() -> None:
+    def measured(draws: int, nees: float) -> list[Line]:
+        of = replace(line(nees), kind="consistency", name="consistency", scheme="enhanced")
+        number = replace(of, quantity=DRAWN, value=f"{draws}", bound="", direction="reported")
+        return [number, replace(of, bound="2")]
+
+    table = Table(measured(10, 0.5))
+    assert table.updated(measured(10, 0.45)).lines == measured(10, 0.5)
+    assert table.updated(measured(40, 0.45)).lines == measured(40, 0.45)
 
 
 def test_what_fails_is_written_anew() -> None:

@@ -106,7 +106,8 @@ def test_ripple_of_the_link_is_two_percent_at_100_hz() -> None:
 def test_interval_is_wilsons() -> None:
     assert tolerance.interval(0, 100) == pytest.approx((0.0, 0.036995), abs=1e-5)
     assert tolerance.interval(1, 10) == pytest.approx((0.017876, 0.404150), abs=1e-5)
-    assert tolerance.interval(10, 10)[1] == pytest.approx(1.0)
+    assert tolerance.interval(10, 10)[1] == 1.0
+    assert all(tolerance.interval(0, n)[0] == 0.0 for n in (1, 100, 1000))
 
 
 @pytest.fixture(scope="module")
@@ -181,6 +182,7 @@ def test_an_estimate_that_knows_its_error_is_consistent() -> None:
         0,
         0.0,
         1.0,
+        0.03,
         "",
     )
     (found,) = consistency.judged([sample])
@@ -191,6 +193,10 @@ def test_an_estimate_that_knows_its_error_is_consistent() -> None:
     for other, direction in ((boastful, "at most"), (careful, "at least")):
         failing = {(c.quantity, c.direction) for c in other.claims if not c.ok}
         assert failing == {(f"NEES, {name}", direction) for name in REGIONS}
+    colder = replace(sample, resistance=-0.04)
+    by = {c.quantity: c.value for c in Consistency("2.2kW", [sample, colder]).claims}
+    assert by[consistency.RESISTANCE] == pytest.approx(100 * math.sqrt((0.03**2 + 0.04**2) / 2))
+    assert by[consistency.RESISTANCE_WORST] == pytest.approx(4.0)
     surprised = Consistency("2.2kW", [replace(sample, nis=1.1 * sample.nis)])
     failing = {(c.quantity, c.direction) for c in surprised.claims if not c.ok}
     assert failing == {(f"NIS, {name}", "at most") for name in REGIONS}
@@ -198,6 +204,7 @@ def test_an_estimate_that_knows_its_error_is_consistent() -> None:
 
 def test_a_sample_ends_with_the_loss_of_control(kept: tuple[tolerance.Outcome, sf.Result]) -> None:
     _, result = kept
+    result = replace(result, data={**result.data, "R_s": result.t, "estimate.R_s": result.t})
     whole = consistency.sampled("2.2kW", 0, result)
     begin = tolerance.start_up(result.scenario.motor, result.scenario.inverter)
     lost = np.where(result.t >= begin + 2.0, math.radians(31), 0.0)
@@ -206,6 +213,17 @@ def test_a_sample_ends_with_the_loss_of_control(kept: tuple[tolerance.Outcome, s
     # Once every 0.1 s, up to the loss.
     assert len(cut.error) < len(whole.error)
     assert np.count_nonzero(cut.error) <= 1
+
+
+def test_the_resistance_of_a_sample_is_that_of_the_start(kept: tuple[tolerance.Outcome, sf.Result]) -> None:
+    _, result = kept
+    begin = tolerance.start_up(result.scenario.motor, result.scenario.inverter)
+    assert result.scenario.plant_inverter is not None
+    r_d = result.scenario.plant_inverter.r_d
+    told = np.where(result.t < begin - 0.1, 9.0, np.where(result.t < begin + 0.1, 1.1, 1.3))
+    resistances = {"R_s": np.full(len(result.t), 2.0), "estimate.R_s": told * (2.0 + r_d)}
+    sample = consistency.sampled("2.2kW", 0, replace(result, data={**result.data, **resistances}))
+    assert sample.resistance == pytest.approx(0.1)
 
 
 # Commands.

@@ -22,6 +22,7 @@ __all__ = [
     "last_speed_error",
     "least_confidence",
     "offset_voltage",
+    "resistance_error",
     "rms_angle",
     "running",
     "settled_after",
@@ -156,10 +157,16 @@ def worst_speed_error(result: Result) -> float:
     return float(error.max()) if len(error) else math.inf
 
 
-def last_resistance_error(result: Result) -> float:
-    """Estimated over true resistance (with the inverter's r_d) minus one at the end."""
+def resistance_error(result: Result) -> NDArray[np.float64]:
+    """Estimated over true resistance (with the inverter's r_d) minus one."""
     r_d = (result.scenario.plant_inverter or result.scenario.inverter).r_d
-    return float(result["estimate.R_s"][-1] / (result["R_s"][-1] + r_d) - 1.0)
+    error: NDArray[np.float64] = result["estimate.R_s"] / (result["R_s"] + r_d) - 1.0
+    return error
+
+
+def last_resistance_error(result: Result) -> float:
+    """`resistance_error` at the end."""
+    return float(resistance_error(result)[-1])
 
 
 def fault_time(result: Result) -> float:

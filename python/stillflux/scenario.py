@@ -170,7 +170,7 @@ class Scenario:
                         f"{name} = {value:g} is outside the admissible range {-most:.6g} to {most:.6g}"
                     )
         most = _SPEED_LIMIT * motor.base["omega_m"]
-        for given in (self.plant, *(change for _, change in self.changes)):
+        for given in (self.plant, *(change for _, change in self.changes if "speed" in change)):
             speed = given.get("speed")
             if isinstance(speed, int | float) and not abs(speed) <= most:
                 raise ValueError(
@@ -316,7 +316,9 @@ def _profile(name: str, value: Any, duration: float) -> Any:
 def _change(k: int, change: Any) -> tuple[float, dict[str, Any]]:
     try:
         t, what = change
-        return number(f"changes[{k}]", t), {key: _immutable(value) for key, value in what.items()}
+        # Thousands of changes, of plain numbers, are the ripple of a link.
+        values = {key: value if type(value) is float else _immutable(value) for key, value in what.items()}
+        return t if type(t) is float else number(f"changes[{k}]", t), values
     except (AttributeError, ValueError, TypeError):
         raise TypeError(f"changes[{k}] = {change!r} is not (t, {{name: value}})") from None
 

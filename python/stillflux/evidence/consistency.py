@@ -14,7 +14,8 @@ of the innovation, which needs no truth. Both by region of the true stator frequ
 
 over installations with every parameter off at once (`draws`), up to a loss of control and through it. Where
 nothing is seen at all (no load, ω_s = 0) the mean says little: there the rank correlation of abs(e) with σ
-tells whether a larger σ means a larger error. The confidence is judged as everywhere (`judge`).
+tells whether a larger σ means a larger error. The confidence is judged as everywhere (`judge`). Of the start
+the runs show how far the estimated resistance, r_d of the bridge included, is off when control begins.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from stillflux.evidence.courses import Course, Points
 from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import CALM, CONFIDENT, angle, confidence
 from stillflux.evidence.seeds import seed_of
+from stillflux.evidence.tolerance import SIGNALS as JUDGED
 from stillflux.evidence.tolerance import loss, scenario, start_up
-from stillflux.metrics import running, smoothed
+from stillflux.metrics import resistance_error, running, smoothed
 from stillflux.parallel import run_jobs
 from stillflux.parameters import Motor
 from stillflux.result import Result
@@ -50,9 +52,10 @@ __all__ = [
     "run_all",
 ]
 
-DRAWS = 10
-"""Draws of each drive."""
+DRAWS = 40
+"""Draws of each drive: the walks of ten are too few for a correlation."""
 REGIONS = ("rotating, loaded", "rotating, unloaded", "near ω_s = 0, loaded", "at ω_s = 0, unloaded")
+SIGNALS = (*JUDGED, "R_s", "estimate.R_s")
 NEES_RANGE, NIS_MAX = (0.5, 2.0), 1.0
 """Bounds of the means. Innovations may be smaller than the filter assumes: it allows for machines that are
 not as modelled."""
@@ -60,6 +63,8 @@ ANNOUNCED, NEEDLESS = 95.0, 1.0
 """Least share of excursions announced, and largest share of time with a needless alarm, %."""
 LINE, LOADED, UNLOADED = 0.01, 0.3, 0.1
 """Borders of the regions, per unit of rated frequency and of rated torque."""
+RESISTANCE = "error of the estimated resistance after the start, rms"
+RESISTANCE_WORST = "largest error of the estimated resistance after the start"
 _MEAN_OVER, _EVERY = 0.1, 0.1
 """True stator frequencies are means over the first, s; samples are taken every second, s."""
 
@@ -93,6 +98,8 @@ class Sample:
     misses: int
     needless: float
     running: float
+    resistance: float
+    """Relative error of the estimated resistance when control begins."""
     lost: str
     """A fault by name, "angle" or "speed"; empty: nothing was lost."""
 
@@ -136,6 +143,9 @@ class Consistency:
         time = max(sum(x.running for x in self.samples), 1e-9)
         needless = 100.0 * sum(x.needless for x in self.samples) / time
         found.append(at_most("share of time with a needless alarm", needless, NEEDLESS, "%"))
+        off = 100.0 * np.array([x.resistance for x in self.samples])
+        found.append(reported(RESISTANCE, float(np.sqrt(np.mean(off**2))), "%"))
+        found.append(reported(RESISTANCE_WORST, float(np.abs(off).max()), "%"))
         return found
 
 
@@ -184,6 +194,7 @@ def sampled(machine: str, draw: int, result: Result) -> Sample:
         misses=trust.misses,
         needless=dt * float(np.count_nonzero(doubt)),
         running=dt * float(np.count_nonzero(known)),
+        resistance=float(resistance_error(result)[np.argmax(known)]),
         lost=why,
     )
 
@@ -193,7 +204,7 @@ def run(machine: str, draw: int, scheme: str, arithmetic: str, beyond_model: boo
     from stillflux.simulation import simulate
 
     seed = seed_of("consistency", machine, draw)
-    made, _ = scenario(machine, COURSE, seed, scheme, arithmetic, beyond_model=beyond_model)
+    made, _ = scenario(machine, COURSE, seed, scheme, arithmetic, beyond_model=beyond_model, signals=SIGNALS)
     return sampled(machine, draw, simulate(made))
 
 

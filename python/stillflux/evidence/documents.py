@@ -41,7 +41,7 @@ from stillflux.evidence.machines import ALL_MACHINES, MACHINES
 from stillflux.evidence.registry import experiments, figures, operations, targets
 from stillflux.evidence.sensitivity import FIGURES as OF_MARGINS
 from stillflux.evidence.sensitivity import LESS, MORE, Margin
-from stillflux.evidence.table import BEYOND_MODEL, LOST_AFTER, Group, Kind, Line, Table, guarantee_at
+from stillflux.evidence.table import BEYOND_MODEL, DRAWN, LOST_AFTER, Group, Kind, Line, Table, guarantee_at
 from stillflux.evidence.tolerance import EXCURSIONS, MISSES, NEEDLESS, interval, rerun
 
 __all__ = ["DOCUMENTS", "PLANE", "TABLES", "draw_plane", "drawn_from", "rendered", "tests_named", "update"]
@@ -505,7 +505,7 @@ def _losses(lines: Iterable[Line]) -> list[Line]:
 
 
 def _draws(lines: Iterable[Line]) -> int:
-    return sum(round(line.number) for line in lines if line.quantity == "draws")
+    return sum(round(line.number) for line in lines if line.quantity == DRAWN)
 
 
 def _rate(lines: Sequence[Line]) -> str:

@@ -115,8 +115,8 @@ def run(machine: str, course: str, draw: int, scale: float) -> Outcome:
     """Runs one draw, and once more without supervision if it ended with a fault."""
     from stillflux.simulation import simulate
 
-    made, _ = scenario(machine, COURSES[course], seed_of(machine, course, draw), scale=scale)
-    made = made.replace(signals=_SIGNALS)
+    seed = seed_of(machine, course, draw)
+    made, _ = scenario(machine, COURSES[course], seed, scale=scale, signals=_SIGNALS)
     result = simulate(made)
     speed, lost = judged(result)
     needless, off = False, (speed, lost)

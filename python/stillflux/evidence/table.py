@@ -64,6 +64,8 @@ Group: TypeAlias = tuple[Kind, str, str, str]
 """Kind, name, machine, scheme: lines that are measured together."""
 
 _OF_PAPER, _BEYOND = SCHEMES
+DRAWN = "draws"
+"""Quantity of a campaign: over how many drawn installations the others of its group are."""
 LOST_AFTER = "time of the loss, not before the mechanism is needed"
 """Quantity of a control: when it was lost, held against its event."""
 
@@ -262,7 +264,12 @@ class Table:
             if kind == "figure":
                 measured |= {("control", name, machine, _OF_PAPER), ("figure", name, machine, _BEYOND)}
         kept = [line for line in self.lines if line.group not in measured]
-        renewed = [known[x.key] if x.key in known and _stands(known[x.key], x) else x for x in fresh]
+        # What other draws have shown is no line of these.
+        others = {x.group for x in fresh if x.quantity == DRAWN and known.get(x.key, x).value != x.value}
+        standing = {
+            x.key for x in fresh if x.key in known and x.group not in others and _stands(known[x.key], x)
+        }
+        renewed = [known[x.key] if x.key in standing else x for x in fresh]
         groups: dict[Group, list[Line]] = {}
         for line in [*kept, *renewed]:
             groups.setdefault(line.group, []).append(line)

@@ -157,7 +157,9 @@ def interval(lost: int, runs: int) -> tuple[float, float]:
     p, square = lost / runs, _Z * _Z / runs
     middle = p + 0.5 * square
     half = _Z * math.sqrt(p * (1.0 - p) / runs + 0.25 * square / runs)
-    return max(0.0, (middle - half) / (1.0 + square)), min(1.0, (middle + half) / (1.0 + square))
+    # None and all are exact: rounding would leave 1e-17 of them.
+    low = (middle - half) / (1.0 + square) if lost else 0.0
+    return low, (middle + half) / (1.0 + square) if lost < runs else 1.0
 
 
 def start_up(motor: Any, inverter: Any) -> float:
@@ -180,9 +182,10 @@ def scenario(
     arithmetic: str = "f32",
     scale: float = 1.0,
     beyond_model: bool = False,
+    signals: Sequence[str] | None = SIGNALS,
 ) -> tuple[Scenario, Mapping[str, float]]:
     """A drive on an installation, and what was drawn of it; `scale` as of `draws.drawn`. `beyond_model`: the
-    plant has `effects` as well."""
+    plant has `effects` as well. `signals` to record, None: all."""
     drive = DRIVES[machine]
     motor, found = drive.motor, drawn(drive, seed, scale)
     begin = start_up(motor, found.told) + 0.05
@@ -205,7 +208,7 @@ def scenario(
             load_torque=scaled(_after(load, begin), motor.T_N),
             duration=duration,
             changes=ripple(drive.inverter.u_dc, found.phase, duration),
-            signals=SIGNALS,
+            signals=signals,
             record_every=max(1, round(EVERY * drive.inverter.f_s)),
         ),
         found.numbers,
@@ -239,8 +242,10 @@ def run(
     from stillflux.simulation import simulate
 
     seed = seed_of(machine, course, draw)
-    made, numbers = scenario(machine, COURSES[course], seed, scheme, arithmetic, beyond_model=beyond_model)
-    result = simulate(made.replace(signals=signals))
+    made, numbers = scenario(
+        machine, COURSES[course], seed, scheme, arithmetic, beyond_model=beyond_model, signals=signals
+    )
+    result = simulate(made)
     begin = start_up(made.motor, made.inverter)
     when, why = loss(result, begin)
     error, runs = np.abs(angle(result)), running(result)
