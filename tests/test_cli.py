@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import errno
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +19,7 @@ from stillflux.cli import main
 from stillflux.evidence import demo
 from stillflux.evidence.claims import at_most
 from stillflux.evidence.report import page
-from stillflux.outputs import naming, whole, write_text
+from stillflux.outputs import check_file, naming, whole, write_text
 
 SCENARIO = """
 motor = "2.2kW"
@@ -63,6 +66,13 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     for text, expected in [
         (SCENARIO.replace("1.8", "-1.0"), "duration = -1"),
         (SCENARIO + "speed = 3\n", "speed is not a field"),
+        (SCENARIO + "settings = 5\n", "settings = 5 is not a table"),
+        (
+            SCENARIO.replace("plant = {current_offset = [0.01, 0.02]}", "plant = 5"),
+            "plant = 5 is not a table",
+        ),
+        (SCENARIO + "record_every = -1\n", "record_every = -1 is not a whole number of periods from 1"),
+        ("a = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
         ("duration =", "bad.toml|Invalid|invalid"),
     ]:
         path.write_text(text)
@@ -132,6 +142,79 @@ def test_files_are_written_whole_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="/dev/full"):
         write_text(Path("/dev/full"), "x")
     assert not Path("/dev/full").is_file()
+
+
+def test_a_result_is_kept_when_nothing_can_be_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def closed(*_: object, file: object = None, **__: object) -> None:
+        if file is None:
+            raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    path, record = tmp_path / "run.toml", tmp_path / "run.npz"
+    path.write_text('motor = "2.2kW"\nduration = 0.01\n')
+    monkeypatch.setattr("builtins.print", closed)
+    assert main(["simulate", str(path), "--save", str(record)]) == 2
+    monkeypatch.undo()
+    assert sf.Result.load(record).t[-1] > 0.0
+
+
+def test_a_console_without_greek_letters_loses_nothing(tmp_path: Path) -> None:
+    path, record = tmp_path / "run.toml", tmp_path / "run.npz"
+    path.write_text(SCENARIO)
+    run = subprocess.run(
+        [sys.executable, "-m", "stillflux", "simulate", str(path), "--save", str(record)],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+    )
+    assert (run.returncode, record.exists()) == (0, True), run.stderr
+    assert "status: running" in run.stdout
+
+
+def test_a_run_that_diverges_keeps_its_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def diverges(scenario: sf.Scenario, progress: bool) -> sf.Result:
+        raise sf.DivergenceError("omega_m is not finite from t = 0.01 s on", simulate(scenario))
+
+    path, record = tmp_path / "run.toml", tmp_path / "run.npz"
+    path.write_text('motor = "2.2kW"\nduration = 0.01\n')
+    simulate = sf.simulate
+    monkeypatch.setattr("stillflux.cli.simulate", diverges)
+    assert main(["simulate", str(path), "--save", str(record)]) == 2
+    assert "omega_m is not finite" in capsys.readouterr().err
+    assert len(sf.Result.load(record).t) > 1
+
+
+def test_no_output_takes_the_place_of_an_input_or_of_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("log.csv").write_text("t,i_a\n")
+    Path("own.toml").write_text("[nameplate]\n")
+    Path("sweep.toml").write_text("")
+    Path("link.csv").symlink_to("log.csv")
+    for command, expected in (
+        ("replay log.csv --motor 2.2kW --out log.csv", "--out log.csv is the file of LOG"),
+        ("replay log.csv --motor 2.2kW --out ./link.csv", "--out link.csv is the file of LOG"),
+        ("commission own.toml --out own.toml", "--out own.toml is the file of MACHINE"),
+        ("commission 2.2kW --out same --report same", "--report same is the file of --out"),
+        ("sweep sweep.toml --resume s.csv --out s.csv", "--out s.csv is the file of --resume"),
+    ):
+        assert main(command.split()) == 2
+        assert expected in capsys.readouterr().err
+    assert Path("log.csv").read_text() == "t,i_a\n"
+
+
+def test_where_no_file_can_come_to_be_is_said_before_the_run(tmp_path: Path) -> None:
+    (tmp_path / "dangling.npz").symlink_to(tmp_path / "none" / "x.npz")
+    with pytest.raises(ValueError, match="there is no folder"):
+        check_file(tmp_path / "dangling.npz")
+    long = tmp_path / ("a" * 250 + ".csv")
+    check_file(long)
+    write_text(long, "x")
+    assert long.read_text() == "x"
 
 
 def test_report_is_self_contained(scenario: sf.Scenario, tmp_path: Path) -> None:

@@ -283,6 +283,17 @@ def test_the_command_writes_a_motor_file_and_a_report(
     assert "there is no folder" in capsys.readouterr().err
 
 
+def test_a_motor_keeps_its_rating(tmp_path: Path) -> None:
+    pump, out = Path(__file__).parents[1] / "examples" / "machines" / "pump-4kW.toml", tmp_path / "found.toml"
+    assert main(["commission", "--motor", str(pump), "--only", "wiring", "--out", str(out)]) == 0
+    told, found = sf.load_machine(pump).motor, sf.load_machine(out).motor
+    assert (found.I_N, found.T_N) == (told.I_N, told.T_N)
+    named = tmp_path / "named.toml"
+    named.write_text('name = "a/b"\n' + pump.read_text().replace("name =", "# name ="))
+    with pytest.raises(ValueError, match="name = 'a/b' is no file name"):
+        _task(str(named))
+
+
 def test_a_file_takes_a_preset_and_refuses_a_motor_beside_its_plate(tmp_path: Path) -> None:
     file = tmp_path / "motor.toml"
     file.write_text(FILE.replace("r_d = 0.2", 'preset = "2.2kW"\nu_dc = 560.0'))

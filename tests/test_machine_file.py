@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import stillflux as sf
 from stillflux.cli import main
 from stillflux.evidence import reproduce
 from stillflux.evidence.machines import MACHINES, OwnMachine, inverter_of, motor_of, option
+from stillflux.evidence.paper import paper_drive
 from stillflux.evidence.registry import experiments
 from stillflux.machine_file import machine_to_toml
 
@@ -104,8 +106,25 @@ def test_a_scenario_of_a_motor_file(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert (ran.motor.R_s, ran.plant_motor.R_s if ran.plant_motor else None) == (1.6, 1.7)
     assert "prior_R_s" in ran.settings
     assert ran.settings == sf.load_machine(tmp_path / "found.toml").settings
+    # The same as the motor of a scenario; what the scenario says itself stands.
+    named = {"motor": str(tmp_path / "found.toml"), "duration": 0.1}
+    assert sf.Scenario.from_dict(named).replace(name=ran.name) == ran
+    own = sf.Scenario.from_dict({**named, "plant_motor": "2.2kW", "settings": {"prior_R_s": 0.3}})
+    assert (own.plant_motor, own.settings["prior_R_s"]) == (sf.Motor.preset("2.2kW"), 0.3)
+    assert "prior_R_s" not in sf.Scenario.from_dict({**named, "scheme": "paper"}).settings
+    with pytest.raises(ValueError, match=r"'5\.5kW' is neither a preset"):
+        sf.load_machine("5.5kW")
     assert main(["simulate", str(path), "--motor", "none.toml"]) == 2
     assert "none.toml" in capsys.readouterr().err
+
+
+def test_the_bridge_of_the_paper_is_clamped_whatever_the_file_of_the_motor_simulates() -> None:
+    pump = sf.load_machine(PUMP)
+    found = replace(pump, plant_inverter=replace(pump.inverter, c_out=1e-9, dead_time=2.1e-6))
+    scenario = paper_drive(OwnMachine(found), name="x", duration=0.1)
+    assert scenario.plant_inverter is not None
+    assert (scenario.inverter.c_out, scenario.plant_inverter.c_out) == (0.0, 0.0)
+    assert scenario.plant_inverter.dead_time == 2.1e-6
 
 
 def test_every_figure_is_built_for_an_own_machine() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
+import numpy as np
 import pytest
 
 import stillflux as sf
@@ -58,6 +59,14 @@ def test_other_errors() -> None:
         sf.Motor.preset("3kW")
     with pytest.raises(TypeError, match="R_x"):
         sf.Motor.preset("2.2kW").replace(R_x=1.0)
+    for wrong in (np.complex64(3 + 4j), np.True_, bytearray(b"3")):
+        with pytest.raises(TypeError, match=r"R_s = .* is not a number"):
+            sf.Motor.preset("2.2kW").replace(R_s=wrong)
+    with pytest.raises(ValueError, match=r"R_s is a whole number beyond the range of a float"):
+        sf.Motor.preset("2.2kW").replace(R_s=10**400)
+    pair = r"machine_overload = 300.0 is not \(continuous current in A rms, time constant in s\), nor None"
+    with pytest.raises(TypeError, match=pair):
+        sf.Drive(sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW"), machine_overload=300.0)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"dead_time = 1"):
         sf.Inverter(dead_time=1.0)
     with pytest.raises(ValueError, match=r"c_out = 0\.000001 F .* range 0 to 0\.00000001"):

@@ -339,6 +339,20 @@ def test_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
         sf.Plant(motor, inverter, mode="mean")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="load_torque = NaN"):
         sf.Plant(motor, inverter).step([0.5] * 3, load_torque=float("nan"))
+    nan, plant = float("nan"), sf.Plant(motor, inverter)
+    half = [0.5] * 3
+    for step, expected in (
+        (lambda: plant.step([nan, 0.5, 0.5]), "duty = NaN"),
+        (lambda: plant.step(half, pulses=((nan,) * 3, (0.5,) * 3, (0.1, 0.2))), "pulses = NaN"),
+        (
+            lambda: plant.step(half, pulses=((0.5,) * 3, (0.5,) * 3, (0.1, 9.0))),
+            r"pulses = 9 .* range 0 to 1",
+        ),
+        (lambda: plant.step_voltage(1e5, 1e-3), r"u_s = 100000 V .* range -4000 to 4000"),
+    ):
+        with pytest.raises(ValueError, match=expected):
+            step()
+    assert plant.state.i_s == 0.0
 
 
 def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -> None:

@@ -443,6 +443,17 @@ def test_what_is_no_saved_result_is_named(tmp_path: Path, scenario: sf.Scenario)
     (tmp_path / "junk.npz").write_text("junk")
     with pytest.raises(ValueError, match=r"junk.npz is not a saved result"):
         sf.Result.load(tmp_path / "junk.npz")
+    whole = tmp_path / "run.npz"
+    sf.simulate(scenario.replace(duration=0.01)).save(whole)
+    torn = bytearray(whole.read_bytes())
+    torn[121] ^= 0xFF
+    (tmp_path / "torn.npz").write_bytes(torn)
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    np.savez(tmp_path / "other.npz", meta="{}", t=[1.0])
+    np.savez(tmp_path / "number.npz", meta="5", t=[1.0])
+    for name in ("torn.npz", "array.npy", "other.npz", "number.npz"):
+        with pytest.raises(ValueError, match=f"{name} is not a saved result"):
+            sf.Result.load(tmp_path / name)
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         sf.simulate(scenario.replace(duration=0.01)).save(tmp_path / "none" / "run.npz")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import pickle
 import runpy
 import signal
 import subprocess
@@ -21,6 +22,7 @@ import pytest
 import stillflux as sf
 from stillflux import executors
 from stillflux.cli import main
+from stillflux.metrics import settled_after
 from stillflux.sweep import METRICS, Point
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -260,6 +262,13 @@ def test_a_torque_reference_has_no_speed_error() -> None:
     found = sf.sweep([torque], ["speed_error_end", "speed_error_max"], "serial")
     assert np.isnan(found["speed_error_end"][0])
     assert not found.failed
+    assert np.isnan(settled_after(sf.simulate(torque), 0.05, 0.01))
+
+
+def test_an_interruption_goes_to_another_process_with_its_rows() -> None:
+    stop = sf.SweepInterrupted(sf.sweep([BASE.replace(duration=0.01)], ["angle_max"], "serial"), 3)
+    again = pickle.loads(pickle.dumps(stop))
+    assert (str(again), len(again.result)) == ("interrupted after 1 of 3 scenarios", 1)
 
 
 def test_ctrl_c_keeps_what_was_done() -> None:
@@ -292,6 +301,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     for wrong, expected in (
         ("metrics = ['angle']\n" + text.split("\n", 3)[3], "'angle' is not one of"),
         (text.replace("[grid]", "[gird]"), "gird is not known"),
+        (text.replace('x = "plant_motor.R_s"', 'x = "load_torqe"'), "[plot] x = 'load_torqe' is not one of"),
+        ('grid = 5\n[scenario]\nmotor = "2.2kW"\nduration = 0.1\n', "grid = 5 is not a table"),
+        (text.replace("[0.85, 1.0, 1.15]", '"12"'), "neither a list"),
         (text.replace("{ factors = [0.85, 1.0, 1.15] }", "3"), "neither a list"),
         (text.replace("R_s", "R_x"), "R_x is not a field"),
     ):
@@ -320,6 +332,11 @@ def test_what_is_no_sweep_is_refused_by_name() -> None:
         (lambda: sf.draws(base, 2, {"plant_motor.R_s": 0.1}), "R_s: 0.1 is neither normal"),  # type: ignore[dict-item]
         (lambda: sf.draws(base, 0, {}), "number = 0"),
         (lambda: sf.sweep([base, base], {"x": lambda _: 1.0}), "'x' cannot be sent to another process"),
+        (lambda: sf.grid(base, {"plant_motor.R_s": sf.factors()}), "has no value"),
+        (lambda: sf.sweep([base], [lambda _: 1.0, lambda _: 2.0]), "'<lambda>' is there twice"),
+        (lambda: sf.sweep([base], {"status": lambda _: 1.0}), "'status' is a column of every sweep"),
+        (lambda: sf.sweep([base], {"a": "no_metric"}), "'no_metric' is not one of"),  # type: ignore[dict-item]
+        (lambda: sf.sweep({"b": None}, ["angle_max"]), r"scenarios\['b'\] = None is not a Scenario"),  # type: ignore[arg-type]
     ]
     for make, text in wrong:
         with pytest.raises((ValueError, TypeError), match=text):

@@ -249,7 +249,7 @@ class Drive:
             Stamp of the PWM period, a number that the hardware counts up by one in each, 0 to 65535, then
             0 again: missed
             and doubled calls are seen by it. A doubled call changes nothing and returns the duties of the
-            first.
+            first, but for a stop or a fault, which block the bridge.
         encoder
             Position of the encoder at the instant of the currents, in counts (four a line) from anywhere;
             with the setting `encoder_lines`. None: it has not been read.
@@ -485,14 +485,14 @@ class Plant:
     ) -> tuple[NDArray[np.float64], float]:
         """Runs one PWM period and returns the reading at its end: i_abc in A, shape (3,), and u_dc in V.
 
-        `duty` (three values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
-        register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
+        `duty` (three finite values, clamped to [0, 1]) acts in the *next* period, as from a modulator's
+        preload register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
         `load_torque` in N·m, up to ten times the rated torque, opposes positive rotation and is active, as a
         crane's. `pulses`, of `Drive.pulses`, take the place of `duty`: with the option `shunt` the reading is
         that of the shunt at their two instants and at the end of the period, in A."""
     def step_voltage(self, u_s: complex, dt: float, load_torque: float = 0.0) -> None:
-        """Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, at most 100,
-        past the bridge."""
+        """Applies the constant voltage `u_s` (complex, V, up to ten times the rated voltage) to the terminals
+        for `dt` seconds, at most 100, past the bridge."""
     def sample(self) -> tuple[NDArray[np.float64], float]:
         """A reading now: i_abc in A, shape (3,), and u_dc in V. Every call draws fresh noise."""
     @property

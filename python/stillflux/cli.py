@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import io
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stillflux import __version__, sweep_file
-from stillflux.machine_file import load_machine, read_toml
-from stillflux.outputs import check_file, naming
+from stillflux.machine_file import load_machine, read_toml, with_machine
+from stillflux.outputs import apart, check_file, naming
 from stillflux.parameters import PRESETS
 from stillflux.replay import replay
 from stillflux.scenario import Scenario
-from stillflux.simulation import Interrupted, simulate
+from stillflux.simulation import DivergenceError, Interrupted, simulate
 from stillflux.sweep import SweepInterrupted, sweep
 
 if TYPE_CHECKING:
@@ -31,6 +32,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = _parser(given).parse_args(given)
     options.command_line = shlex.join(["stillflux", *given])
+    # A console that knows no Ω or ° is no reason to lose a result.
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         status: int = options.run(options)
     except OSError as error:
@@ -166,15 +171,20 @@ def _plot(figure: Figure, path: Path) -> None:
 def _simulate(options: argparse.Namespace) -> int:
     check_file(options.save, ".npz")
     check_file(options.plot, *_PLOTS)
+    apart({"file": options.file, "--save": options.save, "--plot": options.plot})
     scenario = Scenario.from_dict(_with_motor(read_toml(options.file), options.motor))
     try:
         result, status = simulate(scenario, progress=True), 0
     except Interrupted as stop:
         result, status = stop.result, 130
-    print(result.summary())
+    except DivergenceError as stop:
+        result, status = stop.result, 2
+        print(f"stillflux: {stop}", file=sys.stderr)
     if options.save:
         with naming(options.save):
             result.save(options.save)
+    print(result.summary())
+    if options.save:
         print(f"record: {options.save}")
     if options.plot:
         _plot(result.plot(), options.plot)
@@ -192,6 +202,7 @@ _ARGUMENTS = {
 def _replay(options: argparse.Namespace) -> int:
     check_file(options.out, ".csv", ".npz", ".parquet")
     check_file(options.plot, *_PLOTS)
+    apart({"LOG": options.log, "--out": options.out, "--plot": options.plot})
     columns: dict[str, Any] = {}
     for text in options.column:
         quantity, equals, name = text.partition("=")
@@ -215,10 +226,11 @@ def _replay(options: argparse.Namespace) -> int:
     except ValueError as error:
         named = [option for argument, option in _ARGUMENTS.items() if argument in str(error)]
         raise ValueError(f"{error}\non the command line: {', '.join(named)}" if named else error) from None
-    print(f"machine: {machine.name}\n{found.summary()}")
     if options.out:
         with naming(options.out):
             found.save(options.out)
+    print(f"machine: {machine.name}\n{found.summary()}")
+    if options.out:
         print(f"estimates: {options.out}")
     if options.plot:
         _plot(found.plot(), options.plot)
@@ -228,6 +240,7 @@ def _replay(options: argparse.Namespace) -> int:
 def _sweep(options: argparse.Namespace) -> int:
     check_file(options.out, ".csv")
     check_file(options.plot, *_PLOTS)
+    apart({"file": options.file, "--resume": options.resume, "--out": options.out, "--plot": options.plot})
     asked = sweep_file.parse(_with_motor(read_toml(options.file), options.motor, "scenario"))
     status = 0
     try:
@@ -235,12 +248,13 @@ def _sweep(options: argparse.Namespace) -> int:
     except SweepInterrupted as stop:
         found, status = stop.result, 130
         print(f"stillflux: {stop}", file=sys.stderr)
+    if options.out:
+        with naming(options.out):
+            found.save(options.out)
     print(found.summary())
     for row in found.failed[:5]:
         print(f"failed: {row['error']}")
     if options.out:
-        with naming(options.out):
-            found.save(options.out)
         print(f"rows: {options.out}")
     if options.plot and len(found):
         _plot(found.map(**asked.plot) if asked.plot else found.spread(), options.plot)
@@ -252,14 +266,7 @@ def _with_motor(data: dict[str, Any], motor: str | None, table: str = "") -> dic
     its file simulates, and with the settings that follow from how well it knows its values."""
     if motor is None:
         return data
-    machine = load_machine(motor)
-    scenario = dict(data.get(table, {}) if table else data)
-    scenario |= {"motor": asdict(machine.motor), "inverter": asdict(machine.inverter)}
-    for name, real in (("plant_motor", machine.plant_motor), ("plant_inverter", machine.plant_inverter)):
-        if real is not None:
-            scenario.setdefault(name, asdict(real))
-    if machine.settings and scenario.get("scheme", "enhanced") == "enhanced":
-        scenario["settings"] = {**machine.settings, **scenario.get("settings", {})}
+    scenario = with_machine(data.get(table, {}) if table else data, load_machine(motor))
     return {**data, table: scenario} if table else scenario
 
 

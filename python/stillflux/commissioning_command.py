@@ -32,7 +32,7 @@ from __future__ import annotations
 import argparse
 import html
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,9 +41,9 @@ import numpy as np
 from stillflux.commissioning import PROCEDURES, Commissioned, CommissioningInterrupted, pulse_delay
 from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
-from stillflux.machine_file import inverter_of, load_machine, part, read_toml
+from stillflux.machine_file import checked_name, inverter_of, load_machine, part, read_toml
 from stillflux.nameplate import Nameplate
-from stillflux.outputs import check_file, write_text
+from stillflux.outputs import apart, check_file, write_text
 from stillflux.parameters import PRESETS, Inverter, Motor, leg_delay
 from stillflux.simulation import progress_bar
 
@@ -70,6 +70,8 @@ class _Task:
     motor: Motor
     inverter: Inverter
     options: dict[str, Any]
+    told: Motor | None
+    """The motor of a file that has no plate."""
 
 
 def commission(parser: argparse.ArgumentParser) -> None:
@@ -99,9 +101,11 @@ def commission(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    source = options.machine or options.motor
     check_file(options.out)
     check_file(options.report)
-    task = _task(options.machine or options.motor)
+    apart({"MACHINE": source, "--out": options.out, "--report": options.report})
+    task = _task(source)
     bar = progress_bar("commissioning")
     status = 0
     try:
@@ -118,19 +122,23 @@ def _run(options: argparse.Namespace) -> int:
         )
     except CommissioningInterrupted as stop:
         found, status = stop.result, 130
+    if task.told is not None:
+        # The rating is that of the motor, not of the rounded plate that the procedures go by.
+        found = replace(found, motor=found.motor.replace(I_N=task.told.I_N, T_N=task.told.T_N))
+    if options.out:
+        text = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=_simulated(task))
+        write_text(options.out, text)
+    if options.report:
+        text = report(task.name, found, _rows(task, found), _far(task.plate, found))
+        write_text(options.report, text)
     print(f"status: {found.status}, {found.duration:.1f} s simulated")
     for name, value, deviation, error in _rows(task, found):
         print(f"{name:20} {value:>14}  ± {deviation:>8}   error {error}")
     for text in (*found.warnings, *_far(task.plate, found)):
         print(f"warning: {text}")
-    if options.out:
-        text = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=_simulated(task))
-        write_text(options.out, text)
-        print(f"motor file: {options.out}")
-    if options.report:
-        text = report(task.name, found, _rows(task, found), _far(task.plate, found))
-        write_text(options.report, text)
-        print(f"report: {options.report}")
+    for title, path in (("motor file", options.out), ("report", options.report)):
+        if path:
+            print(f"{title}: {path}")
     return status or int(found.cause is not None)
 
 
@@ -138,7 +146,7 @@ def _task(source: str) -> _Task:
     if source in PRESETS:
         machine = load_machine(source)
         plate = Nameplate.of(machine.motor)
-        return _Task(source, plate, machine.inverter, machine.motor, machine.inverter, {})
+        return _Task(source, plate, machine.inverter, machine.motor, machine.inverter, {}, machine.motor)
     path = Path(source)
     data = read_toml(path)
     unknown = set(data) - {"name", "nameplate", "motor", "inverter", "plant", "deviation", "warnings"}
@@ -152,6 +160,7 @@ def _task(source: str) -> _Task:
             f"{path}: give one of the tables [nameplate] and [motor]; the motor that is simulated in "
             f"place of that of the plate is [plant.motor]"
         )
+    told = None
     if "nameplate" in data:
         plate = Nameplate(**data["nameplate"])
         if motor is None:
@@ -163,7 +172,8 @@ def _task(source: str) -> _Task:
     sheet = inverter_of(data.get("inverter"), plate.motor())
     inverter = sheet.replace(**changes)
     options = {key: _tuples(value) for key, value in plant.items()}
-    return _Task(str(data.get("name", path.stem)), plate, sheet, motor, inverter, options)
+    name = checked_name(path, data.get("name", path.stem))
+    return _Task(name, plate, sheet, motor, inverter, options, told)
 
 
 def _tuples(value: Any) -> Any:

@@ -105,6 +105,19 @@ def priors(deviation: Mapping[str, float]) -> DriveSettings:
     return _core.priors(deviation)
 
 
+def with_machine(scenario: Mapping[str, Any], machine: Machine) -> dict[str, Any]:
+    """The plain data of a scenario with the motor and inverter of a machine instead of those in it; with
+    those that its file simulates, and with the settings that follow from how well it knows its values,
+    unless the scenario has its own."""
+    found = {**scenario, "motor": asdict(machine.motor), "inverter": asdict(machine.inverter)}
+    for name, real in (("plant_motor", machine.plant_motor), ("plant_inverter", machine.plant_inverter)):
+        if real is not None:
+            found.setdefault(name, asdict(real))
+    if machine.settings and found.get("scheme", "enhanced") == "enhanced":
+        found["settings"] = {**machine.settings, **found.get("settings", {})}
+    return found
+
+
 def load_machine(source: str | os.PathLike[str]) -> Machine:
     """The machine of a preset's name ("2.2kW", "11kW") or of a motor file.
 
@@ -114,7 +127,8 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
     if isinstance(source, str) and source in PRESETS:
         return Machine(name=source, motor=Motor.preset(source), inverter=Inverter.preset(source))
     path = Path(source)
-    if not path.suffix and not path.exists():
+    # "5.5kW" is no file name with the ending ".5kW".
+    if path.suffix != ".toml" and not path.exists():
         raise ValueError(
             f"motor = {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a motor file"
         )
@@ -138,11 +152,7 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         motor, assumed = _checked(path, "nameplate", _of_nameplate, data["nameplate"])
         deviation = {**assumed, **deviation}
     inverter = _checked(path, "inverter", lambda t: inverter_of(t, motor), data.get("inverter"))
-    name = data.get("name", path.stem)
-    if not isinstance(name, str) or not re.fullmatch(r"[^\x00-\x1f/\\:*?\"<>|]{1,80}", name):
-        raise ValueError(
-            f"{path}: name = {name!r} is no file name of up to 80 characters, which reports need"
-        )
+    name = checked_name(path, data.get("name", path.stem))
     real = dict(data.get("plant", {}))
     plant_motor = _checked(path, "plant.motor", _motor, real.pop("motor")) if "motor" in real else None
     plant_inverter = None
@@ -165,6 +175,15 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
     )
 
 
+def checked_name(path: Path, name: Any) -> str:
+    """The name of a machine; ValueError naming the file if reports cannot be named by it."""
+    if not isinstance(name, str) or not re.fullmatch(r"[^\x00-\x1f/\\:*?\"<>|]{1,80}", name):
+        raise ValueError(
+            f"{path}: name = {name!r} is no file name of up to 80 characters, which reports need"
+        )
+    return name
+
+
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The tables of a TOML file. Raises ValueError with file and line for bad syntax."""
     try:
@@ -172,6 +191,8 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
             return tomllib.load(file)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: {error}") from None
+    except RecursionError:
+        raise ValueError(f"{path}: nested too deeply") from None
 
 
 def machine_to_toml(

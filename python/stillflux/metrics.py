@@ -103,13 +103,16 @@ def speed_ripple(result: Result) -> float:
 
 
 def settled_after(result: Result, event: float, band: float) -> float:
-    """Seconds from `event` until the speed error stays within ±band per unit; inf if it does not."""
+    """Seconds from `event` until the speed error stays within ±band per unit; inf if it does not, NaN where
+    the reference is a torque."""
     after = result.window(event)
     return stays_within(after.t, speed_error(after), event, band)
 
 
 def stays_within(t: NDArray[np.float64], error: NDArray[np.float64], event: float, band: float) -> float:
-    """Seconds from `event` until an error stays within ±band; inf if it does not."""
+    """Seconds from `event` until an error stays within ±band; inf if it does not, NaN if there is none."""
+    if np.isnan(error).all():
+        return math.nan
     outside = np.flatnonzero(np.abs(error) > band)
     if not len(outside):
         return 0.0

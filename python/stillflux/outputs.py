@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["check_file", "check_folder", "naming", "whole", "write_text"]
+__all__ = ["apart", "check_file", "check_folder", "naming", "whole", "write_text"]
 
 
 def check_file(path: Path | None, *suffixes: str) -> None:
@@ -17,12 +17,30 @@ def check_file(path: Path | None, *suffixes: str) -> None:
         return
     if suffixes and path.suffix.lower() not in suffixes:
         raise ValueError(f"{path}: {path.suffix or 'no suffix'} is not one of {', '.join(suffixes)}")
-    folder = path.absolute().parent
+    # Where a link leads; the file takes its place from beside it.
+    folder = path.resolve().parent
     if path.is_dir() or not folder.is_dir():
-        reason = "is a folder" if path.is_dir() else f"there is no folder {path.parent}"
+        reason = (
+            "is a folder"
+            if path.is_dir()
+            else f"there is no folder {folder if path.is_symlink() else path.parent}"
+        )
         raise ValueError(f"{path}: {reason}")
-    if not os.access(path if path.exists() else folder, os.W_OK):
+    needed = ([path] if path.exists() else []) + ([folder] if path.is_file() or not path.exists() else [])
+    if not all(os.access(place, os.W_OK) for place in needed):
         raise ValueError(f"{path} cannot be written")
+
+
+def apart(files: Mapping[str, Path | str | None]) -> None:
+    """Whether what a command reads and writes are different files, by its arguments. Raises ValueError."""
+    known: dict[Path, str] = {}
+    for name, path in files.items():
+        if path is None or (Path(path).exists() and not Path(path).is_file()):
+            continue
+        place = Path(path).resolve()
+        if place in known:
+            raise ValueError(f"{name} {path} is the file of {known[place]}: it would be overwritten")
+        known[place] = name
 
 
 def check_folder(path: Path) -> None:
@@ -57,7 +75,7 @@ def whole(path: Path) -> Iterator[Path]:
         return
     # A link stays one.
     place = path.resolve()
-    part = place.with_name(f".{uuid.uuid4().hex}.{place.name}")
+    part = place.with_name(f".{uuid.uuid4().hex}{place.suffix}")
     try:
         with naming(path):
             yield part

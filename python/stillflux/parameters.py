@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
+import numpy as np
+
 from stillflux import _core
 
 if TYPE_CHECKING:
@@ -18,10 +20,12 @@ PRESETS = ("2.2kW", "11kW")
 
 def number(name: str, value: Any) -> float:
     """A real number as a float; whatever stands for none is a TypeError that names it."""
-    if isinstance(value, bool | str | bytes | complex):
+    if isinstance(value, bool | str | bytes | bytearray | complex | np.bool_ | np.complexfloating):
         raise TypeError(f"{name} = {value!r} is not a number")
     try:
         return float(value)
+    except OverflowError:
+        raise ValueError(f"{name} is a whole number beyond the range of a float, 1.8e308") from None
     except (TypeError, ValueError):
         raise TypeError(f"{name} = {value!r} is not a number") from None
 

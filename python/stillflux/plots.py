@@ -170,7 +170,8 @@ def replayed(found: Replay) -> Figure:
     torque.set_ylabel("torque, N·m")
     line(flux, np.abs(found.psi_s), r"$|\hat\psi_s|$")
     flux.set_ylabel("flux, V·s")
-    line(resistance, found.R_s, r"$\hat R_s$")
+    with_bridge = "" if found.voltage == "terminal" else " + r_d"
+    line(resistance, found.R_s, rf"$\hat R_s{with_bridge}$")
     resistance.set_ylabel(r"resistance, $\Omega$")
     line(angle, np.degrees(found.angle_deviation), "σ of the field angle")
     angle.set_ylabel("σ, °")

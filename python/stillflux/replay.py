@@ -159,12 +159,14 @@ class Replay:
     def summary(self) -> str:
         """A few lines: length, speeds, resistance, confidence, notes."""
         known = self.angle_deviation < math.pi
+        resistance = "R_s" if self.voltage == "terminal" else "R_s + r_d"
         lines = [f"{self.source}: {len(self.t)} rows, {self.t[-1] - self.t[0]:.3f} s, scheme {self.scheme}"]
         if known.any():
             speed, low = self.omega_m[known], self.confidence[known]
             deviation = np.degrees(np.median(self.angle_deviation[known]))
             lines += [
-                f"speed {speed.min():.3g} … {speed.max():.3g} rad/s, R_s {self.R_s[-1]:.4g} Ω at the end",
+                f"speed {speed.min():.3g} … {speed.max():.3g} rad/s, "
+                f"{resistance} {self.R_s[-1]:.4g} Ω at the end",
                 f"confidence at least {low.min():.2f}, below one half for {100 * (low < 0.5).mean():.1f} % "
                 f"of the time, angle ± {deviation:.2g}° (1 σ, median)",
             ]

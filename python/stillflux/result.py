@@ -6,6 +6,7 @@ import html
 import json
 import os
 import zipfile
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Result"]
 
+_NO_RESULT = (ValueError, KeyError, TypeError, AttributeError)
 _META = "meta"
 _COMPARED = ("omega_m", "torque", "angle_error", "estimate.confidence")
 _MOST_PANELS = 6
@@ -204,12 +206,9 @@ class Result:
             with np.load(path) as file:
                 data = {name: file[name] for name in file.files}
             meta = json.loads(str(data.pop(_META)))
-        except (ValueError, KeyError, AttributeError, EOFError, zipfile.BadZipFile):
+            t, scenario, status, memory = data.pop("t"), meta["scenario"], meta["status"], meta["memory"]
+        except (*_NO_RESULT, EOFError, zipfile.BadZipFile, zlib.error):
             raise ValueError(f"{path} is not a saved result") from None
         return cls(
-            scenario=Scenario.from_dict(meta["scenario"]),
-            t=data.pop("t"),
-            data=data,
-            status=Status(*meta["status"]),
-            memory=rich(meta["memory"]),
+            scenario=Scenario.from_dict(scenario), t=t, data=data, status=Status(*status), memory=rich(memory)
         )

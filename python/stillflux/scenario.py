@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from stillflux import _core
-from stillflux.machine_file import part
+from stillflux.machine_file import load_machine, part, with_machine
 from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import PRESETS, Inverter, Motor, number
 
@@ -128,11 +128,12 @@ class Scenario:
         if self.memory is not None and not isinstance(self.memory, Mapping):
             raise TypeError(f"memory = {self.memory!r} is not what Result.memory holds")
         set_field("duration", number("duration", self.duration))
-        if not isinstance(self.record_every, int) or isinstance(self.record_every, bool):
-            whole = number("record_every", self.record_every)
-            if whole != int(whole):
-                raise ValueError(f"record_every = {self.record_every} is not a whole number of periods")
-            set_field("record_every", int(whole))
+        every = number("record_every", self.record_every)
+        if not 1.0 <= every < 2.0**32 or every != int(every):
+            raise ValueError(
+                f"record_every = {self.record_every} is not a whole number of periods from 1 to 2^32 - 1"
+            )
+        set_field("record_every", int(every))
         for name in ("omega_ref", "torque_ref", "load_torque"):
             set_field(name, _profile(name, getattr(self, name), self.duration))
         if isinstance(self.signals, str):
@@ -140,7 +141,10 @@ class Scenario:
         if self.signals is not None:
             set_field("signals", tuple(self.signals))
         for name in ("settings", "plant", "memory"):
-            if getattr(self, name) is not None:
+            table = getattr(self, name)
+            if not isinstance(table, Mapping) and not (table is None and name == "memory"):
+                raise TypeError(f"{name} = {table!r} is not a table of names and values")
+            if table is not None:
                 set_field(name, {key: _immutable(value) for key, value in getattr(self, name).items()})
         if not isinstance(self.changes, Iterable):
             raise TypeError(f"changes = {self.changes!r} is not a list of (t, {{name: value}})")
@@ -250,7 +254,8 @@ class Scenario:
 
         Motors and inverters are a preset's name, a motor file (see `stillflux.machine_file`), or a table of
         fields, in which `preset` may name a preset to change. Without an inverter, that of the motor's
-        preset or file is taken.
+        preset or file is taken, and with it what the file simulates and the settings that follow from how
+        well it knows its values, unless they are given.
         """
         known = {f.name for f in fields(cls)}
         if not isinstance(data, Mapping):
@@ -259,7 +264,11 @@ class Scenario:
             if key not in known:
                 raise ValueError(f"{key} is not a field of a scenario; those are {', '.join(sorted(known))}")
         if "inverter" not in data and isinstance(data.get("motor"), str):
-            data = {**data, "inverter": data["motor"]}
+            try:
+                machine = load_machine(data["motor"])
+            except ValueError as error:
+                raise ValueError(f"motor: {error}") from None
+            data = with_machine(data, machine)
         for key in ("motor", "inverter", "duration"):
             if key not in data:
                 raise ValueError(f"{key} is missing: a scenario has motor, inverter and duration at least")

@@ -144,10 +144,11 @@ def grid(base: Scenario, axes: Mapping[str, Sequence[Any] | Factors]) -> list[Po
 def _values(base: Scenario, name: str, axis: Sequence[Any] | Factors) -> list[Any]:
     _known(base, name)
     if isinstance(axis, Factors):
-        return [_number(base, name) * x for x in axis.values]
-    if isinstance(axis, str | bytes | Mapping) or not isinstance(axis, Iterable):
+        values = [_number(base, name) * x for x in axis.values]
+    elif isinstance(axis, str | bytes | Mapping) or not isinstance(axis, Iterable):
         raise TypeError(f"{name} = {axis!r} is neither a list of values nor factors(…)")
-    values = list(axis)
+    else:
+        values = list(axis)
     if not values:
         raise ValueError(f"{name} = {axis!r} has no value: the grid would have no point")
     return values
@@ -294,7 +295,10 @@ class SweepInterrupted(KeyboardInterrupt):
 
     def __init__(self, result: Sweep, total: int) -> None:
         super().__init__(f"interrupted after {len(result)} of {total} scenarios")
-        self.result = result
+        self.result, self._total = result, total
+
+    def __reduce__(self) -> tuple[type[SweepInterrupted], tuple[Sweep, int]]:
+        return SweepInterrupted, (self.result, self._total)
 
 
 def sweep(
@@ -372,18 +376,21 @@ def sweep(
 
 
 def _metrics(metrics: Metrics) -> dict[str, Metric]:
-    if isinstance(metrics, Mapping):
-        return dict(metrics)
     chosen: dict[str, Metric] = {}
-    for metric in metrics:
-        if callable(metric):
-            if not hasattr(metric, "__name__"):
+    named = metrics.items() if isinstance(metrics, Mapping) else ((None, metric) for metric in metrics)
+    for name, metric in named:
+        if not callable(metric):
+            if metric not in METRICS:
+                raise ValueError(f"metrics: {metric!r} is not one of {', '.join(METRICS)}, nor a function")
+            name, metric = name or metric, METRICS[metric]
+        elif name is None:
+            name = getattr(metric, "__name__", None)
+            if name is None:
                 raise ValueError(f"metrics: {metric!r} has no name: give a mapping of names to functions")
-            chosen[metric.__name__] = metric
-        elif metric in METRICS:
-            chosen[metric] = METRICS[metric]
-        else:
-            raise ValueError(f"metrics: {metric!r} is not one of {', '.join(METRICS)}")
+        if name in chosen or name in ("status", "error"):
+            why = "is there twice" if name in chosen else "is a column of every sweep"
+            raise ValueError(f"metrics: {name!r} {why}: give a mapping of other names to functions")
+        chosen[name] = metric
     return chosen
 
 
@@ -391,6 +398,9 @@ def _points(scenarios: Iterable[Any] | Mapping[str, Scenario]) -> list[Point]:
     if isinstance(scenarios, Scenario):
         scenarios = [scenarios]
     if isinstance(scenarios, Mapping):
+        for name, scenario in scenarios.items():
+            if not isinstance(scenario, Scenario):
+                raise TypeError(f"scenarios[{name!r}] = {scenario!r} is not a Scenario")
         return [Point({"name": name}, scenario) for name, scenario in scenarios.items()]
     points = []
     for k, item in enumerate(scenarios):

@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stillflux.scenario import Scenario, rich
-from stillflux.sweep import Factors, Point, draws, factors, grid, normal, uniform
+from stillflux.sweep import METRICS, Factors, Point, draws, factors, grid, normal, uniform
 
 __all__ = ["SweepFile", "parse"]
 
@@ -55,17 +55,32 @@ def parse(data: Mapping[str, Any]) -> SweepFile:
             )
     if "scenario" not in data or ("grid" in data) == ("draws" in data):
         raise ValueError("a sweep file has [scenario] and one of [grid] and [draws]")
+    for key in ("grid", "draws", "plot"):
+        if key in data and not isinstance(data[key], Mapping):
+            raise ValueError(f"{key} = {data[key]!r} is not a table: write [{key}] and its fields below it")
     base = Scenario.from_dict(data["scenario"])
     plot = data.get("plot")
     if plot is not None and set(plot) != {"x", "y", "metric"}:
         raise ValueError(f"[plot] has x, y and metric, not {', '.join(plot) or 'nothing'}")
     metrics = data.get("metrics", ("angle_max", "confidence_min", "speed_error_end"))
+    if isinstance(metrics, str) or not isinstance(metrics, Sequence) or not metrics:
+        raise ValueError(f"metrics = {metrics!r} is not a list of names")
+    for name in metrics:
+        if name not in METRICS:
+            raise ValueError(f"metrics: {name!r} is not one of {', '.join(METRICS)}")
+    if plot is not None:
+        axes = [name for name in data.get("grid", data.get("draws", {})) if name not in ("number", "seed")]
+        for key, known in (("x", axes), ("y", axes), ("metric", metrics)):
+            if plot[key] not in known:
+                raise ValueError(f"[plot] {key} = {plot[key]!r} is not one of {', '.join(map(str, known))}")
     if "grid" in data:
         return SweepFile(
             grid(base, {name: _axis(name, x) for name, x in data["grid"].items()}), metrics, plot
         )
     table = dict(data["draws"])
     number, seed = table.pop("number", None), table.pop("seed", 0)
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise ValueError(f"[draws] seed = {seed!r} is not a whole number from 0 on")
     if not isinstance(number, int) or not 1 <= number <= 1_000_000:
         raise ValueError(f"[draws] number = {number} is outside 1 … 1000000")
     tolerances = {name: _tolerance(name, x) for name, x in table.items()}
@@ -73,7 +88,7 @@ def parse(data: Mapping[str, Any]) -> SweepFile:
 
 
 def _axis(name: str, x: Any) -> Sequence[Any] | Factors:
-    if isinstance(x, dict) and set(x) == {"factors"}:
+    if isinstance(x, dict) and set(x) == {"factors"} and isinstance(x["factors"], list) and x["factors"]:
         return factors(*x["factors"])
     if not isinstance(x, list) or not x:
         raise ValueError(f"[grid] {name} = {x!r} is neither a list of values nor {{ factors = […] }}")
@@ -85,6 +100,6 @@ def _tolerance(name: str, x: Any) -> Any:
     if not isinstance(x, dict) or len(x) != 1 or not set(x) <= set(kinds):
         raise ValueError(f"[draws] {name} = {x!r} is neither {{ normal = … }} nor {{ uniform = … }}")
     ((kind, width),) = x.items()
-    if not 0.0 <= width <= 1.0:
+    if isinstance(width, bool) or not isinstance(width, int | float) or not 0.0 <= width <= 1.0:
         raise ValueError(f"[draws] {name}: {kind} = {width} is outside 0 … 1")
     return kinds[kind](width)

@@ -8,7 +8,7 @@ use stillflux::config::{DriveParams, EncoderMode, EnhancedParams, LowConfidence,
 use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
 use stillflux::si::Arithmetic;
 
-use crate::convert::{each_keyword, extract, value_error};
+use crate::convert::{each_keyword, extract, parts, value_error};
 
 /// What is read from a Python `Motor`.
 #[derive(FromPyObject)]
@@ -284,6 +284,16 @@ fn check_scheme(scheme: Scheme, name: &str) -> PyResult<()> {
     Ok(())
 }
 
+/// What the two numbers of a setting are.
+const PAIRS: [(&str, &str); 6] = [
+    ("torque_limits", "negative limit, positive limit in N m"),
+    ("speed_limits", "negative limit, positive limit in rad/s"),
+    ("machine_overload", "continuous current in A rms, time constant in s"),
+    ("bridge_overload", "continuous current in A rms, time constant in s"),
+    ("initial_flux", "alpha, beta per unit of rated flux"),
+    ("winding_heat", "rise at rated current in K, time constant in s"),
+];
+
 /// Settings of a drive: the defaults of machine and inverter, changed by keywords.
 pub fn drive_params(
     machine: &Machine,
@@ -295,6 +305,9 @@ pub fn drive_params(
     let mut p = DriveParams { scheme, ..DriveParams::new(machine, inverter) };
     each_keyword(settings, "the drive", SETTINGS, |name, value| {
         check_scheme(scheme, name)?;
+        if let Some((_, meaning)) = PAIRS.iter().find(|(pair, _)| *pair == name) {
+            parts::<[f64; 2]>(name, value, meaning)?;
+        }
         set(&mut p, name, value)
     })?;
     p.validate(machine, inverter).map_err(value_error)?;

@@ -12,7 +12,7 @@ use stillflux_sim::{
     Thermal, Truth,
 };
 
-use crate::convert::{complex, each_keyword, extract, finite_parts, offsets, parts, three, value_error};
+use crate::convert::{complex, each_keyword, extract, finite, finite_parts, offsets, parts, three, value_error};
 use crate::parameters::{Inverter, Motor};
 
 fn mode(name: &str) -> PyResult<Mode> {
@@ -167,6 +167,8 @@ pub fn encoder_fault(name: Option<&str>) -> PyResult<Option<EncoderFault>> {
 
 /// Largest load, of rated torque.
 const LOAD_MAX: f64 = 10.0;
+/// Largest voltage at the terminals, relative to the rated one.
+const VOLTAGE_MAX: f64 = 10.0;
 
 /// Imposed speed that a plant admits.
 pub fn shaft_speed(speed: Option<f64>) -> PyResult<Option<f64>> {
@@ -238,6 +240,7 @@ pub struct Plant {
     speed: Option<f64>,
     current_offset: [f64; 3],
     load_max: f64,
+    u_max: f64,
 }
 
 type Reading<'py> = (Bound<'py, PyArray1<f64>>, f64);
@@ -260,15 +263,15 @@ impl Plant {
     #[pyo3(signature = (motor, inverter, **options))]
     fn new(motor: Motor, inverter: Inverter, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let machine = motor.machine()?;
-        let load_max = LOAD_MAX * machine.T_N;
+        let (load_max, u_max) = (LOAD_MAX * machine.T_N, VOLTAGE_MAX * machine.U_N);
         let params = plant_params(machine, inverter.params()?, options)?;
         let plant = stillflux_sim::Plant::new(params).map_err(value_error)?;
-        Ok(Self { plant, speed: params.mechanics.speed, current_offset: params.adc.offset, load_max })
+        Ok(Self { plant, speed: params.mechanics.speed, current_offset: params.adc.offset, load_max, u_max })
     }
 
     /// Runs one PWM period and returns the reading at its end: i_abc in A, shape (3,), and u_dc in V.
     ///
-    /// `duty` (three values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
+    /// `duty` (three finite values, clamped to [0, 1]) acts in the *next* period, as from a modulator's preload
     /// register: the plant holds the one-period delay. `gates_on=False` blocks the bridge at once.
     /// `load_torque` in N·m, up to ten times the rated torque, opposes positive rotation and is active, as a
     /// crane's. `pulses`, of `Drive.pulses`, take the place of `duty`: with the option `shunt` the reading is that of the
@@ -282,20 +285,29 @@ impl Plant {
         pulses: Option<([f64; 3], [f64; 3], [f64; 2])>,
     ) -> PyResult<Reading<'py>> {
         let (duties, load) = (three("duty", duty)?, self.load(load_torque)?);
+        for duty in duties {
+            finite("duty", duty)?;
+        }
         let s = match pulses {
             None => self.plant.step(duties, gates_on, load),
             Some((rising, falling, sample)) => {
+                for instant in rising.iter().chain(&falling).chain(&sample) {
+                    check("pulses", *instant, 0.0, 1.0, "periods").map_err(value_error)?;
+                }
                 self.plant.step_pulses(&Pulses { rising, falling, sample }, gates_on, load)
             }
         };
         Ok(reading(duty.py(), s))
     }
 
-    /// Applies the constant voltage `u_s` (complex, V) to the terminals for `dt` seconds, at most 100, past the bridge.
+    /// Applies the constant voltage `u_s` (complex, V, up to ten times the rated voltage) to the terminals for `dt` seconds, at most 100, past the bridge.
     #[pyo3(signature = (u_s, dt, load_torque=0.0))]
     fn step_voltage(&mut self, py: Python<'_>, u_s: Complex64, dt: f64, load_torque: f64) -> PyResult<()> {
         check("dt", dt, 1e-12, 100.0, "s").map_err(value_error)?;
         let u_s = finite_parts("u_s", u_s)?;
+        for part in u_s {
+            check("u_s", part, -self.u_max, self.u_max, "V").map_err(value_error)?;
+        }
         self.load(load_torque)?;
         py.detach(|| self.plant.step_voltage(u_s, dt, load_torque));
         Ok(())

@@ -89,7 +89,11 @@ def paper_drive(
         offset=offset,
         **{"signals": None, "record_every": 10, **fields},
     ).with_settings(calibrate_offset=False)
-    return scenario.replace(inverter=scenario.inverter.replace(c_out=0.0))
+    told, real = scenario.inverter, scenario.plant_inverter
+    # The bridge that a motor file simulates is clamped as well: a drive that knows of no capacitance does not
+    # hold a bridge that has one.
+    real = real and real.replace(c_out=0.0)
+    return scenario.replace(inverter=told.replace(c_out=0.0), plant_inverter=real)
 
 
 def identify_then(omega: float) -> list[tuple[float, float]]:
