@@ -24,8 +24,14 @@ use stillflux::params::{Inverter, Machine, ParamError, check};
 use stillflux::si::Vector;
 use stillflux::space::{AlphaBeta, Dq, Rotator};
 
-/// Time constant of the current at which the inverter model is evaluated, s.
-const SMOOTHING: f64 = 1e-3;
+/// Time constant of the current at which the inverter model is evaluated, s. The low-pass is of second order, critically
+/// damped, and follows a ramp without lag: near the zero of a phase current, where the loss of a leg changes by 10 to 20 V
+/// per ampere, 0.2 A of lag are volts for as long as the current passes it.
+const SMOOTHING: f64 = 2e-3;
+/// Deviation from the smoothed current, per unit, that is taken for a step of the current: the low-pass follows the faster,
+/// the larger it is beside this. The loss would have the direction of the current before the step meanwhile, and the flux
+/// integrate that: 15 V on a 400-V machine turn it by 1 to 2°, which the filter takes for a resistance 5 to 12 % off.
+const CHANGE: f64 = 0.02;
 /// Time after a start without flux in which the filter corrects nothing, s: as in a drive.
 const INTEGRATING_TIME: f64 = 0.01;
 
@@ -119,6 +125,8 @@ pub struct Replay {
     knee: Knee<f64>,
     /// Smoothed current, field coordinates.
     i_slow: Dq<f64>,
+    /// Its change from row to row.
+    i_slope: Dq<f64>,
     i_s: AlphaBeta<f64>,
     u_s: AlphaBeta<f64>,
     period: u32,
@@ -165,6 +173,7 @@ impl Replay {
             speed: SpeedEstimate::default(),
             knee: *config.inverter_model().nominal(),
             i_slow: Dq::default(),
+            i_slope: Dq::default(),
             i_s: AlphaBeta::default(),
             u_s: AlphaBeta::default(),
             period: 0,
@@ -206,7 +215,7 @@ impl Replay {
         let psi_r = self.rotor_flux();
         self.speed_estimator.start(&psi_r, at.omega_m / b.omega_m);
         self.speed = self.speed_estimator.step(&self.speed_config(), &psi_r, &i_s);
-        self.i_slow = Rotator::of(&psi_s).0.to_field(&i_s);
+        (self.i_slow, self.i_slope) = (Rotator::of(&psi_s).0.to_field(&i_s), Dq::default());
         self.period = 0;
     }
 
@@ -283,8 +292,10 @@ impl Replay {
                 i_dq
             }
         };
-        let corner = (1.0 / (SMOOTHING * self.f_s)).min(1.0);
-        self.i_slow += (i_dq - self.i_slow) * corner;
+        let deviation = i_dq - (self.i_slow + self.i_slope);
+        let (corner, faster) = (1.0 / (SMOOTHING * self.f_s), 1.0 + deviation.norm_sq() / (CHANGE * CHANGE));
+        self.i_slow += self.i_slope + deviation * (2.0 * corner * faster).min(1.0);
+        self.i_slope += deviation * (corner * corner).min(0.25);
         if speed_due {
             let psi_r = self.rotor_flux();
             self.speed = self.speed_estimator.step(&self.speed_config(), &psi_r, &self.i_s);
