@@ -283,6 +283,17 @@ def test_the_command_writes_a_motor_file_and_a_report(
     assert "there is no folder" in capsys.readouterr().err
 
 
+def test_what_is_no_motor_is_named() -> None:
+    motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
+    plate = sf.Nameplate.of(motor)
+    with pytest.raises(TypeError, match=r"plant_motor = '2.2kW' is not a stillflux.Motor: give Motor.preset"):
+        sf.commission(plate, inverter, plant_motor="2.2kW")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"plate = Motor\(.* is not a stillflux.Nameplate"):
+        sf.commission(motor, inverter, plant_motor=motor)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"inverter = None is not a stillflux.Inverter"):
+        sf.replay({"t": [0.0]}, motor, None)  # type: ignore[arg-type]
+
+
 def test_a_motor_keeps_its_rating(tmp_path: Path) -> None:
     pump, out = Path(__file__).parents[1] / "examples" / "machines" / "pump-4kW.toml", tmp_path / "found.toml"
     assert main(["commission", "--motor", str(pump), "--only", "wiring", "--out", str(out)]) == 0

@@ -284,9 +284,11 @@ class Drive:
         """Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A),
         loss_error
         (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`),
-        L_sigma and L_M (H)."""
+        L_sigma and L_M (H), leg_delay (as of `Inverter`, s)."""
     def restore(self, memory: dict[str, Any]) -> None:
-        """Takes back what `memory` gave; values beyond their limits are limited."""
+        """Takes back what `memory` gave; values beyond their limits are limited.
+
+        Raises RuntimeError while the bridge switches: an estimate that is in use stays as it is."""
     def reset(self) -> None:
         """Leaves a fault; the drive is stopped then."""
 

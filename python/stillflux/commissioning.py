@@ -14,7 +14,7 @@ from stillflux._core import CommissioningCore, CommissioningRun
 from stillflux.machine_file import machine_to_toml, priors
 from stillflux.nameplate import Nameplate
 from stillflux.options import DriveSettings, PlantOptions
-from stillflux.parameters import Inverter, Motor
+from stillflux.parameters import Inverter, Motor, instance
 from stillflux.simulation import in_pieces
 
 if TYPE_CHECKING:
@@ -237,6 +237,10 @@ def commission(
     outside its range. A fault does not raise: see `status` and `cause` of the result.
     """
     real = inverter if plant_inverter is None else plant_inverter
+    instance("plate", plate, Nameplate)
+    instance("plant_motor", plant_motor, Motor)
+    for name, bridge in (("inverter", inverter), ("plant_inverter", real)):
+        instance(name, bridge, Inverter)
     run = CommissioningRun(
         plate,
         inverter,

@@ -12,7 +12,7 @@ from stillflux import _core
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
 
-__all__ = ["PRESETS", "Inverter", "Motor", "Rating", "number"]
+__all__ = ["PRESETS", "Inverter", "Motor", "Rating", "instance", "number"]
 
 PRESETS = ("2.2kW", "11kW")
 """Names of the motors and inverters that `preset` knows."""
@@ -28,6 +28,14 @@ def number(name: str, value: Any) -> float:
         raise ValueError(f"{name} is a whole number beyond the range of a float, 1.8e308") from None
     except (TypeError, ValueError):
         raise TypeError(f"{name} = {value!r} is not a number") from None
+
+
+def instance(name: str, value: Any, kind: type) -> None:
+    """Raises TypeError naming an argument that is none of a kind, and a preset's name for what it is."""
+    if not isinstance(value, kind):
+        title = kind.__name__
+        hint = f": give {title}.preset({value!r})" if isinstance(value, str) and value in PRESETS else ""
+        raise TypeError(f"{name} = {value!r} is not a stillflux.{title}{hint}")
 
 
 LegDelay = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]

@@ -98,7 +98,7 @@ def overview(result: Result) -> Figure:
             panel.set_ylim(min(low, 0.9 * nominal), max(high, 1.1 * nominal))
         _legend_above(panel, len(lines))
     axes[-1].set_xlabel("time, s")
-    figure.suptitle(result.scenario.name or "closed loop")
+    figure.suptitle(result.scenario.name or "closed loop", parse_math=False)
     return figure
 
 
@@ -180,7 +180,8 @@ def replayed(found: Replay) -> Figure:
     right.set_ylim(-0.02, 1.05)
     right.set_ylabel("confidence", color="C1")
     axes[-1].set_xlabel("time, s")
-    figure.suptitle(f"{found.source}, scheme {found.scheme}")
+    # A file may be called "a$b_$.csv".
+    figure.suptitle(f"{found.source}, scheme {found.scheme}", parse_math=False)
     _legend_above(torque, 2)
     for panel in axes:
         panel.grid(alpha=0.3)

@@ -44,7 +44,7 @@ from stillflux.logs.signals import (
 from stillflux.logs.start import Start, starts
 from stillflux.logs.wiring import check_wiring
 from stillflux.outputs import whole
-from stillflux.parameters import Inverter, Motor, number
+from stillflux.parameters import Inverter, Motor, instance, number
 from stillflux.result import Result
 
 if TYPE_CHECKING:
@@ -254,6 +254,8 @@ def replay(
     Raises ValueError naming file, line and column of what is wrong, ImportError's text included where a
     format needs a package that is not installed.
     """
+    instance("motor", motor, Motor)
+    instance("inverter", inverter, Inverter)
     run_name = ""
     if isinstance(log, Result):
         run_name = f"Result {log.scenario.name!r}" if log.scenario.name else "Result"

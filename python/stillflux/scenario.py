@@ -13,7 +13,7 @@ import numpy as np
 from stillflux import _core
 from stillflux.machine_file import load_machine, part, with_machine
 from stillflux.options import DriveSettings, PlantOptions
-from stillflux.parameters import PRESETS, Inverter, Motor, number
+from stillflux.parameters import Inverter, Motor, instance, number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -118,10 +118,8 @@ class Scenario:
             ("plant_inverter", Inverter),
         ):
             value = getattr(self, name)
-            if not isinstance(value, kind) and not (value is None and name.startswith("plant_")):
-                title = kind.__name__
-                hint = f": give {title}.preset({value!r})" if value in PRESETS else ""
-                raise TypeError(f"{name} = {value!r} is not a stillflux.{title}{hint}")
+            if value is not None or not name.startswith("plant_"):
+                instance(name, value, kind)
         for name, text in (("name", self.name), ("scheme", self.scheme), ("arithmetic", self.arithmetic)):
             if not isinstance(text, str):
                 raise TypeError(f"{name} = {text!r} is not a text")

@@ -371,8 +371,8 @@ impl Drive {
     }
 
     /// Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A), loss_error
-    /// (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`), L_sigma and L_M
-    /// (H).
+    /// (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`), L_sigma and L_M (H),
+    /// leg_delay (as of `Inverter`, s).
     fn memory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         memory_dict(py, &self.drive.memory())
     }
