@@ -67,6 +67,9 @@ def test_other_errors() -> None:
     pair = r"machine_overload = 300.0 is not \(continuous current in A rms, time constant in s\), nor None"
     with pytest.raises(TypeError, match=pair):
         sf.Drive(sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW"), machine_overload=300.0)  # type: ignore[arg-type]
+    for name in ("psi_ref", "current_sensors", "acceleration"):
+        with pytest.raises(TypeError, match=f"{name} = True is not a number"):
+            sf.Drive(sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW"), **{name: True})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"dead_time = 1"):
         sf.Inverter(dead_time=1.0)
     with pytest.raises(ValueError, match=r"c_out = 0\.000001 F .* range 0 to 0\.00000001"):

@@ -19,13 +19,10 @@ def check_file(path: Path | None, *suffixes: str) -> None:
         raise ValueError(f"{path}: {path.suffix or 'no suffix'} is not one of {', '.join(suffixes)}")
     # Where a link leads; the file takes its place from beside it.
     folder = path.resolve().parent
-    if path.is_dir() or not folder.is_dir():
-        reason = (
-            "is a folder"
-            if path.is_dir()
-            else f"there is no folder {folder if path.is_symlink() else path.parent}"
-        )
-        raise ValueError(f"{path}: {reason}")
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder")
+    if not folder.is_dir():
+        raise ValueError(f"{path}: there is no folder {folder if path.is_symlink() else path.parent}")
     needed = ([path] if path.exists() else []) + ([folder] if path.is_file() or not path.exists() else [])
     if not all(os.access(place, os.W_OK) for place in needed):
         raise ValueError(f"{path} cannot be written")

@@ -265,7 +265,8 @@ class Scenario:
             try:
                 machine = load_machine(data["motor"])
             except ValueError as error:
-                raise ValueError(f"motor: {error}") from None
+                text = str(error)
+                raise ValueError(text if text.startswith("motor ") else f"motor: {text}") from None
             data = with_machine(data, machine)
         for key in ("motor", "inverter", "duration"):
             if key not in data:

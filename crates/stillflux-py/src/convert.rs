@@ -5,7 +5,7 @@ use std::any::type_name;
 use numpy::{Complex64, Element, PyArrayDescrMethods, PyReadonlyArray1};
 use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyComplex, PyDict, PyList, PyTuple};
+use pyo3::types::{PyBool, PyComplex, PyDict, PyList, PyTuple};
 use stillflux::params::{ParamError, check};
 use stillflux::space::{AlphaBeta, Space};
 
@@ -71,7 +71,16 @@ where
             _ => named(value.py(), name, &e),
         }
     };
+    // Python's truth values are whole numbers; one where a number is meant is a mistake.
+    if value.is_instance_of::<PyBool>() && is_number::<T>() {
+        return Err(PyTypeError::new_err(format!("{name} = {value} is not a number")));
+    }
     value.extract().or_else(|_| tuple(value)?.extract().map_err(error))
+}
+
+/// Whether a type is a number or has one as option.
+fn is_number<T>() -> bool {
+    range_of::<T>().is_some() || type_name::<T>().trim_end_matches('>').ends_with("f64")
 }
 
 /// Extracts an optional tuple; an error says what its parts are.
