@@ -282,9 +282,8 @@ class Drive:
         """All settings, defaults included."""
     def memory(self) -> dict[str, Any]:
         """Data worth keeping over a stop: u_off (complex, V), R_s (with r_d, Ω), i_off (three values, A),
-        loss_error
-        (of the inverter model's voltage, relative), knee (of its curve, relative to that of `c_out`),
-        L_sigma and L_M (H), leg_delay (as of `Inverter`, s)."""
+        loss_error (of the inverter model's voltage, relative), knee (of its curve, relative to that of
+        `c_out`), L_sigma and L_M (H), leg_delay (as of `Inverter`, s)."""
     def restore(self, memory: dict[str, Any]) -> None:
         """Takes back what `memory` gave; values beyond their limits are limited.
 

@@ -6,15 +6,16 @@ import argparse
 import io
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stillflux import __version__, sweep_file
 from stillflux.machine_file import load_machine, read_toml, with_machine
-from stillflux.outputs import apart, check_file, naming
+from stillflux.outputs import apart, check_file, keep
 from stillflux.parameters import PRESETS
 from stillflux.replay import replay
 from stillflux.scenario import Scenario
@@ -162,10 +163,9 @@ def _motor_option(parser: argparse.ArgumentParser, default: str | None) -> None:
 _PLOTS = (".png", ".svg", ".pdf")
 
 
-def _plot(figure: Figure, path: Path) -> None:
-    with naming(path):
-        figure.savefig(path, dpi=110)
-    print(f"plot: {path}")
+def _plot(figure: Callable[[], Figure]) -> Callable[[Path], None]:
+    """Writes a figure, which is drawn for it."""
+    return lambda path: figure().savefig(path, dpi=110)
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -180,14 +180,7 @@ def _simulate(options: argparse.Namespace) -> int:
     except DivergenceError as stop:
         result, status = stop.result, 2
         print(f"stillflux: {stop}", file=sys.stderr)
-    if options.save:
-        with naming(options.save):
-            result.save(options.save)
-    print(result.summary())
-    if options.save:
-        print(f"record: {options.save}")
-    if options.plot:
-        _plot(result.plot(), options.plot)
+    keep(result.summary(), record=(options.save, result.save), plot=(options.plot, _plot(result.plot)))
     return status
 
 
@@ -226,14 +219,8 @@ def _replay(options: argparse.Namespace) -> int:
     except ValueError as error:
         named = [option for argument, option in _ARGUMENTS.items() if argument in str(error)]
         raise ValueError(f"{error}\non the command line: {', '.join(named)}" if named else error) from None
-    if options.out:
-        with naming(options.out):
-            found.save(options.out)
-    print(f"machine: {machine.name}\n{found.summary()}")
-    if options.out:
-        print(f"estimates: {options.out}")
-    if options.plot:
-        _plot(found.plot(), options.plot)
+    said = f"machine: {machine.name}\n{found.summary()}"
+    keep(said, estimates=(options.out, found.save), plot=(options.plot, _plot(found.plot)))
     return 0
 
 
@@ -248,16 +235,9 @@ def _sweep(options: argparse.Namespace) -> int:
     except SweepInterrupted as stop:
         found, status = stop.result, 130
         print(f"stillflux: {stop}", file=sys.stderr)
-    if options.out:
-        with naming(options.out):
-            found.save(options.out)
-    print(found.summary())
-    for row in found.failed[:5]:
-        print(f"failed: {row['error']}")
-    if options.out:
-        print(f"rows: {options.out}")
-    if options.plot and len(found):
-        _plot(found.map(**asked.plot) if asked.plot else found.spread(), options.plot)
+    said = "\n".join([found.summary(), *(f"failed: {row['error']}" for row in found.failed[:5])])
+    figure = partial(found.map, **asked.plot) if asked.plot else found.spread
+    keep(said, rows=(options.out, found.save), plot=(options.plot if len(found) else None, _plot(figure)))
     return status
 
 

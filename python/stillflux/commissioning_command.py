@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import argparse
 import html
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,7 +43,7 @@ from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
 from stillflux.machine_file import checked_name, inverter_of, load_machine, part, read_toml
 from stillflux.nameplate import Nameplate
-from stillflux.outputs import apart, check_file, write_text
+from stillflux.outputs import apart, check_file, keep, write_text
 from stillflux.parameters import PRESETS, Inverter, Motor, leg_delay
 from stillflux.simulation import progress_bar
 
@@ -125,20 +125,18 @@ def _run(options: argparse.Namespace) -> int:
     if task.told is not None:
         # The rating is that of the motor, not of the rounded plate that the procedures go by.
         found = replace(found, motor=found.motor.replace(I_N=task.told.I_N, T_N=task.told.T_N))
-    if options.out:
-        text = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=_simulated(task))
-        write_text(options.out, text)
-    if options.report:
-        text = report(task.name, found, _rows(task, found), _far(task.plate, found))
-        write_text(options.report, text)
-    print(f"status: {found.status}, {found.duration:.1f} s simulated")
-    for name, value, deviation, error in _rows(task, found):
-        print(f"{name:20} {value:>14}  ± {deviation:>8}   error {error}")
-    for text in (*found.warnings, *_far(task.plate, found)):
-        print(f"warning: {text}")
-    for title, path in (("motor file", options.out), ("report", options.report)):
-        if path:
-            print(f"{title}: {path}")
+    rows, far = list(_rows(task, found)), list(_far(task.plate, found))
+    said = [f"status: {found.status}, {found.duration:.1f} s simulated"]
+    said += [
+        f"{name:20} {value:>14}  ± {deviation:>8}   error {error}" for name, value, deviation, error in rows
+    ]
+    said += [f"warning: {text}" for text in (*found.warnings, *far)]
+    motor_file = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=_simulated(task))
+    keep(
+        "\n".join(said),
+        motor_file=(options.out, lambda path: write_text(path, motor_file)),
+        report=(options.report, lambda path: write_text(path, report(task.name, found, rows, far))),
+    )
     return status or int(found.cause is not None)
 
 
@@ -289,7 +287,7 @@ def figure(found: Commissioned) -> Figure:
 
 
 def report(
-    name: str, found: Commissioned, rows: Iterator[tuple[str, str, str, str]], warnings: Sequence[str] = ()
+    name: str, found: Commissioned, rows: Iterable[tuple[str, str, str, str]], warnings: Sequence[str] = ()
 ) -> str:
     """A page with the values and their deviations, the warnings, the curves, and the motor file."""
     cells = "".join(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["apart", "check_file", "check_folder", "naming", "whole", "write_text"]
+__all__ = ["apart", "check_file", "check_folder", "keep", "naming", "whole", "write_text"]
 
 
 def check_file(path: Path | None, *suffixes: str) -> None:
@@ -23,8 +23,10 @@ def check_file(path: Path | None, *suffixes: str) -> None:
         raise ValueError(f"{path}: is a folder")
     if not folder.is_dir():
         raise ValueError(f"{path}: there is no folder {folder if path.is_symlink() else path.parent}")
-    needed = ([path] if path.exists() else []) + ([folder] if path.is_file() or not path.exists() else [])
-    if not all(os.access(place, os.W_OK) for place in needed):
+    writable = not path.exists() or os.access(path, os.W_OK)
+    # A pipe or a device is written itself.
+    beside = os.access(folder, os.W_OK) or (path.exists() and not path.is_file())
+    if not (writable and beside):
         raise ValueError(f"{path} cannot be written")
 
 
@@ -38,6 +40,20 @@ def apart(files: Mapping[str, Path | str | None]) -> None:
         if place in known:
             raise ValueError(f"{name} {path} is the file of {known[place]}: it would be overwritten")
         known[place] = name
+
+
+def keep(said: str, **files: tuple[Path | None, Callable[[Path], object]]) -> None:
+    """Writes the files of a command, each by its function, then prints what the command says and names them
+    by their titles: a console that fails loses nothing. Where a file fails, the rest is printed as well."""
+    written = []
+    try:
+        for title, (path, write) in files.items():
+            if path is not None:
+                with naming(path):
+                    write(path)
+                written.append(f"{title.replace('_', ' ')}: {path}")
+    finally:
+        print("\n".join([said, *written]))
 
 
 def check_folder(path: Path) -> None:

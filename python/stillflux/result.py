@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Result"]
 
-_NO_RESULT = (ValueError, KeyError, TypeError, AttributeError)
+_TORN = (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
+"""What reading a file raises that is no saved result, or a damaged one."""
 _META = "meta"
 _COMPARED = ("omega_m", "torque", "angle_error", "estimate.confidence")
 _MOST_PANELS = 6
@@ -207,7 +208,7 @@ class Result:
                 data = {name: file[name] for name in file.files}
             meta = json.loads(str(data.pop(_META)))
             t, scenario, status, memory = data.pop("t"), meta["scenario"], meta["status"], meta["memory"]
-        except (*_NO_RESULT, EOFError, zipfile.BadZipFile, zlib.error):
+        except _TORN:
             raise ValueError(f"{path} is not a saved result") from None
         return cls(
             scenario=Scenario.from_dict(scenario), t=t, data=data, status=Status(*status), memory=rich(memory)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -123,8 +124,6 @@ class Scenario:
         for name, text in (("name", self.name), ("scheme", self.scheme), ("arithmetic", self.arithmetic)):
             if not isinstance(text, str):
                 raise TypeError(f"{name} = {text!r} is not a text")
-        if self.memory is not None and not isinstance(self.memory, Mapping):
-            raise TypeError(f"memory = {self.memory!r} is not what Result.memory holds")
         set_field("duration", number("duration", self.duration))
         every = number("record_every", self.record_every)
         if not 1.0 <= every < 2.0**32 or every != int(every):
@@ -138,12 +137,17 @@ class Scenario:
             raise TypeError(f"signals = {self.signals!r}: give a list of names, [{self.signals!r}]")
         if self.signals is not None:
             set_field("signals", tuple(self.signals))
-        for name in ("settings", "plant", "memory"):
+        for name, what in (
+            ("settings", "a table of names and values"),
+            ("plant", "a table of names and values"),
+            ("memory", "what Result.memory holds"),
+        ):
             table = getattr(self, name)
-            if not isinstance(table, Mapping) and not (table is None and name == "memory"):
-                raise TypeError(f"{name} = {table!r} is not a table of names and values")
-            if table is not None:
-                set_field(name, {key: _immutable(value) for key, value in getattr(self, name).items()})
+            if table is None and name == "memory":
+                continue
+            if not isinstance(table, Mapping):
+                raise TypeError(f"{name} = {table!r} is not {what}")
+            set_field(name, {key: _immutable(value) for key, value in table.items()})
         if not isinstance(self.changes, Iterable):
             raise TypeError(f"changes = {self.changes!r} is not a list of (t, {{name: value}})")
         set_field("changes", tuple(_change(k, change) for k, change in enumerate(self.changes)))
@@ -262,12 +266,8 @@ class Scenario:
             if key not in known:
                 raise ValueError(f"{key} is not a field of a scenario; those are {', '.join(sorted(known))}")
         if "inverter" not in data and isinstance(data.get("motor"), str):
-            try:
-                machine = load_machine(data["motor"])
-            except ValueError as error:
-                text = str(error)
-                raise ValueError(text if text.startswith("motor ") else f"motor: {text}") from None
-            data = with_machine(data, machine)
+            with _naming_field("motor"):
+                data = with_machine(data, load_machine(data["motor"]))
         for key in ("motor", "inverter", "duration"):
             if key not in data:
                 raise ValueError(f"{key} is missing: a scenario has motor, inverter and duration at least")
@@ -281,8 +281,15 @@ def _part(kind: type[Motor] | type[Inverter], name: str, value: Any) -> Any:
     """A motor or an inverter of plain data; errors name the field."""
     if not isinstance(value, str | Mapping):
         raise TypeError(f"{name} = {value!r} is neither a preset, nor a motor file, nor a table of fields")
-    try:
+    with _naming_field(name):
         return part(kind, value)
+
+
+@contextmanager
+def _naming_field(name: str) -> Iterator[None]:
+    """Puts the name of a field in front of an error that does not begin with it."""
+    try:
+        yield
     except (ValueError, TypeError) as error:
         text = str(error)
         raise type(error)(text if text.startswith(f"{name} ") else f"{name}: {text}") from None

@@ -335,7 +335,7 @@ def sweep(
     cannot be told from others. In a script call it below
     `if __name__ == "__main__":`, as everything that starts processes.
     """
-    chosen = _metrics(metrics)
+    chosen = named_metrics(metrics)
     points = _points(scenarios)
     names = tuple(dict.fromkeys(name for point in points for name in point.parameters))
     clash = set(names) & {"status", "error", *chosen}
@@ -375,7 +375,8 @@ def sweep(
     return Sweep(rows(), names, tuple(chosen))
 
 
-def _metrics(metrics: Metrics) -> dict[str, Metric]:
+def named_metrics(metrics: Metrics) -> dict[str, Metric]:
+    """Functions by name. Raises ValueError for a name that is none of `METRICS`, or not one of its own."""
     chosen: dict[str, Metric] = {}
     named = metrics.items() if isinstance(metrics, Mapping) else ((None, metric) for metric in metrics)
     for name, metric in named:

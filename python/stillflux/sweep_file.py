@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stillflux.scenario import Scenario, rich
-from stillflux.sweep import METRICS, Factors, Point, draws, factors, grid, normal, uniform
+from stillflux.sweep import Factors, Point, draws, factors, grid, named_metrics, normal, uniform
 
 __all__ = ["SweepFile", "parse"]
 
@@ -65,9 +65,7 @@ def parse(data: Mapping[str, Any]) -> SweepFile:
     metrics = data.get("metrics", ("angle_max", "confidence_min", "speed_error_end"))
     if isinstance(metrics, str) or not isinstance(metrics, Sequence) or not metrics:
         raise ValueError(f"metrics = {metrics!r} is not a list of names")
-    for name in metrics:
-        if name not in METRICS:
-            raise ValueError(f"metrics: {name!r} is not one of {', '.join(METRICS)}")
+    named_metrics(metrics)
     if plot is not None:
         axes = [name for name in data.get("grid", data.get("draws", {})) if name not in ("number", "seed")]
         for key, known in (("x", axes), ("y", axes), ("metric", metrics)):

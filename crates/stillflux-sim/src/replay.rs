@@ -28,9 +28,10 @@ use stillflux::space::{AlphaBeta, Dq, Rotator};
 /// damped, and follows a ramp without lag: near the zero of a phase current, where the loss of a leg changes by 10 to 20 V
 /// per ampere, 0.2 A of lag are volts for as long as the current passes it.
 const SMOOTHING: f64 = 2e-3;
-/// Deviation from the smoothed current, per unit, that is taken for a step of the current: the low-pass follows the faster,
-/// the larger it is beside this. The loss would have the direction of the current before the step meanwhile, and the flux
-/// integrate that: 15 V on a 400-V machine turn it by 1 to 2°, which the filter takes for a resistance 5 to 12 % off.
+/// Deviation from the smoothed current, per unit, from which on it is taken for a step of the current, several times the noise
+/// of converters: the low-pass follows the faster, the larger the deviation is beside this. Otherwise the loss has the
+/// direction of the current before the step, and the flux integrates that: at 3 kW a step of the speed turns it by 1° then,
+/// with this by 0.4°.
 const CHANGE: f64 = 0.02;
 /// Time after a start without flux in which the filter corrects nothing, s: as in a drive.
 const INTEGRATING_TIME: f64 = 0.01;
@@ -293,8 +294,8 @@ impl Replay {
             }
         };
         let deviation = i_dq - (self.i_slow + self.i_slope);
-        let (corner, faster) = (1.0 / (SMOOTHING * self.f_s), 1.0 + deviation.norm_sq() / (CHANGE * CHANGE));
-        self.i_slow += self.i_slope + deviation * (2.0 * corner * faster).min(1.0);
+        let (corner, weight) = (1.0 / (SMOOTHING * self.f_s), 1.0 + deviation.norm_sq() / (CHANGE * CHANGE));
+        self.i_slow += self.i_slope + deviation * (2.0 * corner * weight).min(1.0);
         self.i_slope += deviation * (corner * corner).min(0.25);
         if speed_due {
             let psi_r = self.rotor_flux();

@@ -56,6 +56,7 @@ DRAWS = 40
 """Draws of each drive: the walks of ten are too few for a correlation."""
 REGIONS = ("rotating, loaded", "rotating, unloaded", "near ω_s = 0, loaded", "at ω_s = 0, unloaded")
 SIGNALS = (*JUDGED, "R_s", "estimate.R_s")
+"""Recorded: what a loss is judged by, and the resistances."""
 NEES_RANGE, NIS_MAX = (0.5, 2.0), 1.0
 """Bounds of the means. Innovations may be smaller than the filter assumes: it allows for machines that are
 not as modelled."""

@@ -264,7 +264,7 @@ class Table:
             if kind == "figure":
                 measured |= {("control", name, machine, _OF_PAPER), ("figure", name, machine, _BEYOND)}
         kept = [line for line in self.lines if line.group not in measured]
-        # What other draws have shown is no line of these.
+        # A group that was measured over another number of draws is taken as a whole.
         others = {x.group for x in fresh if x.quantity == DRAWN and known.get(x.key, x).value != x.value}
         standing = {
             x.key for x in fresh if x.key in known and x.group not in others and _stands(known[x.key], x)

@@ -157,7 +157,7 @@ def interval(lost: int, runs: int) -> tuple[float, float]:
     p, square = lost / runs, _Z * _Z / runs
     middle = p + 0.5 * square
     half = _Z * math.sqrt(p * (1.0 - p) / runs + 0.25 * square / runs)
-    # None and all are exact: rounding would leave 1e-17 of them.
+    # Without a loss it begins at 0, and with losses alone it ends at 1, which rounding misses by 1e-17.
     low = (middle - half) / (1.0 + square) if lost else 0.0
     return low, (middle + half) / (1.0 + square) if lost < runs else 1.0
 
