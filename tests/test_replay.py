@@ -529,3 +529,64 @@ def test_a_file_that_is_none_of_its_kind_is_named(suffix: str, tmp_path: Path) -
     path.write_text("junk")
     with pytest.raises(ValueError, match=f"log{suffix} is not a"):
         sf.replay(path, MOTOR, INVERTER)
+
+
+@pytest.mark.parametrize("scheme", ["enhanced", "paper"])
+def test_the_deviation_of_the_angle_begins_with_what_is_known_of_the_flux(
+    run: sf.Result, scheme: Scheme
+) -> None:
+    # Under way: that of the fit, which the first rows of both schemes have and their own goes on from.
+    found = sf.replay(terminals(run), MOTOR, INVERTER, scheme)
+    first = np.degrees(found.angle_deviation[:16])
+    assert (first == first[0]).all()
+    assert 0.5 < first[0] < 10.0
+    assert np.abs(angle_error(found, run)[0]) < 3.0 * first[0]
+    assert np.degrees(found.angle_deviation[16:64]).max() < 2.0 * first[0]
+    assert found.confidence[0] == pytest.approx(1.0 / (1.0 + (first[0] / 15.0) ** 2), rel=1e-3)
+    assert (found.angle_deviation > 0.0).all()
+    # From rest: unknown, then that of the magnetised machine.
+    found = sf.replay(run.window(0.0, 2.2), MOTOR, INVERTER, scheme)
+    known = int(np.argmax(found.angle_deviation < np.pi))
+    assert (found.angle_deviation[:known] == np.pi).all()
+    assert 0.5 < np.degrees(found.angle_deviation[known]) < 10.0
+    assert (found.angle_deviation > 0.0).all()
+
+
+def test_a_result_with_rows_left_out_is_no_log(run: sf.Result) -> None:
+    thinned = sf.simulate(sf.Scenario(motor=MOTOR, inverter=INVERTER, duration=0.2))
+    with pytest.raises(
+        ValueError, match="record_every = 10 of the scenario is not 1: Result has no voltages"
+    ):
+        sf.replay(thinned, MOTOR, INVERTER)
+    with pytest.raises(ValueError, match=r"Result: estimate.u_s was not recorded; there are measured.i_s"):
+        sf.replay(run.select("measured.i_s"), MOTOR, INVERTER)
+
+
+def test_masked_and_missing_numbers_are_no_numbers(run: sf.Result) -> None:
+    pandas = pytest.importorskip("pandas")
+    log = terminals(run)
+    hidden = np.arange(len(log["t"])) == 500
+    for column in (
+        np.ma.array(log["i_a"], mask=hidden),
+        pandas.Series(log["i_a"]).astype("Float64").mask(hidden),
+    ):
+        with pytest.raises(ValueError, match="row 500, column 'i_a': nan is not a finite number"):
+            sf.replay({**log, "i_a": column}, MOTOR, INVERTER)
+    whole = sf.replay({**log, "i_a": pandas.Series(log["i_a"]).astype("Float64")}, MOTOR, INVERTER)
+    assert np.array_equal(whole.psi_s, sf.replay(log, MOTOR, INVERTER).psi_s)
+
+
+@pytest.mark.parametrize(
+    ("how", "text"),
+    [
+        ({"columns": {"i_a": ("i_a", 0.0)}}, "scale of 'i_a' = 0 is no factor to SI"),
+        ({"columns": {"i_a": ("i_a", None)}}, "scale of 'i_a' = None is not a number"),
+        ({"columns": {"i_a": {"name": "i_a", "scale": "x"}}}, "scale of 'i_a' = 'x' is not a number"),
+        ({"check": "no"}, "check = 'no' is neither True nor False"),
+        ({"sampled": 1}, "sampled = 1 is neither True nor False"),
+        ({"scheme": 5}, "scheme = 5 is not a text"),
+    ],
+)
+def test_an_argument_that_means_nothing_is_named(run: sf.Result, how: dict[str, Any], text: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=text):
+        sf.replay(terminals(run), MOTOR, INVERTER, **how)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -12,7 +13,7 @@ from stillflux import _core
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
 
-__all__ = ["PRESETS", "Inverter", "Motor", "Rating", "instance", "number"]
+__all__ = ["PRESETS", "Inverter", "Motor", "Rating", "instance", "number", "truth"]
 
 PRESETS = ("2.2kW", "11kW")
 """Names of the motors and inverters that `preset` knows."""
@@ -28,6 +29,13 @@ def number(name: str, value: Any) -> float:
         raise ValueError(f"{name} is a whole number beyond the range of a float, 1.8e308") from None
     except (TypeError, ValueError):
         raise TypeError(f"{name} = {value!r} is not a number") from None
+
+
+def truth(name: str, value: Any) -> bool:
+    """True or False, also numpy's; whatever else is a TypeError that names it."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} = {value!r} is neither True nor False")
+    return bool(value)
 
 
 def instance(name: str, value: Any, kind: type) -> None:
@@ -106,6 +114,8 @@ class Motor:
 
     def __post_init__(self) -> None:
         if self.saturation is not None:
+            if not isinstance(self.saturation, Iterable) or isinstance(self.saturation, str):
+                raise TypeError(f"saturation = {self.saturation!r} is not (L_u, a, S), nor None")
             curve = tuple(number("saturation", x) for x in self.saturation)
             if len(curve) != 3:
                 raise ValueError(f"saturation has {len(curve)} values, three are needed: L_u, a, S")

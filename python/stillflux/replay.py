@@ -44,7 +44,7 @@ from stillflux.logs.signals import (
 from stillflux.logs.start import Start, starts
 from stillflux.logs.wiring import check_wiring
 from stillflux.outputs import whole
-from stillflux.parameters import Inverter, Motor, instance, number
+from stillflux.parameters import Inverter, Motor, instance, number, truth
 from stillflux.result import Result
 
 if TYPE_CHECKING:
@@ -86,7 +86,8 @@ class Replay:
     confidence: NDArray[np.float64]
     """Confidence in the field angle, 0 to 1; 0 before the flux is known."""
     angle_deviation: NDArray[np.float64]
-    """Expected standard deviation of the field angle, rad; π before the flux is known."""
+    """Expected standard deviation of the field angle, rad; π before the flux is known, then that of the flux
+    with which the estimators begin, until they have one of their own."""
     nis: NDArray[np.float64]
     """Normalised innovation squared, low-passed; zero in the scheme "paper"."""
     motor: Motor
@@ -256,9 +257,18 @@ def replay(
     """
     instance("motor", motor, Motor)
     instance("inverter", inverter, Inverter)
+    sampled, check = truth("sampled", sampled), truth("check", check)
     run_name = ""
     if isinstance(log, Result):
         run_name = f"Result {log.scenario.name!r}" if log.scenario.name else "Result"
+        if log.scenario.record_every != 1:
+            raise ValueError(
+                f"record_every = {log.scenario.record_every} of the scenario is not 1: {run_name} has no "
+                f"voltages between its rows"
+            )
+        for name in ("measured.i_s", "estimate.u_s"):
+            if columns is None and name not in log:
+                raise ValueError(f"{run_name}: {name} was not recorded; there are {', '.join(log)}")
         columns = {"i_s": "measured.i_s", "u_s": "estimate.u_s", **(columns or {})}
         log, voltage = {"t": log.t, **{key: log[key] for key in log.signals}}, voltage or "compensated"
         log = {name: log[name] for name in ("t", "measured.i_s", "estimate.u_s", "u_dc") if name in log}

@@ -8,7 +8,12 @@
 //! here it is the current in field coordinates behind a low-pass of [`SMOOTHING`], turned to the middle of the
 //! interval. With [`InverterModel`] parameters of zero the voltage is that of the terminals.
 //!
+//! The deviation of the angle begins at that of the flux with which the record begins, π without flux: the filter has one of
+//! its own after its first block, and the confidence model of the published scheme goes on from there.
+//!
 //! [`InverterModel`]: stillflux::inverter::InverterModel
+
+use core::f64::consts::PI;
 
 use stillflux::base::{Base, PerUnit};
 use stillflux::config::{BALANCE_PERIODS, DriveConfig, DriveParams, Scheme};
@@ -35,6 +40,8 @@ const SMOOTHING: f64 = 2e-3;
 const CHANGE: f64 = 0.02;
 /// Time after a start without flux in which the filter corrects nothing, s: as in a drive.
 const INTEGRATING_TIME: f64 = 0.01;
+/// Standard deviation of the direction of a direct current that is taken to lie along the a-axis, rad.
+const ALONG_A: f64 = 0.02;
 
 /// One row of a record, SI.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -66,6 +73,21 @@ pub struct Start {
     pub omega_m: f64,
     /// Stator resistance for the published scheme, if it is known better than by the parameters, Ω.
     pub R_s: Option<f64>,
+}
+
+impl Start {
+    /// Standard deviation of the angle of the flux, rad: π of a machine without flux.
+    fn angle_deviation(&self) -> f64 {
+        let sigma = if self.settled {
+            ALONG_A
+        } else if self.deviation > 0.0 {
+            self.deviation / libm::hypot(self.psi_s[0], self.psi_s[1])
+        } else {
+            PI
+        };
+        // A flux of zero has no angle.
+        sigma.min(PI)
+    }
 }
 
 /// Estimates after one row, SI.
@@ -132,6 +154,8 @@ pub struct Replay {
     u_s: AlphaBeta<f64>,
     period: u32,
     integrating: u32,
+    /// Deviation of the angle with which it began, rad.
+    sigma: f64,
 }
 
 impl Replay {
@@ -179,6 +203,7 @@ impl Replay {
             u_s: AlphaBeta::default(),
             period: 0,
             integrating: 0,
+            sigma: PI,
             config,
         })
     }
@@ -189,6 +214,7 @@ impl Replay {
         let b = self.base;
         let (psi_s, i_s) = (vector(at.psi_s, b.psi), vector(row.i_s, b.i));
         self.integrating = if at.deviation > 0.0 { 0 } else { (INTEGRATING_TIME * self.f_s) as u32 };
+        self.sigma = at.angle_deviation();
         match &mut self.estimators {
             Estimators::Enhanced { filter, .. } => {
                 let c = self.config.filter_config();
@@ -209,7 +235,7 @@ impl Replay {
                     let (lo, hi) = resistance::range(self.r_s);
                     resistance.start((r_s / b.z).clamp(lo, hi));
                 }
-                confidence.start();
+                confidence.join(self.sigma);
             }
         }
         self.i_s = i_s;
@@ -312,7 +338,15 @@ impl Replay {
         let b = &self.base;
         let (psi_s, u_off, r_s, confidence, sigma, nis) = match &self.estimators {
             Estimators::Enhanced { filter: f, .. } => {
-                (f.value(), f.b() * -f.r_s(), f.r_s(), f.confidence(), f.sigma(), f.nis())
+                // Zero until the first block of the filter has weighed its covariance: as it began until then.
+                let (confidence, sigma) = if f.sigma() > 0.0 {
+                    (f.confidence(), f.sigma())
+                } else {
+                    let mut begin = Confidence::default();
+                    begin.join(self.sigma);
+                    (begin.value(), begin.sigma())
+                };
+                (f.value(), f.b() * -f.r_s(), f.r_s(), confidence, sigma, f.nis())
             }
             Estimators::Paper { flux, resistance, confidence, .. } => {
                 let c = confidence;
@@ -406,6 +440,30 @@ mod tests {
                 assert!(angle(&replay, &psi).abs() < 0.5, "{scheme:?}, {terminal}: {}°", angle(&replay, &psi));
                 assert!((e.torque / (0.8 * Machine::preset_11k().T_N) - 1.0).abs() < 0.02, "{e:?}");
                 assert!((e.omega_s - 8.0 * core::f64::consts::PI).abs() < 0.1, "{e:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_deviation_of_the_angle_begins_with_that_of_the_flux() {
+        let machine = Machine::preset_11k();
+        let inverter = Inverter::preset_11k();
+        let psi = Base::new(&machine).psi;
+        for scheme in [Scheme::Enhanced, Scheme::Paper] {
+            let params = DriveParams { scheme, ..DriveParams::new(&machine, &inverter) };
+            let start = Start { psi_s: [0.6 * psi, 0.8 * psi], deviation: 0.0, settled: false, omega_m: 0.0, R_s: None };
+            for (start, sigma) in [
+                (start, PI),
+                (Start { deviation: 0.1 * psi, ..start }, 0.1),
+                (Start { deviation: 0.1 * psi, psi_s: [0.0; 2], ..start }, PI),
+                (Start { deviation: 0.1 * psi, settled: true, ..start }, ALONG_A),
+            ] {
+                let mut replay = Replay::new(&machine, &inverter, &params).unwrap();
+                replay.start(&start, &Row { psi_ref: psi, u_dc: 540.0, ..Row::default() });
+                let e = replay.estimates();
+                assert!((e.angle_deviation - sigma).abs() < 1e-9, "{scheme:?}: {} for {sigma}", e.angle_deviation);
+                let confidence = 1.0 / (1.0 + (sigma / stillflux::estimate::confidence::SIGMA_HALF).powi(2));
+                assert!((e.confidence - confidence).abs() < 1e-9);
             }
         }
     }

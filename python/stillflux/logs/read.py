@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from stillflux.parameters import number as real
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -105,7 +107,7 @@ def read_log(log: Any, columns: Columns | None = None) -> Log:
     else:
         source, lines = type(log).__name__, None
         try:
-            table = {str(name): np.asarray(log[name]) for name in log}
+            table = {str(name): _unmasked(log[name]) for name in log}
         except (TypeError, KeyError, IndexError):
             raise TypeError(f"log = {source} is neither a file nor a mapping of names to arrays") from None
         table.update(_index(log, table))
@@ -141,6 +143,20 @@ def read_log(log: Any, columns: Columns | None = None) -> Log:
         raise ValueError(f"{source} has a header and no rows")
     scales = {quantity: scale for quantity, (_, scale) in found.items()}
     return Log(source, data, names, lines, scales)
+
+
+def _unmasked(values: Any) -> NDArray[Any]:
+    """A column as array; what is masked or missing in it is NaN."""
+    if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "fiu":
+        return np.asarray(np.ma.filled(values.astype(float), np.nan))
+    array = np.asarray(values)
+    # Columns of pandas with missing numbers.
+    if array.dtype.kind == "O" and hasattr(values, "to_numpy") and hasattr(values, "isna"):
+        try:
+            return np.asarray(values.to_numpy(dtype=float, na_value=np.nan))
+        except (TypeError, ValueError):
+            return array
+    return array
 
 
 def _index(frame: Any, table: Mapping[str, Any]) -> dict[str, Any]:
@@ -190,14 +206,22 @@ def _column(quantity: str, given: Any) -> tuple[str, str | None, float]:
         unknown = set(given) - {"name", "unit", "scale"}
         if unknown or "name" not in given:
             raise ValueError(f"columns: {quantity!r} = {dict(given)} needs name and may have unit and scale")
-        return str(given["name"]), given.get("unit"), float(given.get("scale", 1.0))
+        return str(given["name"]), given.get("unit"), _scale(quantity, given.get("scale", 1.0))
     try:
         name, last = given
     except (TypeError, ValueError):
         raise ValueError(
             f"columns: {quantity!r} = {given!r} is neither a name nor (name, unit or factor)"
         ) from None
-    return (str(name), last, 1.0) if isinstance(last, str) else (str(name), None, float(last))
+    return (str(name), last, 1.0) if isinstance(last, str) else (str(name), None, _scale(quantity, last))
+
+
+def _scale(quantity: str, value: Any) -> float:
+    """A factor to SI."""
+    scale = real(f"columns: scale of {quantity!r}", value)
+    if not np.isfinite(scale) or scale == 0.0:
+        raise ValueError(f"columns: scale of {quantity!r} = {scale:g} is no factor to SI: finite, and not 0")
+    return scale
 
 
 def _header(name: str) -> tuple[str, str]:

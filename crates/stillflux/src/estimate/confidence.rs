@@ -59,6 +59,14 @@ impl<R: Real> Confidence<R> {
         *self = Self::default();
     }
 
+    /// Begins with an angle that is known to a standard deviation `sigma`, rad, at most π: for records that begin under way.
+    pub fn join(&mut self, sigma: R) {
+        let sigma = sigma.clamp(R::ZERO, R::from_f64(core::f64::consts::PI));
+        let ratio = sigma * R::from_f64(1.0 / SIGMA_HALF);
+        let value = (R::ONE + ratio * ratio).recip();
+        *self = Self { sigma: Integrator::new(sigma), value, ..Self::default() };
+    }
+
     /// One call; `offset_uncertainty` is the latest correction of the offset estimator, if there was one.
     #[inline(always)]
     pub fn step(&mut self, c: &ConfidenceConfig<R>, omega_s: R, u_hf: R, offset_uncertainty: Option<R>) -> R {
@@ -137,6 +145,29 @@ mod tests {
         let (last, sigma) = settled(0.05, 0.0);
         assert_eq!(sigma, core::f64::consts::PI);
         assert!((last - 1.0 / (1.0 + (sigma / SIGMA_HALF) * (sigma / SIGMA_HALF))).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_deviation_at_the_beginning_is_forgotten_with_the_rotation_of_the_field() {
+        let mut c = Confidence::<f64>::default();
+        c.join(10.0);
+        assert_eq!(c.sigma(), core::f64::consts::PI);
+        assert!(c.value() < 0.01);
+        let begin = 0.1;
+        c.join(begin);
+        assert!((c.value() - 1.0 / (1.0 + (begin / SIGMA_HALF).powi(2))).abs() < 1e-12);
+        // One turn's radian at 0.02 pu.
+        let calls = (1.0 / (0.02 * CONFIG.t_s)) as u32;
+        for _ in 0..calls {
+            c.step(&CONFIG, 0.02, 0.0, Some(0.0));
+        }
+        let settled = CONFIG.u_floor / 0.02;
+        assert!((c.sigma() - settled - (begin - settled) * (-1.0f64).exp()).abs() < 1e-4);
+        assert!((c.value() - 1.0 / (1.0 + (c.sigma() / SIGMA_HALF).powi(2))).abs() < 1e-6);
+        for _ in 0..10 * calls {
+            c.step(&CONFIG, 0.0, 0.0, Some(0.0));
+        }
+        assert!(c.sigma() > settled, "without rotation nothing is forgotten");
     }
 
     #[test]
