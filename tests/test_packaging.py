@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -62,3 +65,37 @@ def test_a_missing_optional_package_is_named(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(frames, "import_module", missing)
     with pytest.raises(ImportError, match=r"this needs xarray: pip install 'stillflux\[xarray\]'"):
         frames.to_xarray(np.zeros(1), {}, {}, {})
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a script of a POSIX shell")
+@pytest.mark.parametrize(("venv", "there"), [(True, True), (True, False), (False, True), (False, False)])
+def test_ci_brings_the_lists_of_packages_up_to_date_once_at_most(
+    tmp_path: Path, venv: bool, there: bool
+) -> None:
+    log, folder = tmp_path / "log", tmp_path / "bin"
+    folder.mkdir()
+
+    def command(name: str, text: str = "exit 0") -> None:
+        (folder / name).write_text(f"#!/bin/sh\n{text}\n")
+        (folder / name).chmod(0o755)
+
+    for name in ("dirname", "id"):
+        (folder / name).symlink_to(str(shutil.which(name)))
+    for name in (
+        "rustfmt",
+        "clippy-driver",
+        *(("qemu-system-arm", "arm-none-eabi-ld", "clang") if there else ()),
+    ):
+        command(name)
+    command("python3", f"exit {0 if venv else 1}")
+    for name in ("apt-get", "make"):
+        command(name, f'echo "{name} $*" >> {log}')
+    command("sudo", '"$@"')
+    bash = str(shutil.which("bash"))
+    subprocess.run([bash, str(ROOT / ".ci" / "run")], env={"PATH": str(folder)}, check=True)
+    lines = log.read_text().splitlines()
+    installed = [line.rpartition(" ")[2] for line in lines if " install " in line]
+    expected = ([] if venv else ["python3-venv"]) + ([] if there else ["gcc-arm-none-eabi", "clang"])
+    assert installed == expected
+    assert sum(line.startswith("apt-get update") for line in lines) == bool(expected)
+    assert lines[-3:] == ["make lint", "make test", "make test-builds"]
