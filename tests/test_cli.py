@@ -263,3 +263,15 @@ def test_thinning_keeps_extremes_and_the_end() -> None:
     assert {9.0, -9.0} <= set(thin_x)
     assert np.diff(thin_t).max() < 500
     assert thin_t[-1] == t[-1]
+
+
+def test_what_comes_after_the_end_of_a_run_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "run.toml"
+    path.write_text('motor = "2.2kW"\nduration = 0.01\nload_torque = [[0.0, 0.0], [6.0, 0.0], [6.0, 5.0]]\n')
+    assert main(["simulate", str(path)]) == 0
+    said = capsys.readouterr()
+    text = "load_torque[2] comes after the end, from t = 6 s on"
+    assert said.err.splitlines()[0] == f"stillflux: {text}: duration = 0.01 s"
+    assert f"not reached: {text}\n" in said.out

@@ -6,9 +6,11 @@ import _thread
 import json
 import os
 import pickle
+import re
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -55,7 +57,7 @@ def test_same_scenario_same_result(scenario: sf.Scenario) -> None:
 
 def test_pickles(scenario: sf.Scenario) -> None:
     assert pickle.loads(pickle.dumps(scenario)) == scenario
-    result = sf.simulate(scenario.replace(signals=["omega_m"], duration=0.1))
+    result = sf.simulate(scenario.replace(signals=["omega_m"], duration=0.1, changes=[]))
     back = pickle.loads(pickle.dumps(result))
     assert np.array_equal(back["omega_m"], result["omega_m"])
     assert back.status == result.status
@@ -87,7 +89,7 @@ def test_save_and_load(scenario: sf.Scenario, tmp_path: Path) -> None:
 def test_failed_save_leaves_nothing(
     scenario: sf.Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = sf.simulate(scenario.replace(duration=0.01))
+    result = sf.simulate(scenario.replace(duration=0.01, changes=[]))
     path = tmp_path / "run.npz"
     path.write_bytes(b"before")
 
@@ -257,7 +259,7 @@ def test_profiles_are_numbers_arrays_and_functions(scenario: sf.Scenario) -> Non
     kinds: list[Any] = [points, np.array(points), [np.array(p) for p in points], [list(p) for p in points]]
     for given in kinds:
         assert scenario.replace(omega_ref=given).omega_ref == ((0.0, 0.0), (1.0, 2.0))
-    ramp = scenario.replace(omega_ref=lambda t: 2.0 * t, duration=0.5)
+    ramp = scenario.replace(omega_ref=lambda t: 2.0 * t, duration=0.5, changes=[])
     assert isinstance(ramp.omega_ref, tuple)
     assert len(ramp.omega_ref) == 501
     assert ramp.omega_ref[-1] == (0.5, 1.0)
@@ -399,7 +401,7 @@ def test_frames_have_units_and_files_take_them(scenario: sf.Scenario, tmp_path: 
     import pandas
     import xarray
 
-    result = sf.simulate(scenario.replace(duration=0.3))
+    result = sf.simulate(scenario.replace(duration=0.3, changes=[]))
     frame = result.to_pandas()
     assert frame.attrs["units"]["psi_s.re"] == "V s"
     assert frame.index.name == "t"
@@ -444,7 +446,7 @@ def test_what_is_no_saved_result_is_named(tmp_path: Path, scenario: sf.Scenario)
     with pytest.raises(ValueError, match=r"junk.npz is not a saved result"):
         sf.Result.load(tmp_path / "junk.npz")
     whole = tmp_path / "run.npz"
-    sf.simulate(scenario.replace(duration=0.01)).save(whole)
+    sf.simulate(scenario.replace(duration=0.01, changes=[])).save(whole)
     torn = bytearray(whole.read_bytes())
     torn[121] ^= 0xFF
     (tmp_path / "torn.npz").write_bytes(torn)
@@ -455,11 +457,11 @@ def test_what_is_no_saved_result_is_named(tmp_path: Path, scenario: sf.Scenario)
         with pytest.raises(ValueError, match=f"{name} is not a saved result"):
             sf.Result.load(tmp_path / name)
     with pytest.raises(FileNotFoundError, match="there is no folder"):
-        sf.simulate(scenario.replace(duration=0.01)).save(tmp_path / "none" / "run.npz")
+        sf.simulate(scenario.replace(duration=0.01, changes=[])).save(tmp_path / "none" / "run.npz")
 
 
 def test_a_saved_file_has_the_permissions_of_the_user(scenario: sf.Scenario, tmp_path: Path) -> None:
-    result = sf.simulate(scenario.replace(duration=0.01))
+    result = sf.simulate(scenario.replace(duration=0.01, changes=[]))
     path = tmp_path / "run.npz"
     before = os.umask(0o027)
     try:
@@ -467,3 +469,122 @@ def test_a_saved_file_has_the_permissions_of_the_user(scenario: sf.Scenario, tmp
     finally:
         os.umask(before)
     assert path.stat().st_mode & 0o777 == 0o640
+
+
+RAMP = [(0.0, 0.0), (1.0, 0.0), (9.0, 5.0)]
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (
+            {"changes": [(1.0, {"R_s": 4.0}), (5.0, {"R_s": 5.0})]},
+            r"changes\[1\] comes after the end, at t = 5 s",
+        ),
+        (
+            {"load_torque": [(0, 0), (6, 0), (6, 5)]},
+            r"load_torque\[2\] comes after the end, from t = 6 s on",
+        ),
+        ({"omega_ref": [*RAMP, (12.0, 7.0)]}, r"omega_ref\[3\] comes after the end, from t = 9 s on"),
+    ],
+)
+def test_what_only_comes_after_the_end_is_warned_of_and_in_the_summary(
+    scenario: sf.Scenario, change: dict[str, Any], text: str, tmp_path: Path
+) -> None:
+    with pytest.warns(sf.ScenarioWarning, match=f"{text}: duration = 2 s") as caught:
+        late = scenario.replace(**{"changes": [], **change})
+    assert caught[0].filename == __file__, "where the scenario is made"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = sf.simulate(late)
+        result.save(tmp_path / "run.npz")
+        assert sf.Result.load(tmp_path / "run.npz").scenario == late
+    assert re.search(f"not reached: {text}", result.summary())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"omega_ref": RAMP},
+        {"load_torque": [(0, 0), (1, 3), (5, 3), (9, 3)]},
+        {"changes": [(2.0, {"R_s": 4.0})], "load_torque": [(0, 0), (2, 0), (2, 5)]},
+        {"omega_ref": lambda t: t},
+    ],
+)
+def test_a_ramp_that_ends_after_the_run_and_a_value_that_stays_are_no_mistake(
+    scenario: sf.Scenario, change: dict[str, Any]
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert scenario.replace(**change).unreached() == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"omega_ref": None}, "omega_ref = None is not a number"),
+        (
+            {"load_torque": {0: 1}},
+            r"load_torque = {0: 1} is not a number, nor points \(t, value\), nor a func",
+        ),
+        ({"signals": 5}, "signals = 5 is not a list of names"),
+        ({"signals": ["omega_m", 5]}, r"signals\[1\] = 5 is not a name"),
+        ({"cycle_stamps": "no"}, "cycle_stamps = 'no' is neither True nor False"),
+        (
+            {"changes": [(0.1, {"R_s": 4.0}), (0.2, {"u_dc": "a"})]},
+            r"changes\[1\]: u_dc = 'a' is not a number",
+        ),
+        (
+            {"changes": [(0.1, {"load_torque": 4.0})]},
+            "no setting 'load_torque'; there are R_s, current_offset",
+        ),
+        ({"changes": [(0.1, {"open_phase": -1})]}, "open_phase = -1 is not a whole number from 0 to 2"),
+        (
+            {"changes": [(0.1, {"channel": (0, "of", 1.5)})]},
+            "channel of = 1.5 is not a whole number from 0 to 2",
+        ),
+        ({"changes": [(0.1, {"channel": (7, "held")})]}, "channel = 7 is not a whole number from 0 to 2"),
+        ({"changes": [(0.1, {"channel": (0, "gain")})]}, r"channel = \(0, 'gain'\): admissible are 'held'"),
+    ],
+)
+def test_what_no_scenario_has_is_named(scenario: sf.Scenario, changes: dict[str, Any], text: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=text):
+        scenario.replace(**changes)
+
+
+def test_a_channel_can_read_another_phase(scenario: sf.Scenario) -> None:
+    scenario.replace(changes=[(0.1, {"channel": (0, "of", 1)}), (0.2, {"channel": (1, "of", 2.0)})])
+
+
+def test_a_field_of_a_scenario_is_no_method_of_it(scenario: sf.Scenario) -> None:
+    for name, text in (
+        ("replace", "replace is not a field of a scenario"),
+        ("motor.tau_r", "tau_r is not a field of motor"),
+        ("motor.__class__", "__class__ is not a field of motor"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            scenario.value(name)
+    with pytest.raises(ValueError, match=r"motor.R_x: R_x is not a field of motor"):
+        scenario.with_values({"motor.R_x": 1.0})
+
+
+def test_profiles_are_frames_as_well(scenario: sf.Scenario) -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"t": [0.0, 1.0], "load": [0.0, 2.0]})
+    assert scenario.replace(load_torque=frame).load_torque == ((0.0, 0.0), (1.0, 2.0))
+    with pytest.raises(ValueError, match=r"load_torque has the shape \(2,\), points have \(n, 2\)"):
+        scenario.replace(load_torque=frame["load"])
+
+
+def test_what_cannot_be_shown_or_run_is_named(scenario: sf.Scenario) -> None:
+    short = sf.simulate(scenario.replace(duration=0.02, changes=[]))
+    wrong: list[tuple[Any, str]] = [
+        (lambda: sf.simulate(scenario.to_dict()), "scenario = .* is not a stillflux.Scenario"),  # type: ignore[arg-type]
+        (lambda: sf.simulate(scenario, progress=5), "progress = 5 is neither a function nor True"),  # type: ignore[arg-type]
+        (lambda: short.window("a"), "begin = 'a' is not a number"),  # type: ignore[arg-type]
+        (lambda: short.compare(short, signals="omega_m"), r"signals = 'omega_m': give a list"),
+        (lambda: short.select().plot(), "signals: none was recorded"),
+    ]
+    for call, text in wrong:
+        with pytest.raises((ValueError, TypeError), match=text):
+            call()

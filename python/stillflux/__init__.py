@@ -14,7 +14,7 @@ from stillflux.nameplate import Nameplate
 from stillflux.parameters import Inverter, Motor
 from stillflux.replay import Replay, replay
 from stillflux.result import Result
-from stillflux.scenario import Scenario
+from stillflux.scenario import Scenario, ScenarioWarning
 from stillflux.simulation import DivergenceError, Interrupted, simulate
 from stillflux.status import EncoderCode, StatusCode
 from stillflux.sweep import Sweep, SweepInterrupted, draws, factors, grid, normal, sweep, uniform
@@ -40,6 +40,7 @@ __all__ = [
     "Replay",
     "Result",
     "Scenario",
+    "ScenarioWarning",
     "Status",
     "StatusCode",
     "Sweep",

@@ -6,6 +6,7 @@ import argparse
 import io
 import shlex
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -18,7 +19,7 @@ from stillflux.machine_file import load_machine, read_toml, with_machine
 from stillflux.outputs import apart, check_file, keep
 from stillflux.parameters import PRESETS
 from stillflux.replay import replay
-from stillflux.scenario import Scenario
+from stillflux.scenario import Scenario, ScenarioWarning
 from stillflux.simulation import DivergenceError, Interrupted, simulate
 from stillflux.sweep import SweepInterrupted, sweep
 
@@ -38,7 +39,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        status: int = options.run(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = partial(_warned, warnings.showwarning)
+            status: int = options.run(options)
     except OSError as error:
         text = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else error
         print(f"stillflux: {text}", file=sys.stderr)
@@ -50,6 +53,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"\nstillflux: {error or 'interrupted'}", file=sys.stderr)
         return 130
     return status
+
+
+def _warned(otherwise: Callable[..., None], message: Warning | str, *where: Any, **how: Any) -> None:
+    """A warning of a scenario as one line, without the place in the code."""
+    if isinstance(message, ScenarioWarning):
+        print(f"stillflux: {message}", file=sys.stderr)
+    else:
+        otherwise(message, *where, **how)
 
 
 @dataclass(frozen=True)

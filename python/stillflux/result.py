@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import os
+import warnings
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,7 +18,8 @@ import numpy as np
 from stillflux import _core, metrics
 from stillflux._core import Status
 from stillflux.outputs import whole
-from stillflux.scenario import Scenario, plain, rich
+from stillflux.parameters import number
+from stillflux.scenario import Scenario, ScenarioWarning, plain, rich
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,6 +97,7 @@ class Result:
 
     def window(self, begin: float, end: float = float("inf")) -> Self:
         """The part with begin <= t <= end, s. Raises ValueError if there is none."""
+        begin, end = number("begin", begin), number("end", end)
         chosen = (self.t >= begin) & (self.t <= end)
         if not chosen.any():
             raise ValueError(
@@ -108,6 +111,8 @@ class Result:
         offset voltage, resistance, as far as they were recorded. Raises KeyError for one that was not."""
         from stillflux.plots import overview, panels
 
+        if not self.data:
+            raise ValueError("signals: none was recorded, there is nothing to plot")
         return panels({"": self}, signals) if signals else overview(self)
 
     def compare(self, *others: Self, signals: Sequence[str] | None = None) -> Figure:
@@ -121,6 +126,8 @@ class Result:
                 raise TypeError(f"others[{k - 1}] = {run!r} is not a Result")
             name = run.scenario.name or f"run {k + 1}"
             runs[name if name not in runs else f"{name} ({k + 1})"] = run
+        if isinstance(signals, str):
+            raise TypeError(f"signals = {signals!r}: give a list of names, [{signals!r}]")
         if signals is None:
             common = [name for name in self.data if all(name in run for run in runs.values())]
             signals = [name for name in _COMPARED if name in common] or common[:_MOST_PANELS]
@@ -151,6 +158,7 @@ class Result:
         facts = [("status", str(self.status))]
         end = self.t[-1] if len(self.t) else 0.0
         facts.append(("simulated", f"{end:.4g} s, {len(self.t)} rows of {len(self.data)} signals"))
+        facts.extend(("not reached", text) for text in self.scenario.unreached())
         if not len(self.t) or "status" not in self or not metrics.running(self).any():
             return facts
         if "angle_error" in self:
@@ -210,6 +218,8 @@ class Result:
             t, scenario, status, memory = data.pop("t"), meta["scenario"], meta["status"], meta["memory"]
         except _TORN:
             raise ValueError(f"{path} is not a saved result") from None
-        return cls(
-            scenario=Scenario.from_dict(scenario), t=t, data=data, status=Status(*status), memory=rich(memory)
-        )
+        with warnings.catch_warnings():
+            # What was cut short was said when it was made.
+            warnings.simplefilter("ignore", ScenarioWarning)
+            simulated = Scenario.from_dict(scenario)
+        return cls(scenario=simulated, t=t, data=data, status=Status(*status), memory=rich(memory))

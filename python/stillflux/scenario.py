@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import os
+import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -14,13 +18,13 @@ import numpy as np
 from stillflux import _core
 from stillflux.machine_file import load_machine, part, with_machine
 from stillflux.options import DriveSettings, PlantOptions
-from stillflux.parameters import Inverter, Motor, instance, number
+from stillflux.parameters import Inverter, Motor, instance, number, truth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self, Unpack
 
-__all__ = ["Profile", "ProfileLike", "Scenario"]
+__all__ = ["Profile", "ProfileLike", "Scenario", "ScenarioWarning"]
 
 Profile: TypeAlias = float | Sequence[tuple[float, float]]
 """A constant, or points (t in s, value) joined by straight lines; two points at one time make a step."""
@@ -38,11 +42,17 @@ _COUNTS = ("adc_bits", "seed")
 _OFFSETS = ("current_offset", "current_offset_drift", "u_off")
 
 
+class ScenarioWarning(UserWarning):
+    """Something of a scenario that has no effect, though nothing forbids it."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
     """A drive on a plant, references, load, and what changes meanwhile.
 
-    Raises ValueError naming field, value and admissible range, TypeError for unknown names.
+    Raises ValueError naming field, value and admissible range, TypeError for unknown names. What only comes
+    after the end of the run, a change or points of a profile, is a `ScenarioWarning`: a scenario may be cut
+    short.
     """
 
     motor: Motor
@@ -104,6 +114,28 @@ class Scenario:
                 f"{_RECORD_LIMIT:.0e}: raise record_every or choose signals"
             )
         _core.Run(self)
+        if texts := self.unreached():
+            text = f"{'; '.join(texts)}: duration = {self.duration:g} s"
+            warnings.warn(text, ScenarioWarning, stacklevel=_outside())
+
+    def unreached(self) -> list[str]:
+        """What would only come after the end of the run, in words: changes, and points of a profile with
+        another value than the last one that is reached. The end of a ramp may lie there."""
+        texts = []
+        for name in ("omega_ref", "torque_ref", "load_torque"):
+            points = getattr(self, name)
+            if not isinstance(points, tuple):
+                continue
+            # A line that begins before the end counts as reached.
+            for k, ((t, before), (_, after)) in enumerate(pairwise(points)):
+                if t > self.duration and before != after:
+                    texts.append(f"{name}[{k + 1}] comes after the end, from t = {t:g} s on")
+                    break
+        late = [(k, t) for k, (t, _) in enumerate(self.changes) if t > self.duration]
+        if late:
+            k, t = late[0]
+            texts.append(f"changes[{k}] comes after the end, at t = {t:g} s")
+        return texts
 
     def _normalise(self) -> None:
         """Plain immutable values in place of arrays, lists and functions: equal scenarios compare equal,
@@ -132,11 +164,19 @@ class Scenario:
             )
         set_field("record_every", int(every))
         for name in ("omega_ref", "torque_ref", "load_torque"):
+            if getattr(self, name) is None and name != "torque_ref":
+                raise TypeError(f"{name} = None is not a number: 0.0 is none")
             set_field(name, _profile(name, getattr(self, name), self.duration))
         if isinstance(self.signals, str):
             raise TypeError(f"signals = {self.signals!r}: give a list of names, [{self.signals!r}]")
         if self.signals is not None:
+            if not isinstance(self.signals, Iterable):
+                raise TypeError(f"signals = {self.signals!r} is not a list of names")
             set_field("signals", tuple(self.signals))
+            for k, name in enumerate(self.signals):
+                if not isinstance(name, str):
+                    raise TypeError(f"signals[{k}] = {name!r} is not a name")
+        set_field("cycle_stamps", truth("cycle_stamps", self.cycle_stamps))
         for name, what in (
             ("settings", "a table of names and values"),
             ("plant", "a table of names and values"),
@@ -206,8 +246,10 @@ class Scenario:
 
         The real motor and inverter are those that the drive knows, where they are not given.
         """
+        if not isinstance(name, str):
+            raise TypeError(f"name = {name!r} is not a text")
         part, dot, field_name = name.partition(".")
-        if not hasattr(self, part):
+        if part not in {f.name for f in fields(self)}:
             raise ValueError(f"{name}: {part} is not a field of a scenario")
         whole = getattr(self, part)
         if not dot:
@@ -218,7 +260,7 @@ class Scenario:
             if field_name not in whole:
                 raise ValueError(f"{name} is not given in the scenario")
             return whole[field_name]
-        if not isinstance(whole, Motor | Inverter) or not hasattr(whole, field_name):
+        if not isinstance(whole, Motor | Inverter) or field_name not in {f.name for f in fields(whole)}:
             raise ValueError(f"{name}: {field_name} is not a field of {part}")
         return getattr(whole, field_name)
 
@@ -241,6 +283,9 @@ class Scenario:
             if isinstance(whole, dict):
                 changes[part] = {**whole, **of_part}
             elif isinstance(whole, Motor | Inverter):
+                for field_name in of_part:
+                    if field_name not in {f.name for f in fields(whole)}:
+                        raise ValueError(f"{part}.{field_name}: {field_name} is not a field of {part}")
                 changes[part] = whole.replace(**of_part)
             else:
                 raise ValueError(f"{part} has no field {', '.join(of_part)}")
@@ -277,6 +322,15 @@ class Scenario:
         return cls(**rest, **parts)
 
 
+def _outside() -> int:
+    """How many calls away the code is that uses this package: a warning points there."""
+    depth, frame = 1, sys._getframe(1)
+    inside = (os.path.dirname(__file__) + os.sep, dataclasses.__file__, "<string>")
+    while frame.f_code.co_filename.startswith(inside) and frame.f_back is not None:
+        depth, frame = depth + 1, frame.f_back
+    return depth
+
+
 def _part(kind: type[Motor] | type[Inverter], name: str, value: Any) -> Any:
     """A motor or an inverter of plain data; errors name the field."""
     if not isinstance(value, str | Mapping):
@@ -308,7 +362,9 @@ def _profile(name: str, value: Any, duration: float) -> Any:
             )
         times = [duration * k / count for k in range(count + 1)] if count else [0.0]
         return tuple((t, number(name, value(t))) for t in times)
-    if isinstance(value, np.ndarray) and value.ndim:
+    # A frame of pandas is an array, too.
+    if hasattr(value, "__array__") and np.ndim(value):
+        value = np.asarray(value)
         if value.ndim != 2 or value.shape[1] != 2:
             raise ValueError(f"{name} has the shape {value.shape}, points have (n, 2): time in s and value")
         value = value.tolist()
@@ -325,7 +381,12 @@ def _profile(name: str, value: Any, duration: float) -> Any:
             if not 0.0 <= t < math.inf:
                 raise ValueError(f"{name}[{k}]: t = {t:g} s is outside the admissible range from 0 s on")
         return points
-    return number(name, value)
+    try:
+        return number(name, value)
+    except TypeError:
+        raise TypeError(
+            f"{name} = {value!r} is not a number, nor points (t, value), nor a function of the time"
+        ) from None
 
 
 def _change(k: int, change: Any) -> tuple[float, dict[str, Any]]:

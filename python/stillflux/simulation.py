@@ -6,15 +6,16 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from stillflux._core import Run
+from stillflux.parameters import instance
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 
-__all__ = ["DivergenceError", "Interrupted", "Progress", "in_pieces", "simulate"]
+__all__ = ["DivergenceError", "Interrupted", "Progress", "check_progress", "in_pieces", "simulate"]
 
 Progress: TypeAlias = Callable[[float], object] | bool | None
 """Called with the fraction done, 0 to 1; True: a bar on stderr."""
@@ -50,6 +51,8 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
     Releases the GIL; raises `Interrupted` within 0.2 s of Ctrl-C, `DivergenceError`, an ArithmeticError,
     if the plant's state leaves what can be computed.
     """
+    instance("scenario", scenario, Scenario)
+    check_progress(progress)
     run = Run(scenario)
     report = progress_bar(scenario.name) if progress is True else progress or None
 
@@ -77,6 +80,12 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
             replace(result, t=result.t[:row], data=before),
         )
     return result
+
+
+def check_progress(progress: Any) -> None:
+    """Raises TypeError for what can show no progress."""
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise TypeError(f"progress = {progress!r} is neither a function nor True, False or None")
 
 
 def in_pieces(advance: Callable[[int], bool], show: Callable[[], object]) -> None:

@@ -5,11 +5,11 @@ use std::borrow::Cow;
 use numpy::{Complex64, PyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBool, PyDict};
 use stillflux_sim::ChannelFault;
 use stillflux_sim::simulate::{self as sim, Change, Profile, ReferenceProfile, SIGNALS};
 
-use crate::convert::{each_keyword, extract, offsets, value_error};
+use crate::convert::{each_keyword, extract, named, offsets, value_error};
 use crate::drive::{Status, memory_dict, memory_from};
 use crate::parameters::{Inverter, Motor, arithmetic, drive_params};
 use crate::plant::{dc_link, encoder_fault, plant_params, resistance, shaft_speed};
@@ -96,14 +96,15 @@ const CHANGES: &[&str] =
 
 fn changes(list: &[(f64, Bound<'_, PyDict>)]) -> PyResult<Vec<(f64, Change)>> {
     let mut all = Vec::new();
-    for (t, what) in list {
+    for (k, (t, what)) in list.iter().enumerate() {
+        let named = |e: PyErr| named(what.py(), &format!("changes[{k}]"), &e);
         each_keyword(Some(what), "a change of plant or drive", CHANGES, |name, value| {
             let change = match name {
                 "R_s" => Change::StatorResistance(resistance(extract(name, value)?)?),
                 "current_offset" => Change::CurrentOffset(offsets(name, value)?),
                 "u_dc" => Change::DcLink(dc_link(extract(name, value)?)?),
                 "speed" => Change::Speed(shaft_speed(extract(name, value)?)?),
-                "open_phase" => Change::OpenPhase(phase(name, extract(name, value)?)?),
+                "open_phase" => Change::OpenPhase(phase(name, value)?),
                 "channel" => channel(value)?,
                 "encoder" => Change::Encoder(encoder_fault(extract::<Option<String>>(name, value)?.as_deref())?),
                 "stop" => Change::Stop(extract(name, value)?),
@@ -118,25 +119,27 @@ fn changes(list: &[(f64, Bound<'_, PyDict>)]) -> PyResult<Vec<(f64, Change)>> {
             };
             all.push((*t, change));
             Ok(true)
-        })?;
+        })
+        .map_err(named)?;
     }
     Ok(all)
 }
 
 /// Number of a phase or channel.
-fn phase(name: &str, number: usize) -> PyResult<usize> {
-    if number < 3 {
-        return Ok(number);
+fn phase(name: &str, value: &Bound<'_, PyAny>) -> PyResult<usize> {
+    match value.extract::<usize>() {
+        Ok(number) if number < 3 && !value.is_instance_of::<PyBool>() => Ok(number),
+        _ => Err(PyValueError::new_err(format!("{name} = {} is not a whole number from 0 to 2", value.repr()?))),
     }
-    Err(PyValueError::new_err(format!("{name} = {number} is outside the admissible range 0 to 2")))
 }
 
 /// A channel that fails: its number, how, and a value where it takes one.
 fn channel(value: &Bound<'_, PyAny>) -> PyResult<Change> {
-    let (number, kind, value): (usize, String, Option<f64>) = match value.extract::<(usize, String)>() {
+    let given = value;
+    let (number, kind, value) = match value.extract::<(Bound<'_, PyAny>, String)>() {
         Ok((number, kind)) => (number, kind, None),
-        Err(_) => value.extract().map_err(|_| {
-            PyValueError::new_err(format!("channel = {value} is not (number, how) or (number, how, value)"))
+        Err(_) => value.extract::<(Bound<'_, PyAny>, String, Option<f64>)>().map_err(|_| {
+            PyValueError::new_err(format!("channel = {given} is not (number, how) or (number, how, value)"))
         })?,
     };
     let fault = match (kind.as_str(), value) {
@@ -145,15 +148,15 @@ fn channel(value: &Bound<'_, PyAny>) -> PyResult<Change> {
         ("once", Some(ampere)) => ChannelFault::Once(ampere),
         ("gain", Some(factor)) => ChannelFault::Gain(factor),
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        ("of", Some(other)) if other >= 0.0 => ChannelFault::Of(phase("channel", other as usize)?),
+        ("of", Some(other)) if [0.0, 1.0, 2.0].contains(&other) => ChannelFault::Of(other as usize),
+        ("of", Some(_)) => ChannelFault::Of(phase("channel of", &given.get_item(2)?)?),
         _ => {
             return Err(PyValueError::new_err(format!(
-                "channel = ({number}, {kind:?}, {value:?}): admissible are \"held\" without a value, and \"stuck\", \
-                 \"once\", \"gain\" and \"of\" with one"
+                "channel = {given}: admissible are 'held' without a value, and 'stuck', 'once', 'gain' and 'of' with one"
             )));
         }
     };
-    Ok(Change::Channel(phase("channel", number)?, fault))
+    Ok(Change::Channel(phase("channel", &number)?, fault))
 }
 
 /// Names and units of all signals a run can record.
