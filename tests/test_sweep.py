@@ -365,3 +365,59 @@ def test_a_map_has_texts_on_its_axes_and_shows_in_a_notebook() -> None:
     assert found._repr_html_().count("<tr>") == 5
     with pytest.raises(ValueError, match="metric = 'status' is not one of m"):
         found.map("b", "a", "status")
+
+
+def test_a_profile_is_a_column_of_its_values() -> None:
+    short = BASE.replace(duration=0.02)
+    loads = [[(0, 0), (0.01, 1)], [(0, 0), (0.01, 2)]]
+    found = sf.sweep(sf.grid(short, {"load_torque": loads}), ["angle_max"], "serial")
+    assert found["load_torque"].shape == (2,)
+    assert list(found["load_torque"]) == loads
+    for values in (
+        [0.0, [(0, 0), (0.01, 1)]],
+        [1.0, "two"],
+        [np.array([[0, 0], [1, 1]])] * 2,
+        [(1, 2), (3, 4)],
+    ):
+        column = sf.Sweep([{"x": x, "status": "", "error": ""} for x in values], ("x",))["x"]
+        assert column.shape == (2,)
+        assert column.dtype == object
+        assert all(a is b for a, b in zip(column, values, strict=True))
+    numbers = sf.Sweep([{"x": x, "status": "", "error": ""} for x in (1, 2.5)], ("x",))
+    assert numbers["x"].dtype == float
+    assert numbers["status"].dtype.kind == "U"
+
+
+def test_numbers_of_numpy_are_rows_of_plain_numbers() -> None:
+    bits: Any = np.array([10, 12])
+    grid = sf.grid(BASE, {"plant.adc_bits": bits})
+    assert [type(point.parameters["plant.adc_bits"]) for point in grid] == [int, int]
+    assert len(sf.draws(BASE, np.int64(2), {}, seed=np.int64(3))) == 2  # type: ignore[arg-type]
+
+
+def test_what_no_sweep_takes_is_named() -> None:
+    wrong: list[tuple[Any, str]] = [
+        (
+            lambda: sf.sweep([BASE], "angle_max"),
+            r"metrics = 'angle_max': give a list of names, \['angle_max'\]",
+        ),
+        (lambda: sf.sweep([BASE], None), "metrics = None is not a list"),  # type: ignore[arg-type]
+        (lambda: sf.sweep(None), "scenarios = None are no scenarios"),  # type: ignore[arg-type]
+        (lambda: sf.sweep([BASE], {1: len}), "metrics: 1 is not a name"),  # type: ignore[dict-item]
+        (lambda: sf.sweep([BASE], progress=5), "progress = 5 is neither a function nor True"),  # type: ignore[arg-type]
+        (lambda: sf.grid(5, {}), "base = 5 is not a stillflux.Scenario"),  # type: ignore[arg-type]
+        (lambda: sf.grid(BASE, 5), "axes = 5 is not a mapping"),  # type: ignore[arg-type]
+        (lambda: sf.draws(BASE, 2, 5), "tolerances = 5 is not a mapping"),  # type: ignore[arg-type]
+        (lambda: sf.draws(BASE, 2, {}, seed=-1), "seed = -1 is not a whole number from 0 on"),
+        (lambda: sf.factors("a"), r"factors\[0\] = 'a' is not a number"),  # type: ignore[arg-type]
+        (lambda: sf.normal(7.0), "deviation = 7 is outside the admissible range 0 to 1: it is relative"),
+        (lambda: sf.uniform(float("nan")), "most = nan is outside the admissible range 0 to 1"),
+        (
+            lambda: sf.Sweep([], (), ("angle_max",)).spread("status"),
+            "metrics: 'status' is not one of angle_max",
+        ),
+        (lambda: sf.Sweep([]).spread(), "metrics: this sweep has none"),
+    ]
+    for make, text in wrong:
+        with pytest.raises((ValueError, TypeError), match=text):
+            make()

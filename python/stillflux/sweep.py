@@ -38,9 +38,11 @@ import numpy as np
 from stillflux import metrics as of_results
 from stillflux.build import fingerprint
 from stillflux.outputs import naming, write_text
+from stillflux.parameters import instance
+from stillflux.parameters import number as real
 from stillflux.result import Result
 from stillflux.scenario import Scenario, plain
-from stillflux.simulation import progress_bar, simulate
+from stillflux.simulation import check_progress, progress_bar, simulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,17 +117,26 @@ class Spread:
 
 def factors(*values: float) -> Factors:
     """Axis of a grid: the base scenario's value times each."""
-    return Factors(tuple(map(float, values)))
+    return Factors(tuple(real(f"factors[{k}]", x) for k, x in enumerate(values)))
 
 
 def normal(deviation: float) -> Spread:
-    """Tolerance of `draws`: normal with this relative standard deviation."""
-    return Spread("normal", float(deviation))
+    """Tolerance of `draws`: normal with this relative standard deviation, from 0 to 1."""
+    return Spread("normal", _part_of_one("deviation", deviation))
 
 
 def uniform(most: float) -> Spread:
-    """Tolerance of `draws`: uniform within ± this relative deviation."""
-    return Spread("uniform", float(most))
+    """Tolerance of `draws`: uniform within ± this relative deviation, from 0 to 1."""
+    return Spread("uniform", _part_of_one("most", most))
+
+
+def _part_of_one(name: str, value: float) -> float:
+    part = real(name, value)
+    if not 0.0 <= part <= 1.0:
+        raise ValueError(
+            f"{name} = {part:g} is outside the admissible range 0 to 1: it is relative, no percent"
+        )
+    return part
 
 
 def grid(base: Scenario, axes: Mapping[str, Sequence[Any] | Factors]) -> list[Point]:
@@ -137,6 +148,9 @@ def grid(base: Scenario, axes: Mapping[str, Sequence[Any] | Factors]) -> list[Po
     error. Raises ValueError for a field that there is not and an axis without values, TypeError for an axis
     that is no list.
     """
+    instance("base", base, Scenario)
+    if not isinstance(axes, Mapping):
+        raise TypeError(f"axes = {axes!r} is not a mapping of fields to values")
     values = [_values(base, name, axis) for name, axis in axes.items()]
     return [_point(base, dict(zip(axes, chosen, strict=True))) for chosen in product(*values)]
 
@@ -148,7 +162,7 @@ def _values(base: Scenario, name: str, axis: Sequence[Any] | Factors) -> list[An
     elif isinstance(axis, str | bytes | Mapping) or not isinstance(axis, Iterable):
         raise TypeError(f"{name} = {axis!r} is neither a list of values nor factors(…)")
     else:
-        values = list(axis)
+        values = [x.item() if isinstance(x, np.generic) else x for x in axis]
     if not values:
         raise ValueError(f"{name} = {axis!r} has no value: the grid would have no point")
     return values
@@ -173,8 +187,10 @@ def draws(base: Scenario, number: int, tolerances: Mapping[str, Spread], seed: i
     """`number` scenarios with fields drawn at random around the base scenario's, each draw on its own stream
     of random numbers: the first ten of a hundred draws are those of ten. The noise of the sensors has the
     draw's seed. Raises ValueError for a field that there is not, TypeError for a tolerance that is none."""
-    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
-        raise ValueError(f"number = {number!r} is not a whole number from 1 on")
+    instance("base", base, Scenario)
+    number, seed = _whole("number", number, 1), _whole("seed", seed, 0)
+    if not isinstance(tolerances, Mapping):
+        raise TypeError(f"tolerances = {tolerances!r} is not a mapping of fields to tolerances")
     middle = {}
     for name, spread in tolerances.items():
         if not isinstance(spread, Spread):
@@ -192,6 +208,12 @@ def draws(base: Scenario, number: int, tolerances: Mapping[str, Spread], seed: i
     return points
 
 
+def _whole(name: str, value: Any, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise ValueError(f"{name} = {value!r} is not a whole number from {least} on")
+    return int(value)
+
+
 def _point(base: Scenario, parameters: dict[str, Any]) -> Point:
     try:
         return Point(parameters, base.with_values(parameters))
@@ -201,7 +223,8 @@ def _point(base: Scenario, parameters: dict[str, Any]) -> Point:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Rows of a sweep, in the order of its scenarios. `found["angle_max"]` is an array."""
+    """Rows of a sweep, in the order of its scenarios. `found["angle_max"]` is an array, of objects where a
+    parameter is a profile or a tuple."""
 
     rows: Sequence[Mapping[str, Any]]
     """By column: the parameters, `status` of the drive at the end, the metrics, `error` (empty if there was
@@ -218,7 +241,15 @@ class Sweep:
     def __getitem__(self, column: str) -> NDArray[Any]:
         if column not in self.columns:
             raise KeyError(f"{column!r} is no column; there are {', '.join(self.columns)}")
-        return np.array([row.get(column) for row in self.rows])
+        values = [row.get(column) for row in self.rows]
+        kinds = {str if isinstance(x, str) else int | float | complex for x in values}
+        if len(kinds) < 2 and all(isinstance(x, str | int | float | complex) for x in values):
+            return np.array(values)
+        # Profiles, tuples and what is of several kinds stay what they are, an object a row.
+        objects = np.empty(len(values), object)
+        for k, value in enumerate(values):
+            objects[k] = value
+        return objects
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -261,9 +292,15 @@ class Sweep:
         return sweep_map(self, x, y, metric)
 
     def spread(self, *metrics: str) -> Figure:
-        """Distribution of metrics over all rows: the part of the rows up to each value."""
+        """Distribution of metrics over all rows: the part of the rows up to each value. Raises ValueError for
+        what is no metric."""
         from stillflux.plots import sweep_spread
 
+        for name in metrics:
+            if name not in self.metrics:
+                raise ValueError(f"metrics: {name!r} is not one of {', '.join(self.metrics) or 'none'}")
+        if not self.metrics:
+            raise ValueError("metrics: this sweep has none")
         return sweep_spread(self, metrics or self.metrics)
 
     def summary(self) -> str:
@@ -336,6 +373,7 @@ def sweep(
     `if __name__ == "__main__":`, as everything that starts processes.
     """
     chosen = named_metrics(metrics)
+    check_progress(progress)
     points = _points(scenarios)
     names = tuple(dict.fromkeys(name for point in points for name in point.parameters))
     clash = set(names) & {"status", "error", *chosen}
@@ -378,8 +416,14 @@ def sweep(
 def named_metrics(metrics: Metrics) -> dict[str, Metric]:
     """Functions by name. Raises ValueError for a name that is none of `METRICS`, or not one of its own."""
     chosen: dict[str, Metric] = {}
+    if isinstance(metrics, str):
+        raise TypeError(f"metrics = {metrics!r}: give a list of names, [{metrics!r}]")
+    if not isinstance(metrics, Iterable):
+        raise TypeError(f"metrics = {metrics!r} is not a list of names and functions")
     named = metrics.items() if isinstance(metrics, Mapping) else ((None, metric) for metric in metrics)
     for name, metric in named:
+        if name is not None and not isinstance(name, str):
+            raise TypeError(f"metrics: {name!r} is not a name")
         if not callable(metric):
             if metric not in METRICS:
                 raise ValueError(f"metrics: {metric!r} is not one of {', '.join(METRICS)}, nor a function")
@@ -403,6 +447,8 @@ def _points(scenarios: Iterable[Any] | Mapping[str, Scenario]) -> list[Point]:
             if not isinstance(scenario, Scenario):
                 raise TypeError(f"scenarios[{name!r}] = {scenario!r} is not a Scenario")
         return [Point({"name": name}, scenario) for name, scenario in scenarios.items()]
+    if not isinstance(scenarios, Iterable):
+        raise TypeError(f"scenarios = {scenarios!r} are no scenarios, nor points of a grid")
     points = []
     for k, item in enumerate(scenarios):
         if not isinstance(item, Point | Scenario):
