@@ -408,3 +408,45 @@ def test_what_was_found_of_an_unknown_machine_holds_the_plane_as_its_true_parame
     print(f"{unknown}, {len(PLANE)} points: lost {lost}, median of the largest angle {angle}")
     assert lost[found.name] <= lost["true"]
     assert angle[found.name] < 1.5 * angle["true"] + 1.0
+
+
+def test_numbers_of_a_plate_are_pythons_and_named() -> None:
+    plate = PLATE.replace(P_N=np.float32(4000.0), J=np.float64(0.02))
+    assert (type(plate.P_N), type(plate.J)) == (float, float)
+    assert plate == PLATE.replace(J=0.02)
+    for field, value in (("P_N", "a"), ("P_N", None), ("cos_phi", True), ("T_max", "x")):
+        with pytest.raises(TypeError, match=f"{field} = {value!r} is not a number"):
+            PLATE.replace(**{field: value})
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"shaft": 5}, "shaft = 5 is not a text"),
+        ({"only": 5}, "only = 5 is not a text"),
+        ({"current_sensors": 2.5}, "current_sensors = 2.5 is not a whole number"),
+        ({"channels": (0, 1)}, r"channels = \(0, 1\) is not \(the legs of three channels"),
+        ({"channels": (0, 1, 3)}, "channels = 3 is outside the admissible range 0 to 2"),
+        ({"channel_factor": (1.0, 1.0)}, "channel_factor has 2 values, three are needed"),
+        ({"channel_factor": (1.0, 1.0, math.nan)}, "channel_factor = NaN is outside the admissible range"),
+        ({"progress": 5}, "progress = 5 is neither a function nor True"),
+        ({"plate": sf.Motor.preset("2.2kW")}, "plate = Motor.* is not a stillflux.Nameplate"),
+    ],
+)
+def test_an_argument_of_a_commissioning_is_named(change: dict[str, Any], text: str) -> None:
+    how = {"plate": PLATE, "inverter": sf.Inverter(), "plant_motor": PLATE.motor(), **change}
+    with pytest.raises((ValueError, TypeError), match=text):
+        sf.commission(**how)
+    if "plate" in change:
+        with pytest.raises(TypeError, match=text):
+            sf.Commissioning(change["plate"], sf.Inverter())
+
+
+def test_a_commissioning_shows_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    run = sf.Commissioning(PLATE, sf.Inverter())
+    run.step([0.0] * 3, 540.0)
+    assert repr(run) == "<Commissioning: running, wiring, 0 %>"
+    run.abort()
+    assert repr(run).startswith("<Commissioning: fault: aborted at ")
+    sf.commission(PLATE, sf.Inverter(), plant_motor=PLATE.motor(), only="wiring", progress=True)
+    assert "commissioning: done" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -358,3 +359,102 @@ def test_a_large_heavy_shaft_is_kept_through_steps_of_the_load_whatever_the_roto
 
     assert lost({}) == 0
     assert lost({"speed_bandwidth": 9.0}) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"cycle": 70000}, "cycle = 70000 is outside the admissible range 0 to 65535"),
+        ({"cycle": -1}, "cycle = -1 is outside the admissible range 0 to 65535"),
+        ({"cycle": 10**30}, "cycle = 10+ is outside the admissible range 0 to 65535"),
+        ({"cycle": 1.5}, "cycle = 1.5 is not a whole number from 0 to 65535"),
+        ({"cycle": True}, "cycle = True is not a number"),
+        ({"encoder": 1 << 63}, "encoder = 9223372036854775808 is outside the admissible range -9"),
+        ({"encoder": "a"}, "encoder = 'a' is not a whole number from -9"),
+        ({"u_dc": "540"}, "u_dc = '540' is not a number"),
+        ({"u_dc": None}, "u_dc = None is not a number"),
+        ({"u_dc": np.array([540.0])}, r"u_dc = array\(\[540.\]\) is not a number"),
+        ({"u_dc": 10**400}, "u_dc is a whole number beyond the range of a float"),
+        ({"omega_ref": 1j}, "omega_ref = 1j is not a number"),
+        ({"torque_ref": True}, "torque_ref = True is not a number"),
+        ({"i_abc": np.zeros((3, 1))}, r"i_abc has the shape \(3, 1\), three numbers are needed"),
+        ({"i_abc": "abc"}, "i_abc = 'abc' is not three numbers"),
+        ({"i_abc": {1.0, 2.0, 3.0}}, "i_abc = {1.0, 2.0, 3.0} is not three numbers"),
+        ({"i_abc": {"a": 1.0, "b": 1.0, "c": 1.0}}, "i_abc = {'a'.* is not three numbers"),
+        ({"i_abc": [1.0, None, 2.0]}, "i_abc = None is not a number"),
+    ],
+)
+def test_an_argument_of_a_step_is_named_with_its_value(
+    motor: sf.Motor, inverter: sf.Inverter, arguments: dict[str, Any], text: str
+) -> None:
+    drive = sf.Drive(motor, inverter)
+    with pytest.raises((ValueError, TypeError), match=text):
+        drive.step(**{"i_abc": [0.0] * 3, "u_dc": 540.0, **arguments})
+    of_numpy: dict[str, Any] = {"cycle": np.int64(65535), "encoder": np.int32(-3)}
+    assert drive.step([0.0] * 3, 540.0, **of_numpy).shape == (3,)
+
+
+def test_what_is_no_motor_nor_a_word_is_named(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive: Any = sf.Drive
+    plant: Any = sf.Plant
+    estimator: Any = sf.FluxEstimator
+    wrong: list[tuple[Any, str]] = [
+        (
+            lambda: drive("2.2kW", inverter),
+            r"motor = '2.2kW' is not a .*Motor: give Motor.preset\('2.2kW'\)",
+        ),
+        (lambda: drive(inverter, motor), "motor = Inverter.* is not a stillflux.Motor"),
+        (lambda: plant(motor, motor), "inverter = Motor.* is not a stillflux.Inverter"),
+        (lambda: estimator(motor, None), "inverter = None is not a stillflux.Inverter"),
+        (lambda: drive(motor, inverter, 32), "arithmetic = 32 is not a text"),
+        (lambda: drive(motor, inverter, scheme=None), "scheme = None is not a text"),
+        (lambda: drive(motor, inverter, inverter_model=1), "inverter_model = 1 is neither True nor False"),
+        (lambda: drive(motor, inverter).restore(5), "memory = 5 is not a dict"),
+    ]
+    for make, text in wrong:
+        with pytest.raises(TypeError, match=text):
+            make()
+
+
+def test_a_memory_that_cannot_be_is_refused_by_its_field(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive = sf.Drive(motor, inverter)
+    memory = drive.memory()
+    for change, text in (
+        ({"R_s": -1.0}, "memory R_s = -1 ohm is outside the admissible range"),
+        ({"L_M": float("nan")}, "memory L_M = NaN H is outside the admissible range"),
+        ({"i_off": (0.0, float("inf"), 0.0)}, "memory i_off = inf is outside the admissible range"),
+        ({"u_off": complex("nan")}, "memory u_off = NaN is outside the admissible range"),
+        ({"leg_delay": 1}, "memory leg_delay = 1 is not a pair of numbers for each of three legs"),
+    ):
+        with pytest.raises((ValueError, TypeError), match=text):
+            drive.restore({**memory, **change})
+
+
+def test_a_status_is_one_that_a_drive_can_have() -> None:
+    for arguments, text in (
+        (
+            ("bogus",),
+            "state = 'bogus' is not one of 'stopped', 'reading offset', 'magnetising', 'running', 'faul",
+        ),
+        (("faulted", "bogus", 1.0), "fault = 'bogus' is not one of 'over-current', "),
+        (("running", "over-current"), "fault = 'over-current': state = 'running' is not 'faulted'"),
+        (("faulted", "over-current", "x"), "time = 'x' is not a number"),
+        ((5,), "state = 5 is not a text"),
+    ):
+        with pytest.raises((ValueError, TypeError), match=text):
+            sf.Status(*arguments)
+    with pytest.raises(ValueError, match=r"9 is none of StatusCode: STOPPED = 0, .*, FAULTED = 4"):
+        sf.StatusCode(9)
+    with pytest.raises(ValueError, match="'on' is none of EncoderCode: SILENT = 0, "):
+        sf.EncoderCode("on")  # type: ignore[arg-type]
+
+
+def test_what_a_drive_says_of_itself(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
+    assert repr(drive) == "<Drive: stopped, gates off>"
+    plant.set_state(0.5 - 0.25j, 0.4 - 0.2j, 1.0 / 3.0)
+    assert "omega_m=0.333333" in repr(plant)
+    assert repr(plant.state).startswith("<PlantState psi_s=0.5-0.25j, psi_r=0.4-0.2j, ")
+    assert repr(drive.estimate).startswith("<Estimate psi_s=0+0j, ")
+    assert "angle_deviation=3.14159" in repr(drive.estimate)
+    assert repr(sf.FluxEstimator(motor, inverter).run([0j] * 3, [0j] * 3)) == "<Trace of 3 samples>"  # type: ignore[arg-type]

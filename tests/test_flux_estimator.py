@@ -84,3 +84,14 @@ def test_with_the_inverter_model_the_voltage_is_that_of_the_bridge(motor: sf.Mot
     assert np.abs(modelled.psi_s - psi).max() < 0.02 * np.abs(psi[0])
     ignored = sf.FluxEstimator(motor, inverter, inverter_model=False, **off).run(bridge, i, psi_s0=psi[0])
     assert np.abs(ignored.psi_s - psi).max() > 0.2 * np.abs(psi[0])
+
+
+def test_a_negative_resistance_or_link_is_refused(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    u, i, _ = record(motor, inverter, 0j, 10)
+    estimator = sf.FluxEstimator(motor, inverter)
+    with pytest.raises(ValueError, match=r"R_s\[0\] = -1 is outside the admissible range from 0 on"):
+        estimator.run(u, i, R_s=-1.0)
+    with pytest.raises(ValueError, match=r"u_dc\[3\] = -540 is outside the admissible range from 0 on"):
+        estimator.run(u, i, u_dc=np.where(np.arange(10) == 3, -540.0, 540.0))
+    with pytest.raises(TypeError, match="psi_s0 = 'a' is not a number"):
+        estimator.run(u, i, psi_s0="a")  # type: ignore[arg-type]

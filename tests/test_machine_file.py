@@ -60,6 +60,7 @@ def test_every_circuit_and_a_changed_preset(tmp_path: Path) -> None:
         ("[nameplate]\nP_N = 4e3\nU_N = 400.0\n", r"\[nameplate\] has no I_N, f_N, n_N, cos_phi"),
         ("[motor]\npreset = '2.2kW'\n[inverter]\nf_s = 1.0\n", r"\[inverter\] f_s = 1"),
         ("[motor]\npreset = '2.2kW'\n[deviation]\nR_s = 'x'\n", r"\[deviation\] R_s = 'x'"),
+        ("[motor]\npreset = '2.2kW'\n[plant]\nmotor = 3\n", r"\[plant.motor\] 3 is not a table of fields"),
         ("[engine]\n", "engine is not known"),
         ("name = '../x'\n[motor]\npreset = '2.2kW'\n", "name = '../x' is no file name"),
         ("name = 'x'\n", r"one of the tables \[motor\] and \[nameplate\]"),

@@ -82,3 +82,25 @@ def test_other_errors() -> None:
         with pytest.raises(ValueError, match=rf"half_periods = {half_periods} is {admitted}"):
             sf.Inverter(half_periods=half_periods)
     assert sf.Inverter(half_periods=1).f_c == 20e3
+
+
+def test_a_value_of_another_circuit_is_named_as_it_was_given() -> None:
+    gamma: Any = {"R_s": 0.2, "R_r": 0.2, "L_l": 2e-3, "L_s": 0.06, **RATING}
+    t_model: Any = {"R_s": 0.2, "R_r": 0.2, "L_ls": 1e-3, "L_lr": 1e-3, "L_m": 0.06, **RATING}
+    for build, values, change, text in (
+        (sf.Motor.gamma, gamma, {"L_s": 0.0}, r"L_s = 0 H is outside .* range 0\.000001 to 1000 H"),
+        (sf.Motor.gamma, gamma, {"R_r": "x"}, "R_r = 'x' is not a number"),
+        (sf.Motor.t_model, t_model, {"L_ls": -1e-3}, r"L_ls = -0\.001 H is outside .* range 0 to"),
+        (sf.Motor.t_model, t_model, {"L_m": float("nan")}, "L_m = NaN H is outside"),
+    ):
+        with pytest.raises((ValueError, TypeError), match=text):
+            build(**{**values, **change})
+    one_side: Any = {**t_model, "L_ls": 0.0, "L_lr": 2e-3}
+    assert sf.Motor.t_model(**one_side).L_sigma == pytest.approx(2e-3, rel=0.1)
+
+
+def test_a_word_or_a_curve_that_is_none_is_named() -> None:
+    with pytest.raises(TypeError, match="preset = 5 is not a text"):
+        sf.Motor.preset(5)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"saturation = 5 is not \(L_u, a, S\), nor None"):
+        sf.Motor.preset("2.2kW").replace(saturation=5)

@@ -389,3 +389,30 @@ def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -
     ):
         with pytest.raises(ValueError, match=text):
             sf.Plant(motor, inverter, **{name: value})  # type: ignore[arg-type]
+
+
+def test_an_argument_is_named_with_its_value(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    make: Any = sf.Plant
+    plant = make(motor, inverter)
+    half = [0.5] * 3
+    for call, text in (
+        (lambda: plant.step(half, load_torque="a"), "load_torque = 'a' is not a number"),
+        (lambda: plant.step(half, load_torque=None), "load_torque = None is not a number"),
+        (lambda: plant.step(half, gates_on=1), "gates_on = 1 is neither True nor False"),
+        (lambda: plant.step(half, pulses=5), r"pulses = 5 is not \(three half widths before"),
+        (lambda: plant.step_voltage("x", 1e-4), "u_s = 'x' is not a number"),
+        (lambda: plant.step_voltage(1j, "x"), "dt = 'x' is not a number"),
+        (lambda: plant.set_state(1.0, "x", 0.0), "psi_r = 'x' is not a number"),
+        (lambda: setattr(plant, "R_s", None), "R_s = None is not a number"),
+        (lambda: setattr(plant, "u_dc", True), "u_dc = True is not a number"),
+        (lambda: setattr(plant, "speed", "x"), "speed = 'x' is not a number"),
+        (lambda: setattr(plant, "current_offset", "x"), "current_offset = 'x' is neither a complex"),
+        (lambda: make(motor, inverter, seed=1.5), "seed = 1.5 is not a whole number from 0 to 1844"),
+        (
+            lambda: make(motor, inverter, turn_on_delay=3),
+            "turn_on_delay = 3 is not a pair of numbers for",
+        ),
+    ):
+        with pytest.raises(TypeError, match=text):
+            call()
+    plant.step(half, gates_on=np.True_, load_torque=np.float32(1.0))

@@ -587,7 +587,7 @@ class CommissioningRun:
         plant_motor: Motor,
         plant_inverter: Inverter,
         channels: tuple[int, int, int] | None,
-        gain: tuple[float, float, float] | None,
+        channel_factor: tuple[float, float, float] | None,
         options: dict[str, Any],
     ) -> CommissioningRun: ...
     def advance(self, periods: int) -> bool:

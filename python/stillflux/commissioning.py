@@ -15,7 +15,7 @@ from stillflux.machine_file import machine_to_toml, priors
 from stillflux.nameplate import Nameplate
 from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import Inverter, Motor, instance
-from stillflux.simulation import in_pieces
+from stillflux.simulation import check_progress, in_pieces, progress_bar
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -152,6 +152,8 @@ class Commissioning:
         only: Procedure | None = None,
         current_sensors: int = 3,
     ) -> None:
+        instance("plate", plate, Nameplate)
+        instance("inverter", inverter, Inverter)
         self._core = CommissioningCore(plate, inverter, shaft, arithmetic, only, current_sensors)
 
     def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
@@ -194,6 +196,9 @@ class Commissioning:
         """Blocks the gates for good; what has been found stays."""
         self._core.abort()
 
+    def __repr__(self) -> str:
+        return f"<Commissioning: {self.status}, {self.stage}, {100 * self.progress:.0f} %>"
+
     @property
     def result(self) -> Commissioned:
         """What has been found so far.
@@ -214,7 +219,7 @@ def commission(
     current_sensors: int = 3,
     channels: tuple[int, int, int] | None = None,
     channel_factor: tuple[float, float, float] | None = None,
-    progress: Callable[[float, str], object] | None = None,
+    progress: Callable[[float, str], object] | bool | None = None,
     **plant: Unpack[PlantOptions],
 ) -> Commissioned:
     """Commissions a simulated motor and returns what was found.
@@ -229,7 +234,7 @@ def commission(
         Faults of the wiring: the leg whose current each channel reads (0, 1, 2), and a factor of each
         channel, negative for an inverted, 0 for a dead one.
     progress
-        Called with the fraction done, 0 to 1, and the name of the procedure.
+        Called with the fraction done, 0 to 1, and the name of the procedure; True: a bar on stderr.
     **plant
         See `stillflux.options.PlantOptions`.
 
@@ -237,6 +242,7 @@ def commission(
     outside its range. A fault does not raise: see `status` and `cause` of the result.
     """
     real = inverter if plant_inverter is None else plant_inverter
+    check_progress(progress)
     instance("plate", plate, Nameplate)
     instance("plant_motor", plant_motor, Motor)
     for name, bridge in (("inverter", inverter), ("plant_inverter", real)):
@@ -255,8 +261,12 @@ def commission(
         dict(plant),
     )
 
+    bar = progress_bar("commissioning") if progress is True else None
+
     def show() -> None:
-        if progress is not None:
+        if bar is not None:
+            bar(run.progress)
+        elif callable(progress):
             progress(run.progress, run.stage)
 
     try:

@@ -280,6 +280,8 @@ def typical_inverter(motor: Motor) -> Inverter:
 
 
 def _with_preset(cls: type[Any], table: Mapping[str, Any]) -> dict[str, Any]:
+    if not isinstance(table, Mapping):
+        raise TypeError(f"{table!r} is not a table of fields")
     fields = dict(table)
     preset = fields.pop("preset", None)
     return fields if preset is None else {**asdict(cls.preset(preset)), **fields}

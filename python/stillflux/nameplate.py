@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from stillflux import _core
-from stillflux.parameters import Motor
+from stillflux.parameters import Motor, instance, number
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -40,12 +40,18 @@ class Nameplate:
     """Inertia of the whole shaft, kg·m², where it is known."""
 
     def __post_init__(self) -> None:
+        # Python's numbers in place of numpy's, as of a motor.
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if value is not None or one.default is MISSING:
+                object.__setattr__(self, one.name, number(one.name, value))
         _core.nameplate_motor(self)
 
     @classmethod
     def of(cls, motor: Motor) -> Self:
         """The plate that a motor would have: its rated point at rated torque, without iron and friction loss,
         rounded as printed (three digits, whole r/min, two decimals of cos_phi)."""
+        instance("motor", motor, Motor)
         exact = _core.nameplate_of(motor)
         printed = {name: float(f"{exact[name]:.3g}") for name in ("P_N", "I_N")}
         speed, cos_phi = round(exact["n_N"]), round(exact["cos_phi"], 2)

@@ -7,7 +7,16 @@ from enum import IntEnum
 __all__ = ["EncoderCode", "StatusCode"]
 
 
-class StatusCode(IntEnum):
+class _Code(IntEnum):
+    """Names its numbers where there is none of a value."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> None:
+        known = ", ".join(f"{code.name} = {code.value}" for code in cls)
+        raise ValueError(f"{value!r} is none of {cls.__name__}: {known}")
+
+
+class StatusCode(_Code):
     """State of a drive's sequence: `result["status"] == StatusCode.RUNNING`."""
 
     STOPPED = 0
@@ -22,7 +31,7 @@ class StatusCode(IntEnum):
     """Gates off after a fault."""
 
 
-class EncoderCode(IntEnum):
+class EncoderCode(_Code):
     """What encoder and estimate say of each other: `result["encoder.state"] == EncoderCode.AGREES`."""
 
     SILENT = 0

@@ -6,11 +6,12 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use stillflux::commission::si::{Shaft, SiCommissioning};
 use stillflux::commission::{Deviation, Nameplate as Plate, Stage, Status, Warnings, priors as priors_of};
-use stillflux::si::MeasurementSi;
+use stillflux::params::check;
+use stillflux::si::{Arithmetic, MeasurementSi};
 use stillflux_sim::commission::{self as sim, Wiring};
 
-use crate::convert::{three, value_error};
-use crate::parameters::{Inverter, Motor, arithmetic, inverter_dict, machine_dict};
+use crate::convert::{extract, extract_some, finite, parts, three, value_error};
+use crate::parameters::{Inverter, Motor, arithmetic, found, inverter_dict, machine_dict, names_of};
 use crate::plant::plant_params;
 
 /// What is read from a Python `Nameplate`.
@@ -103,33 +104,36 @@ pub fn nameplate_of(py: Python<'_>, motor: Motor) -> PyResult<Fields<'_>> {
     Ok(dict)
 }
 
-fn shaft(name: &str) -> PyResult<Shaft> {
-    match name {
-        "locked" => Ok(Shaft::Locked),
-        "free" => Ok(Shaft::Free),
-        _ => Err(PyValueError::new_err(format!("shaft = {name:?} is not one of 'locked', 'free'"))),
-    }
+fn shaft(name: &Bound<'_, PyAny>) -> PyResult<Shaft> {
+    quoted("shaft", &extract::<String>("shaft", name)?, &[("locked", Shaft::Locked), ("free", Shaft::Free)])
+}
+
+/// The choice of that name, which stands between double quotation marks in the error.
+fn quoted<T: Copy>(field: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
+    found(name, choices)
+        .ok_or_else(|| PyValueError::new_err(format!("{field} = {name:?} is not one of {}", names_of(choices))))
+}
+
+fn arithmetic_of(name: &Bound<'_, PyAny>) -> PyResult<Arithmetic> {
+    arithmetic(&extract::<String>("arithmetic", name)?)
 }
 
 /// Stage that is run alone; that of the free shaft is `Complete`.
-fn only(name: Option<&str>, shaft: Shaft) -> PyResult<Option<Stage>> {
-    Ok(Some(match name {
-        None => return Ok(None),
-        Some("wiring") => Stage::Wiring,
-        Some("bridge") => Stage::Bridge,
-        Some("legs") => Stage::Legs,
-        Some("leakage") => Stage::Leakage,
-        Some("magnetising") => Stage::Magnetising,
-        Some("inertia") if shaft == Shaft::Free => Stage::Complete,
-        Some("inertia") => {
-            return Err(PyValueError::new_err("only = \"inertia\" needs shaft = \"free\": the shaft turns"));
-        }
-        Some(other) => {
-            return Err(PyValueError::new_err(format!(
-                "only = {other:?} is not one of 'wiring', 'legs', 'bridge', 'leakage', 'magnetising', 'inertia'"
-            )));
-        }
-    }))
+fn only(name: Option<&Bound<'_, PyAny>>, shaft: Shaft) -> PyResult<Option<Stage>> {
+    let Some(name) = extract_some::<String>("only", name)? else { return Ok(None) };
+    let stages = [
+        ("wiring", Stage::Wiring),
+        ("legs", Stage::Legs),
+        ("bridge", Stage::Bridge),
+        ("leakage", Stage::Leakage),
+        ("magnetising", Stage::Magnetising),
+        ("inertia", Stage::Complete),
+    ];
+    let stage = quoted("only", &name, &stages)?;
+    if stage == Stage::Complete && shaft != Shaft::Free {
+        return Err(PyValueError::new_err("only = \"inertia\" needs shaft = \"free\": the shaft turns"));
+    }
+    Ok(Some(stage))
 }
 
 /// What the flags say, in words.
@@ -199,13 +203,14 @@ impl CommissioningCore {
     fn new(
         plate: Nameplate,
         inverter: Inverter,
-        shaft: &str,
-        arithmetic: &str,
-        only: Option<&str>,
-        current_sensors: u32,
+        shaft: &Bound<'_, PyAny>,
+        arithmetic: &Bound<'_, PyAny>,
+        only: Option<&Bound<'_, PyAny>>,
+        current_sensors: &Bound<'_, PyAny>,
     ) -> PyResult<Self> {
         let inverter = inverter.params()?;
-        let (shaft, arithmetic) = (self::shaft(shaft)?, self::arithmetic(arithmetic)?);
+        let (shaft, arithmetic) = (self::shaft(shaft)?, arithmetic_of(arithmetic)?);
+        let current_sensors = extract("current_sensors", current_sensors)?;
         let only = self::only(only, shaft)?;
         let inner = SiCommissioning::new(&plate.plate(), &inverter, shaft, arithmetic)
             .and_then(|inner| inner.current_sensors(current_sensors))
@@ -218,8 +223,13 @@ impl CommissioningCore {
     }
 
     /// One control period.
-    fn step<'py>(&mut self, i_abc: &Bound<'py, PyAny>, u_dc: f64) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let (duty, gates_on) = self.inner.step(&MeasurementSi { i_abc: three("i_abc", i_abc)?, u_dc });
+    fn step<'py>(
+        &mut self,
+        i_abc: &Bound<'py, PyAny>,
+        u_dc: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let sample = MeasurementSi { i_abc: three("i_abc", i_abc)?, u_dc: extract("u_dc", u_dc)? };
+        let (duty, gates_on) = self.inner.step(&sample);
         self.gates_on = gates_on;
         Ok(PyArray1::from_slice(i_abc.py(), &duty))
     }
@@ -277,26 +287,33 @@ pub struct CommissioningRun {
 impl CommissioningRun {
     #[new]
     #[allow(clippy::too_many_arguments)]
-    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only, current_sensors, plant_motor, plant_inverter, channels, gain, options))]
+    #[pyo3(signature = (plate, inverter, shaft, arithmetic, only, current_sensors, plant_motor, plant_inverter, channels, channel_factor, options))]
     fn new(
         plate: Nameplate,
         inverter: Inverter,
-        shaft: &str,
-        arithmetic: &str,
-        only: Option<&str>,
-        current_sensors: u32,
+        shaft: &Bound<'_, PyAny>,
+        arithmetic: &Bound<'_, PyAny>,
+        only: Option<&Bound<'_, PyAny>>,
+        current_sensors: &Bound<'_, PyAny>,
         plant_motor: Motor,
         plant_inverter: Inverter,
-        channels: Option<[usize; 3]>,
-        gain: Option<[f64; 3]>,
+        channels: Option<&Bound<'_, PyAny>>,
+        channel_factor: Option<&Bound<'_, PyAny>>,
         options: &Bound<'_, PyDict>,
     ) -> PyResult<Self> {
         let inverter = inverter.params()?;
         let plant = plant_params(plant_motor.machine()?, plant_inverter.params()?, Some(options))?;
-        if channels.is_some_and(|c| c.iter().any(|k| *k > 2)) {
-            return Err(PyValueError::new_err(format!("channels = {channels:?}: each is 0, 1 or 2")));
+        let of_legs = |value| parts::<[usize; 3]>("channels", value, "the legs of three channels, each 0, 1 or 2");
+        let channels = channels.map_or(Ok(None), of_legs)?;
+        for leg in channels.iter().flatten() {
+            check("channels", *leg as f64, 0.0, 2.0, "").map_err(value_error)?;
         }
-        let (shaft, arithmetic) = (self::shaft(shaft)?, self::arithmetic(arithmetic)?);
+        let gain = channel_factor.map(|value| three("channel_factor", value)).transpose()?;
+        for factor in gain.iter().flatten() {
+            finite("channel_factor", *factor)?;
+        }
+        let (shaft, arithmetic) = (self::shaft(shaft)?, arithmetic_of(arithmetic)?);
+        let current_sensors = extract("current_sensors", current_sensors)?;
         let only = self::only(only, shaft)?;
         let wiring = Wiring { channels, gain };
         let run = sim::CommissioningRun::new(&plate.plate(), &inverter, shaft, arithmetic, plant, wiring)

@@ -3,9 +3,9 @@
 use std::any::type_name;
 
 use numpy::{Complex64, Element, PyArrayDescrMethods, PyReadonlyArray1};
-use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyAttributeError, PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyComplex, PyDict, PyList, PyTuple};
+use pyo3::types::{PyBool, PyBytes, PyComplex, PyDict, PyFrozenSet, PyList, PySet, PyString, PyTuple};
 use stillflux::params::{ParamError, check};
 use stillflux::space::{AlphaBeta, Space};
 
@@ -44,43 +44,127 @@ fn tuple<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     }
 }
 
-/// Range of the whole number that a type is or has as option.
-fn range_of<T>() -> Option<(i128, i128)> {
-    let name = type_name::<T>();
-    let holds = |kind: &str| name == kind || name.ends_with(&format!("<{kind}>"));
-    let unsigned =
-        [("u16", u16::MAX.into()), ("u32", u32::MAX.into()), ("u64", u64::MAX.into()), ("usize", usize::MAX as i128)];
-    if holds("i64") {
-        return Some((i64::MIN.into(), i64::MAX.into()));
-    }
-    unsigned.into_iter().find(|(kind, _)| holds(kind)).map(|(_, most)| (0, most))
+/// What a type is, or has as option, to Python.
+enum Kind {
+    Number,
+    /// With its range.
+    Whole(i128, i128),
+    Truth,
+    Text,
+    /// Two numbers for each of three legs.
+    Legs,
+    Other,
 }
 
-/// Extracts a value, a tuple from a list or an array as well; an error names it, and the range of a whole number that does
-/// not fit.
+fn kind_of<T>() -> Kind {
+    let name = type_name::<T>();
+    match name.strip_prefix("core::option::Option<").map_or(name, |inner| inner.trim_end_matches('>')) {
+        "f64" | "num_complex::Complex<f64" | "num_complex::Complex<f64>" => Kind::Number,
+        "i64" => Kind::Whole(i64::MIN.into(), i64::MAX.into()),
+        "u16" => Kind::Whole(0, u16::MAX.into()),
+        "u32" => Kind::Whole(0, u32::MAX.into()),
+        "u64" => Kind::Whole(0, u64::MAX.into()),
+        "usize" => Kind::Whole(0, usize::MAX as i128),
+        "bool" => Kind::Truth,
+        "alloc::string::String" => Kind::Text,
+        "[[f64; 2]; 3]" => Kind::Legs,
+        _ => Kind::Other,
+    }
+}
+
+/// A value as Python writes it, cut where it is long.
+fn shown(value: &Bound<'_, PyAny>) -> String {
+    const MOST: usize = 80;
+    let text = value.repr().map_or_else(|_| value.get_type().to_string(), |repr| repr.to_string());
+    if text.chars().count() <= MOST { text } else { text.chars().take(MOST - 1).chain(['…']).collect() }
+}
+
+/// A `TypeError` that says what a value is not.
+pub fn is_not(name: &str, value: &Bound<'_, PyAny>, what: &str) -> PyErr {
+    PyTypeError::new_err(format!("{name} = {} is {what}", shown(value)))
+}
+
+/// The error of a value that could not be extracted, by name, value and what it can be.
+fn refused<T>(name: &str, value: &Bound<'_, PyAny>, e: &PyErr) -> PyErr {
+    let too_large = e.is_instance_of::<PyOverflowError>(value.py());
+    match kind_of::<T>() {
+        Kind::Number if too_large => {
+            PyValueError::new_err(format!("{name} is a whole number beyond the range of a float, 1.8e308"))
+        }
+        Kind::Number => is_not(name, value, "not a number"),
+        Kind::Whole(least, most) if too_large => PyValueError::new_err(format!(
+            "{name} = {} is outside the admissible range {least} to {most}",
+            shown(value)
+        )),
+        Kind::Whole(least, most) => is_not(name, value, &format!("not a whole number from {least} to {most}")),
+        Kind::Truth => is_not(name, value, "neither True nor False"),
+        Kind::Text => is_not(name, value, "not a text"),
+        Kind::Legs => is_not(name, value, "not a pair of numbers for each of three legs"),
+        Kind::Other => named(value.py(), name, e),
+    }
+}
+
+/// Extracts a value, a tuple from a list or an array as well; an error has its name, the value, and what it can be.
 pub fn extract<'py, T>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<T>
 where
     T: for<'a> FromPyObject<'a, 'py>,
 {
-    let error = |e: <T as FromPyObject<'_, 'py>>::Error| {
-        let e: PyErr = e.into();
-        match range_of::<T>() {
-            Some((least, most)) if e.is_instance_of::<PyOverflowError>(value.py()) => {
-                PyValueError::new_err(format!("{name} = {value} is outside the admissible range {least} to {most}"))
-            }
-            _ => named(value.py(), name, &e),
-        }
-    };
+    let error = |e: <T as FromPyObject<'_, 'py>>::Error| refused::<T>(name, value, &e.into());
     // Python's truth values are whole numbers; one where a number is meant is a mistake.
-    if value.is_instance_of::<PyBool>() && is_number::<T>() {
-        return Err(PyTypeError::new_err(format!("{name} = {value} is not a number")));
+    if value.is_instance_of::<PyBool>() && matches!(kind_of::<T>(), Kind::Number | Kind::Whole(..)) {
+        return Err(is_not(name, value, "not a number"));
     }
     value.extract().or_else(|_| tuple(value)?.extract().map_err(error))
 }
 
-/// Whether a type is a number or has one as option.
-fn is_number<T>() -> bool {
-    range_of::<T>().is_some() || type_name::<T>().trim_end_matches('>').ends_with("f64")
+/// An argument with another default than None: what was given, None included, or nothing.
+pub struct Given<'py>(Option<Bound<'py, PyAny>>);
+
+impl<'py> Given<'py> {
+    /// Nothing was given.
+    pub const NOTHING: Self = Self(None);
+
+    /// What was given, or the default.
+    pub fn or<T>(&self, name: &str, default: T) -> PyResult<T>
+    where
+        T: for<'a> FromPyObject<'a, 'py>,
+    {
+        self.0.as_ref().map_or(Ok(default), |value| extract(name, value))
+    }
+}
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Given<'py> {
+    type Error = PyErr;
+
+    fn extract(value: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self(Some(value.to_owned())))
+    }
+}
+
+/// Extracts an argument that may be left out.
+pub fn extract_some<'py, T>(name: &str, value: Option<&Bound<'py, PyAny>>) -> PyResult<Option<T>>
+where
+    T: for<'a> FromPyObject<'a, 'py>,
+{
+    value.map(|value| extract(name, value)).transpose()
+}
+
+/// Extracts the fields of a class of the package; what has them not is named.
+pub fn fields_of<'py, T>(name: &str, value: &Bound<'py, PyAny>, class: &str) -> PyResult<T>
+where
+    T: for<'a> FromPyObject<'a, 'py>,
+{
+    value.extract().map_err(|e: <T as FromPyObject<'_, 'py>>::Error| {
+        let e: PyErr = e.into();
+        if !e.is_instance_of::<PyAttributeError>(value.py()) {
+            return e;
+        }
+        let hint = match value.extract::<&str>() {
+            Ok("2.2kW" | "11kW") => format!(": give {class}.preset({})", shown(value)),
+            _ => String::new(),
+        };
+        is_not(name, value, &format!("not a stillflux.{class}{hint}"))
+    })
 }
 
 /// Extracts an optional tuple; an error says what its parts are.
@@ -123,6 +207,9 @@ fn nearly(py: Python<'_>, name: &str, known: &[&str]) -> PyResult<String> {
     Ok(close.first().map_or_else(String::new, |found| format!("; '{found}'?")))
 }
 
+/// So many names are listed where one is unknown.
+const FEW: usize = 12;
+
 /// Calls `set` for every keyword; a name for which it returns `false` is a `TypeError` that says so, and what of `known` it
 /// may be.
 pub fn each_keyword<'py>(
@@ -134,7 +221,10 @@ pub fn each_keyword<'py>(
     for (key, value) in keywords.into_iter().flatten() {
         let name: String = key.extract()?;
         if !set(&name, &value)? {
-            let hint = nearly(key.py(), &name, known)?;
+            let hint = match nearly(key.py(), &name, known)? {
+                hint if hint.is_empty() && known.len() <= FEW => format!("; there are {}", known.join(", ")),
+                hint => hint,
+            };
             return Err(PyTypeError::new_err(format!("{owner} has no setting '{name}'{hint}")));
         }
     }
@@ -144,12 +234,27 @@ pub fn each_keyword<'py>(
 /// Three phase values from a numpy array or any iterable of numbers.
 pub fn three(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
     let wrong = |n: usize| PyValueError::new_err(format!("{name} has {n} values, three are needed"));
+    let no_three = || is_not(name, value, "not three numbers");
     real(name, value)?;
     if let Ok(array) = value.extract::<PyReadonlyArray1<'_, f64>>() {
         let array = array.as_array();
         return array.iter().copied().collect::<Vec<_>>().try_into().map_err(|v: Vec<f64>| wrong(v.len()));
     }
-    let items = value.try_iter().map_err(|_| PyTypeError::new_err(format!("{name} = {value} is not three numbers")))?;
+    if let Ok(shape) = value.getattr("shape").and_then(|shape| shape.cast_into::<PyTuple>().map_err(PyErr::from)) {
+        if shape.len() != 1 {
+            return Err(PyValueError::new_err(format!("{name} has the shape {shape}, three numbers are needed")));
+        }
+    }
+    // The characters of a text are no numbers, and a set or the keys of a mapping have no order of phases.
+    if value.is_instance_of::<PyString>()
+        || value.is_instance_of::<PyBytes>()
+        || value.is_instance_of::<PySet>()
+        || value.is_instance_of::<PyFrozenSet>()
+        || value.is_instance_of::<PyDict>()
+    {
+        return Err(no_three());
+    }
+    let items = value.try_iter().map_err(|_| no_three())?;
     let number = |x: PyResult<Bound<'_, PyAny>>| {
         let x = x?;
         real(name, &x)?;
@@ -161,6 +266,9 @@ pub fn three(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
 
 /// Offsets of three channels, given as such or as complex space vector.
 pub fn offsets(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
+    if value.is_instance_of::<PyBool>() || value.is_instance_of::<PyString>() {
+        return Err(is_not(name, value, "neither a complex space vector nor three numbers"));
+    }
     match value.extract::<Complex64>() {
         Ok(o) => Ok(AlphaBeta::new(o.re, o.im).to_phases()),
         Err(_) => three(name, value),
@@ -170,6 +278,30 @@ pub fn offsets(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
 /// A space vector as complex number.
 pub fn complex(v: [f64; 2]) -> Complex64 {
     Complex64::new(v[0], v[1])
+}
+
+/// Quantities by name, as Python writes numbers of six digits: `psi_s=0.1-0.2j, omega_m=3`.
+pub fn fields(complex: &[(&str, Complex64)], real: &[(&str, f64)]) -> String {
+    let complex = complex.iter().map(|(name, z)| format!("{name}={}{}j", digits(z.re, false), digits(z.im, true)));
+    let real = real.iter().map(|(name, x)| format!("{name}={}", digits(*x, false)));
+    complex.chain(real).collect::<Vec<_>>().join(", ")
+}
+
+/// Six digits of a number, with a sign of plus if wanted.
+fn digits(x: f64, plus: bool) -> String {
+    if !x.is_finite() {
+        return if plus { format!("{x:+}") } else { x.to_string() };
+    }
+    let rounded: f64 = format!("{x:.5e}").parse().unwrap_or(x);
+    // No sign of a zero, and no long rows of zeros.
+    let rounded = rounded + 0.0;
+    let small = rounded != 0.0 && !(1e-4..1e16).contains(&rounded.abs());
+    match (small, plus) {
+        (true, true) => format!("{rounded:+e}"),
+        (true, false) => format!("{rounded:e}"),
+        (false, true) => format!("{rounded:+}"),
+        (false, false) => rounded.to_string(),
+    }
 }
 
 /// A complex number as space vector.

@@ -5,10 +5,13 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use stillflux::drive::{self as core, Fault};
+use stillflux::params::check;
 use stillflux::si::{MeasurementSi, MemorySi, ReferenceSi, SiDrive};
 
-use crate::convert::{complex, extract, finite, pair, three, value_error};
-use crate::parameters::{Inverter, Motor, arithmetic, drive_params, leg_delay_tuple, settings_dict};
+use crate::convert::{
+    Given, complex, extract, extract_some, fields, finite, finite_parts, is_not, pair, three, value_error,
+};
+use crate::parameters::{arithmetic, drive_params, inverter_of, leg_delay_tuple, machine_of, one_of, settings_dict};
 
 /// State of a drive's sequence, and the cause and time of a fault.
 ///
@@ -27,6 +30,9 @@ pub struct Status {
     /// The limit that it violated, in `unit`, else None; 0 where there is none.
     limit: Option<f64>,
 }
+
+/// States of a drive's sequence by name.
+const STATES: [&str; 5] = ["stopped", "reading offset", "magnetising", "running", "faulted"];
 
 impl Status {
     /// Of a drive with control frequency `f_s`.
@@ -66,8 +72,31 @@ impl Status {
 impl Status {
     #[new]
     #[pyo3(signature = (state, fault=None, time=None, value=None, limit=None))]
-    fn new(state: String, fault: Option<String>, time: Option<f64>, value: Option<f64>, limit: Option<f64>) -> Self {
-        Self { state, fault, time, value, limit }
+    fn new(
+        state: &Bound<'_, PyAny>,
+        fault: Option<&Bound<'_, PyAny>>,
+        time: Option<&Bound<'_, PyAny>>,
+        value: Option<&Bound<'_, PyAny>>,
+        limit: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let state: String = extract("state", state)?;
+        one_of("state", &state, &STATES.map(|known| (known, ())))?;
+        let fault: Option<String> = extract_some("fault", fault)?;
+        if let Some(cause) = &fault {
+            let known: Vec<_> = Fault::ALL.iter().map(|fault| (fault.text(), ())).collect();
+            one_of("fault", cause, &known)?;
+            if state != "faulted" {
+                return Err(PyValueError::new_err(format!("fault = '{cause}': state = '{state}' is not 'faulted'")));
+            }
+        }
+        let number = |name, x| extract_some::<f64>(name, x);
+        Ok(Self {
+            state,
+            fault,
+            time: number("time", time)?,
+            value: number("value", value)?,
+            limit: number("limit", limit)?,
+        })
     }
 
     /// The cause of the fault as a stable number, else None.
@@ -118,6 +147,15 @@ macro_rules! estimate {
         pub struct Estimate {
             $($(#[$zdoc])* $z: Complex64,)*
             $($(#[$xdoc])* $x: f64,)*
+        }
+
+        #[pymethods]
+        impl Estimate {
+            fn __repr__(&self) -> String {
+                let complex = [$((stringify!($z), self.$z)),*];
+                let real = [$((stringify!($x), self.$x)),*];
+                format!("<Estimate {}>", fields(&complex, &real))
+            }
         }
 
         impl Estimate {
@@ -210,16 +248,23 @@ pub fn memory_from(dict: &Bound<'_, PyDict>, leg_delay: [[f64; 2]; 3]) -> PyResu
         leg_delay: dict.get_item("leg_delay")?.map_or(Ok(leg_delay), |x| extract("memory leg_delay", &x))?,
     };
     let MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = memory;
-    if [u_off[0], u_off[1], i_off[0], i_off[1], i_off[2], loss_error].iter().all(|x| x.is_finite())
-        && leg_delay.iter().flatten().all(|x| x.is_finite())
-        && [R_s, knee, L_sigma, L_M].iter().all(|x| x.is_finite() && *x > 0.0)
-    {
-        Ok(memory)
-    } else {
-        Err(PyValueError::new_err(format!(
-            "memory = {memory:?} is outside the admissible range: all values finite, R_s, knee, L_sigma and L_M positive"
-        )))
+    finite_parts("memory u_off", complex(u_off))?;
+    for x in i_off {
+        finite("memory i_off", x)?;
     }
+    finite("memory loss_error", loss_error)?;
+    for x in leg_delay.iter().flatten() {
+        finite("memory leg_delay", *x)?;
+    }
+    for (name, x, unit) in [
+        ("memory R_s", R_s, "ohm"),
+        ("memory knee", knee, ""),
+        ("memory L_sigma", L_sigma, "H"),
+        ("memory L_M", L_M, "H"),
+    ] {
+        check(name, x, 1e-9, 1e9, unit).map_err(|e| value_error(e.with_note("finite and positive")))?;
+    }
+    Ok(memory)
 }
 
 /// A sensorless induction motor drive: currents and dc-link voltage in, duties out.
@@ -251,18 +296,23 @@ pub struct Drive {
 #[pymethods]
 impl Drive {
     #[new]
-    #[pyo3(signature = (motor, inverter, arithmetic="f32", scheme="enhanced", **settings))]
+    #[pyo3(
+        signature = (motor, inverter, arithmetic=Given::NOTHING, scheme=Given::NOTHING, **settings),
+        text_signature = "(motor, inverter, arithmetic='f32', scheme='enhanced', **settings)"
+    )]
     fn new(
         py: Python<'_>,
-        motor: Motor,
-        inverter: Inverter,
-        arithmetic: &str,
-        scheme: &str,
+        motor: &Bound<'_, PyAny>,
+        inverter: &Bound<'_, PyAny>,
+        arithmetic: Given<'_>,
+        scheme: Given<'_>,
         settings: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let (machine, inverter) = (motor.machine()?, inverter.params()?);
-        let params = drive_params(&machine, &inverter, scheme, settings)?;
-        let arithmetic = self::arithmetic(arithmetic)?;
+        let (machine, inverter) = (machine_of("motor", motor)?, inverter_of("inverter", inverter)?);
+        let (arithmetic, scheme) =
+            (arithmetic.or("arithmetic", "f32".to_owned())?, scheme.or("scheme", "enhanced".to_owned())?);
+        let params = drive_params(&machine, &inverter, &scheme, settings)?;
+        let arithmetic = self::arithmetic(&arithmetic)?;
         let drive = SiDrive::new(&machine, &inverter, &params, arithmetic).map_err(value_error)?;
         Ok(Self {
             drive,
@@ -301,12 +351,14 @@ impl Drive {
     fn step<'py>(
         &mut self,
         i_abc: &Bound<'py, PyAny>,
-        u_dc: f64,
-        omega_ref: Option<f64>,
-        torque_ref: Option<f64>,
-        cycle: Option<u16>,
-        encoder: Option<i64>,
+        u_dc: &Bound<'py, PyAny>,
+        omega_ref: Option<&Bound<'py, PyAny>>,
+        torque_ref: Option<&Bound<'py, PyAny>>,
+        cycle: Option<&Bound<'py, PyAny>>,
+        encoder: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let (omega_ref, torque_ref) = (extract_some("omega_ref", omega_ref)?, extract_some("torque_ref", torque_ref)?);
+        let (cycle, encoder) = (extract_some::<u16>("cycle", cycle)?, extract_some::<i64>("encoder", encoder)?);
         let command = match (omega_ref, torque_ref) {
             (None, None) => ReferenceSi::Stop,
             (Some(omega), None) => ReferenceSi::Speed(finite("omega_ref", omega)?),
@@ -317,7 +369,7 @@ impl Drive {
                 )));
             }
         };
-        let sample = MeasurementSi { i_abc: three("i_abc", i_abc)?, u_dc };
+        let sample = MeasurementSi { i_abc: three("i_abc", i_abc)?, u_dc: extract("u_dc", u_dc)? };
         if let Some(position) = encoder {
             self.drive.set_encoder(position);
         }
@@ -380,7 +432,10 @@ impl Drive {
     /// Takes back what `memory` gave; values beyond their limits are limited.
     ///
     /// Raises RuntimeError while the bridge switches: an estimate that is in use stays as it is.
-    fn restore(&mut self, memory: &Bound<'_, PyDict>) -> PyResult<()> {
+    fn restore(&mut self, memory: &Bound<'_, PyAny>) -> PyResult<()> {
+        let Ok(memory) = memory.cast::<PyDict>() else {
+            return Err(is_not("memory", memory, "not a dict, as Drive.memory() gives it"));
+        };
         if self.drive.restore(&memory_from(memory, self.leg_delay)?) {
             return Ok(());
         }
@@ -390,5 +445,9 @@ impl Drive {
     /// Leaves a fault; the drive is stopped then.
     fn reset(&mut self) {
         self.drive.reset();
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Drive: {}, gates {}>", self.status().__str__(), if self.gates_on { "on" } else { "off" })
     }
 }

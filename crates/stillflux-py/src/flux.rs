@@ -10,17 +10,21 @@ use stillflux::estimate::flux::FluxEstimator as CoreFlux;
 use stillflux::estimate::speed::{SpeedEstimate, SpeedEstimator};
 use stillflux::space::AlphaBeta;
 
-use crate::convert::{finite_parts, interrupt, record, scaled, value_error};
-use crate::parameters::{Inverter, Motor, drive_params};
+use crate::convert::{extract_some, finite_parts, interrupt, record, scaled, value_error};
+use crate::parameters::{drive_params, inverter_of, machine_of};
 
-/// Per-unit values for `n` samples, of one number for all or one for each.
-fn values(name: &str, series: &Bound<'_, PyAny>, n: usize, base: f64) -> PyResult<Vec<f64>> {
+/// Per-unit values for `n` samples, of one number for all or one for each, not below a least one.
+fn values(name: &str, series: &Bound<'_, PyAny>, n: usize, (least, base): (f64, f64)) -> PyResult<Vec<f64>> {
     let values = match series.extract::<f64>() {
         Ok(x) => vec![x; n],
         Err(_) => record::<f64>(name, series)?.as_array().to_vec(),
     };
     same_length(name, values.len(), n)?;
-    match values.iter().position(|x| !x.is_finite()) {
+    match values.iter().position(|x| !(x.is_finite() && *x >= least)) {
+        Some(k) if values[k].is_finite() => Err(PyValueError::new_err(format!(
+            "{name}[{k}] = {} is outside the admissible range from {least} on",
+            values[k]
+        ))),
         Some(k) => Err(PyValueError::new_err(format!("{name}[{k}] = {} is not finite", values[k]))),
         None => Ok(values.into_iter().map(|x| x / base).collect()),
     }
@@ -90,11 +94,22 @@ pub struct FluxEstimator {
 }
 
 #[pymethods]
+impl Trace {
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        Ok(format!("<Trace of {} samples>", self.t.bind(py).len()?))
+    }
+}
+
+#[pymethods]
 impl FluxEstimator {
     #[new]
     #[pyo3(signature = (motor, inverter, **settings))]
-    fn new(motor: Motor, inverter: Inverter, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let (machine, inverter) = (motor.machine()?, inverter.params()?);
+    fn new(
+        motor: &Bound<'_, PyAny>,
+        inverter: &Bound<'_, PyAny>,
+        settings: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let (machine, inverter) = (machine_of("motor", motor)?, inverter_of("inverter", inverter)?);
         let mut params = drive_params(&machine, &inverter, "paper", settings)?;
         let modelled = settings.map_or(Ok(None), |s| s.get_item("inverter_model"))?.is_some() && params.inverter_model;
         params.inverter_model = modelled;
@@ -139,7 +154,7 @@ impl FluxEstimator {
         i_s: &Bound<'_, PyAny>,
         omega_s: Option<&Bound<'_, PyAny>>,
         R_s: Option<&Bound<'_, PyAny>>,
-        psi_s0: Option<Complex64>,
+        psi_s0: Option<&Bound<'_, PyAny>>,
         u_dc: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Trace> {
         let b = &self.base;
@@ -147,15 +162,15 @@ impl FluxEstimator {
         let i = vectors("i_s", i_s, b.i)?;
         let n = u.len();
         same_length("i_s", i.len(), n)?;
-        let omega = omega_s.map(|s| values("omega_s", s, n, b.omega)).transpose()?;
-        let r_s = R_s.map_or_else(|| Ok(vec![self.r_s; n]), |s| values("R_s", s, n, b.z))?;
-        let u_dc = u_dc.map_or_else(|| Ok(vec![self.u_dc; n]), |s| values("u_dc", s, n, b.u))?;
+        let omega = omega_s.map(|s| values("omega_s", s, n, (f64::NEG_INFINITY, b.omega))).transpose()?;
+        let r_s = R_s.map_or_else(|| Ok(vec![self.r_s; n]), |s| values("R_s", s, n, (0.0, b.z)))?;
+        let u_dc = u_dc.map_or_else(|| Ok(vec![self.u_dc; n]), |s| values("u_dc", s, n, (0.0, b.u)))?;
         let model = self.config.inverter_model();
         for k in 1..n {
             let i_mean = (i[k - 1] + i[k]) * 0.5;
             u[k] = u[k] - model.distortion(model.nominal(), &i_mean, u_dc[k], 1.0).vector();
         }
-        let start = match psi_s0 {
+        let start = match extract_some("psi_s0", psi_s0)? {
             None => AlphaBeta::new(self.psi_ref, 0.0),
             Some(z) => {
                 let [re, im] = finite_parts("psi_s0", z)?;

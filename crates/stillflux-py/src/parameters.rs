@@ -8,7 +8,7 @@ use stillflux::config::{DriveParams, EncoderMode, EnhancedParams, LowConfidence,
 use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
 use stillflux::si::Arithmetic;
 
-use crate::convert::{each_keyword, extract, parts, value_error};
+use crate::convert::{each_keyword, extract, fields_of, parts, value_error};
 
 /// What is read from a Python `Motor`.
 #[derive(FromPyObject)]
@@ -82,6 +82,16 @@ impl Inverter {
     }
 }
 
+/// Validated parameters of an argument that is a `Motor`.
+pub fn machine_of(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Machine> {
+    fields_of::<Motor>(name, value, "Motor")?.machine()
+}
+
+/// Validated parameters of an argument that is an `Inverter`.
+pub fn inverter_of(name: &str, value: &Bound<'_, PyAny>) -> PyResult<params::Inverter> {
+    fields_of::<Inverter>(name, value, "Inverter")?.params()
+}
+
 /// Raises ValueError for the first field of a motor outside its range.
 #[pyfunction]
 pub fn validate_motor(motor: Motor) -> PyResult<()> {
@@ -103,19 +113,17 @@ macro_rules! dict {
     }};
 }
 
-fn unknown_preset(name: &str) -> PyErr {
-    PyValueError::new_err(format!("preset = {name:?} is unknown, there are '2.2kW' and '11kW'"))
+/// A preset of that name.
+fn preset<T: Copy>(name: &Bound<'_, PyAny>, of_2k2: T, of_11k: T) -> PyResult<T> {
+    let name: String = extract("preset", name)?;
+    found(&name, &[("2.2kW", of_2k2), ("11kW", of_11k)])
+        .ok_or_else(|| PyValueError::new_err(format!("preset = '{name}' is unknown, there are '2.2kW' and '11kW'")))
 }
 
 /// Fields of a preset motor.
 #[pyfunction]
-pub fn motor_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyDict>> {
-    let m = match name {
-        "2.2kW" => Machine::preset_2k2(),
-        "11kW" => Machine::preset_11k(),
-        _ => return Err(unknown_preset(name)),
-    };
-    machine_dict(py, &m)
+pub fn motor_preset<'py>(py: Python<'py>, name: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    machine_dict(py, &preset(name, Machine::preset_2k2(), Machine::preset_11k())?)
 }
 
 /// Fields of a motor.
@@ -127,13 +135,8 @@ pub fn machine_dict<'py>(py: Python<'py>, m: &Machine) -> PyResult<Bound<'py, Py
 
 /// Fields of a preset inverter.
 #[pyfunction]
-pub fn inverter_preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyDict>> {
-    let inverter = match name {
-        "2.2kW" => params::Inverter::preset_2k2(),
-        "11kW" => params::Inverter::preset_11k(),
-        _ => return Err(unknown_preset(name)),
-    };
-    inverter_dict(py, &inverter)
+pub fn inverter_preset<'py>(py: Python<'py>, name: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    inverter_dict(py, &preset(name, params::Inverter::preset_2k2(), params::Inverter::preset_11k())?)
 }
 
 /// Delays of the legs, as nested tuples.
@@ -156,16 +159,53 @@ fn inverse_gamma<'py>(py: Python<'py>, m: &Machine) -> PyResult<Bound<'py, PyDic
     Ok(dict!(py, m; R_s, R_R, L_sigma, L_M))
 }
 
+/// Least resistance and inductance of a branch before the conversion, which the ranges of the inverse-Γ circuit follow.
+const LEAST: f64 = 1e-6;
+
+/// A resistance or an inductance of another circuit.
+fn branch(name: &'static str, value: &Bound<'_, PyAny>, least: f64, unit: &'static str) -> PyResult<f64> {
+    let value = extract(name, value)?;
+    check(name, value, least, 1e3, unit).map_err(value_error)?;
+    Ok(value)
+}
+
 /// Inverse-Γ parameters of a Γ circuit.
 #[pyfunction]
-pub fn from_gamma(py: Python<'_>, R_s: f64, R_r: f64, L_l: f64, L_s: f64) -> PyResult<Bound<'_, PyDict>> {
-    inverse_gamma(py, &Machine::from_gamma(Gamma { R_s, R_r, L_l, L_s }, NO_RATING))
+pub fn from_gamma<'py>(
+    py: Python<'py>,
+    R_s: &Bound<'py, PyAny>,
+    R_r: &Bound<'py, PyAny>,
+    L_l: &Bound<'py, PyAny>,
+    L_s: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let gamma = Gamma {
+        R_s: branch("R_s", R_s, LEAST, "ohm")?,
+        R_r: branch("R_r", R_r, LEAST, "ohm")?,
+        L_l: branch("L_l", L_l, LEAST, "H")?,
+        L_s: branch("L_s", L_s, LEAST, "H")?,
+    };
+    inverse_gamma(py, &Machine::from_gamma(gamma, NO_RATING))
 }
 
 /// Inverse-Γ parameters of a T circuit.
 #[pyfunction]
-pub fn from_t_model(py: Python<'_>, R_s: f64, R_r: f64, L_ls: f64, L_lr: f64, L_m: f64) -> PyResult<Bound<'_, PyDict>> {
-    inverse_gamma(py, &Machine::from_t_model(TModel { R_s, R_r, L_ls, L_lr, L_m }, NO_RATING))
+pub fn from_t_model<'py>(
+    py: Python<'py>,
+    R_s: &Bound<'py, PyAny>,
+    R_r: &Bound<'py, PyAny>,
+    L_ls: &Bound<'py, PyAny>,
+    L_lr: &Bound<'py, PyAny>,
+    L_m: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyDict>> {
+    // One of the leakages may be that of both sides.
+    let t_model = TModel {
+        R_s: branch("R_s", R_s, LEAST, "ohm")?,
+        R_r: branch("R_r", R_r, LEAST, "ohm")?,
+        L_ls: branch("L_ls", L_ls, 0.0, "H")?,
+        L_lr: branch("L_lr", L_lr, 0.0, "H")?,
+        L_m: branch("L_m", L_m, LEAST, "H")?,
+    };
+    inverse_gamma(py, &Machine::from_t_model(t_model, NO_RATING))
 }
 
 /// Γ parameters of a motor.
@@ -188,12 +228,7 @@ pub fn base(py: Python<'_>, motor: Motor) -> PyResult<Bound<'_, PyDict>> {
 
 /// Arithmetic of that name.
 pub fn arithmetic(name: &str) -> PyResult<Arithmetic> {
-    match name {
-        "f32" => Ok(Arithmetic::F32),
-        "f64" => Ok(Arithmetic::F64),
-        "q" => Ok(Arithmetic::Q),
-        _ => Err(PyValueError::new_err(format!("arithmetic = {name:?} is not one of 'f32', 'f64', 'q'"))),
-    }
+    one_of("arithmetic", name, &[("f32", Arithmetic::F32), ("f64", Arithmetic::F64), ("q", Arithmetic::Q)])
 }
 
 const SCHEMES: [(&str, Scheme); 2] = [("enhanced", Scheme::Enhanced), ("paper", Scheme::Paper)];
@@ -203,11 +238,19 @@ const LOW_CONFIDENCE: [(&str, LowConfidence); 3] =
 const ENCODER_MODE: [(&str, EncoderMode); 2] = [("compare", EncoderMode::Compare), ("control", EncoderMode::Control)];
 
 /// The choice of that name.
-fn one_of<T: Copy>(field: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
-    choices.iter().find(|(n, _)| *n == name).map(|&(_, choice)| choice).ok_or_else(|| {
-        let names: Vec<_> = choices.iter().map(|(n, _)| format!("'{n}'")).collect();
-        PyValueError::new_err(format!("{field} = '{name}' is not one of {}", names.join(", ")))
-    })
+pub fn one_of<T: Copy>(field: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
+    found(name, choices)
+        .ok_or_else(|| PyValueError::new_err(format!("{field} = '{name}' is not one of {}", names_of(choices))))
+}
+
+/// What has that name.
+pub fn found<T: Copy>(name: &str, choices: &[(&str, T)]) -> Option<T> {
+    choices.iter().find(|(known, _)| *known == name).map(|&(_, choice)| choice)
+}
+
+/// The names of choices in quotation marks.
+pub fn names_of<T>(choices: &[(&str, T)]) -> String {
+    choices.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(", ")
 }
 
 macro_rules! drive_settings {

@@ -12,15 +12,13 @@ use stillflux_sim::{
     Thermal, Truth,
 };
 
-use crate::convert::{complex, each_keyword, extract, finite, finite_parts, offsets, parts, three, value_error};
-use crate::parameters::{Inverter, Motor};
+use crate::convert::{
+    Given, complex, each_keyword, extract, fields, finite, finite_parts, offsets, parts, three, value_error,
+};
+use crate::parameters::{found, inverter_of, machine_of, names_of, one_of};
 
 fn mode(name: &str) -> PyResult<Mode> {
-    match name {
-        "switching" => Ok(Mode::Switching),
-        "averaged" => Ok(Mode::Averaged),
-        _ => Err(PyValueError::new_err(format!("mode = {name:?} is not one of 'switching', 'averaged'"))),
-    }
+    one_of("mode", name, &[("switching", Mode::Switching), ("averaged", Mode::Averaged)])
 }
 
 const OPTIONS: &[&str] = &[
@@ -151,20 +149,19 @@ pub fn dc_link(u_dc: f64) -> PyResult<f64> {
 
 /// How an encoder fails, by name; `None`: it is whole.
 pub fn encoder_fault(name: Option<&str>) -> PyResult<Option<EncoderFault>> {
-    Ok(match name {
-        None => None,
-        Some("broken") => Some(EncoderFault::Broken),
-        Some("channel") => Some(EncoderFault::Channel),
-        Some("swapped") => Some(EncoderFault::Swapped),
-        Some("silent") => Some(EncoderFault::Silent),
-        Some(other) => {
-            return Err(PyValueError::new_err(format!(
-                "encoder = {other:?} is not one of 'broken', 'channel', 'swapped', 'silent', None"
-            )));
-        }
-    })
+    let faults = [
+        ("broken", EncoderFault::Broken),
+        ("channel", EncoderFault::Channel),
+        ("swapped", EncoderFault::Swapped),
+        ("silent", EncoderFault::Silent),
+    ];
+    let Some(name) = name else { return Ok(None) };
+    let unknown = || PyValueError::new_err(format!("encoder = {name:?} is not one of {}, None", names_of(&faults)));
+    found(name, &faults).map(Some).ok_or_else(unknown)
 }
 
+/// What the pulses of a step are.
+const PULSES: &str = "three half widths before, three after the middle, two instants of the shunt";
 /// Largest load, of rated torque.
 const LOAD_MAX: f64 = 10.0;
 /// Largest voltage at the terminals, relative to the rated one.
@@ -183,6 +180,15 @@ macro_rules! plant_state {
         pub struct PlantState {
             $($(#[$zdoc])* $z: Complex64,)*
             $($(#[$xdoc])* $x: f64,)*
+        }
+
+        #[pymethods]
+        impl PlantState {
+            fn __repr__(&self) -> String {
+                let complex = [$((stringify!($z), self.$z)),*];
+                let real = [$((stringify!($x), self.$x)),*];
+                format!("<PlantState {}>", fields(&complex, &real))
+            }
         }
 
         impl From<&Truth> for PlantState {
@@ -261,10 +267,14 @@ impl Plant {
 impl Plant {
     #[new]
     #[pyo3(signature = (motor, inverter, **options))]
-    fn new(motor: Motor, inverter: Inverter, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let machine = motor.machine()?;
+    fn new(
+        motor: &Bound<'_, PyAny>,
+        inverter: &Bound<'_, PyAny>,
+        options: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let (machine, inverter) = (machine_of("motor", motor)?, inverter_of("inverter", inverter)?);
         let (load_max, u_max) = (LOAD_MAX * machine.T_N, VOLTAGE_MAX * machine.U_N);
-        let params = plant_params(machine, inverter.params()?, options)?;
+        let params = plant_params(machine, inverter, options)?;
         let plant = stillflux_sim::Plant::new(params).map_err(value_error)?;
         Ok(Self { plant, speed: params.mechanics.speed, current_offset: params.adc.offset, load_max, u_max })
     }
@@ -276,15 +286,23 @@ impl Plant {
     /// `load_torque` in N·m, up to ten times the rated torque, opposes positive rotation and is active, as a
     /// crane's. `pulses`, of `Drive.pulses`, take the place of `duty`: with the option `shunt` the reading is that of the
     /// shunt at their two instants and at the end of the period, in A.
-    #[pyo3(signature = (duty, load_torque=0.0, gates_on=true, pulses=None))]
+    #[pyo3(
+        signature = (duty, load_torque=Given::NOTHING, gates_on=Given::NOTHING, pulses=None),
+        text_signature = "($self, duty, load_torque=0.0, gates_on=True, pulses=None)"
+    )]
     fn step<'py>(
         &mut self,
         duty: &Bound<'py, PyAny>,
-        load_torque: f64,
-        gates_on: bool,
-        pulses: Option<([f64; 3], [f64; 3], [f64; 2])>,
+        load_torque: Given<'py>,
+        gates_on: Given<'py>,
+        pulses: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Reading<'py>> {
-        let (duties, load) = (three("duty", duty)?, self.load(load_torque)?);
+        let (duties, load) = (three("duty", duty)?, self.load(load_torque.or("load_torque", 0.0)?)?);
+        let gates_on = gates_on.or("gates_on", true)?;
+        let pulses = match pulses {
+            Some(given) => parts::<([f64; 3], [f64; 3], [f64; 2])>("pulses", given, PULSES)?,
+            None => None,
+        };
         for duty in duties {
             finite("duty", duty)?;
         }
@@ -302,14 +320,21 @@ impl Plant {
 
     /// Applies the constant voltage `u_s` (complex, V, up to ten times the rated voltage) to the terminals for `dt` seconds,
     /// at most 100, past the bridge.
-    #[pyo3(signature = (u_s, dt, load_torque=0.0))]
-    fn step_voltage(&mut self, py: Python<'_>, u_s: Complex64, dt: f64, load_torque: f64) -> PyResult<()> {
+    #[pyo3(signature = (u_s, dt, load_torque=Given::NOTHING), text_signature = "($self, u_s, dt, load_torque=0.0)")]
+    fn step_voltage<'py>(
+        &mut self,
+        py: Python<'py>,
+        u_s: &Bound<'py, PyAny>,
+        dt: &Bound<'py, PyAny>,
+        load_torque: Given<'py>,
+    ) -> PyResult<()> {
+        let (u_s, dt) = (extract::<Complex64>("u_s", u_s)?, extract("dt", dt)?);
         check("dt", dt, 1e-12, 100.0, "s").map_err(value_error)?;
         let u_s = [u_s.re, u_s.im];
         for part in u_s {
             check("u_s", part, -self.u_max, self.u_max, "V").map_err(value_error)?;
         }
-        self.load(load_torque)?;
+        let load_torque = self.load(load_torque.or("load_torque", 0.0)?)?;
         py.detach(|| self.plant.step_voltage(u_s, dt, load_torque));
         Ok(())
     }
@@ -329,8 +354,14 @@ impl Plant {
     ///
     /// Raises ValueError for another speed than the one that is imposed, and for a flux or a speed that the equations'
     /// longest step cannot follow.
-    fn set_state(&mut self, psi_s: Complex64, psi_r: Complex64, omega_m: f64) -> PyResult<()> {
-        let (psi_s, psi_r) = (finite_parts("psi_s", psi_s)?, finite_parts("psi_r", psi_r)?);
+    fn set_state(
+        &mut self,
+        psi_s: &Bound<'_, PyAny>,
+        psi_r: &Bound<'_, PyAny>,
+        omega_m: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let flux = |name, value| finite_parts(name, extract(name, value)?);
+        let (psi_s, psi_r, omega_m) = (flux("psi_s", psi_s)?, flux("psi_r", psi_r)?, extract("omega_m", omega_m)?);
         self.plant.set_state(psi_s, psi_r, omega_m).map_err(value_error)
     }
 
@@ -341,8 +372,8 @@ impl Plant {
     }
 
     #[setter]
-    fn set_R_s(&mut self, R_s: f64) -> PyResult<()> {
-        self.plant.set_R_s(resistance(R_s)?);
+    fn set_R_s(&mut self, R_s: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.plant.set_R_s(resistance(extract("R_s", R_s)?)?);
         Ok(())
     }
 
@@ -360,9 +391,9 @@ impl Plant {
     }
 
     #[setter]
-    fn set_speed(&mut self, speed: Option<f64>) -> PyResult<()> {
-        self.speed = shaft_speed(speed)?;
-        self.plant.set_speed(speed);
+    fn set_speed(&mut self, speed: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.speed = shaft_speed(extract("speed", speed)?)?;
+        self.plant.set_speed(self.speed);
         Ok(())
     }
 
@@ -388,8 +419,13 @@ impl Plant {
     }
 
     #[setter]
-    fn set_u_dc(&mut self, u_dc: f64) -> PyResult<()> {
-        self.plant.set_u_dc(dc_link(u_dc)?);
+    fn set_u_dc(&mut self, u_dc: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.plant.set_u_dc(dc_link(extract("u_dc", u_dc)?)?);
         Ok(())
+    }
+
+    fn __repr__(&self) -> String {
+        let truth = self.plant.truth();
+        format!("<Plant: {}>", fields(&[], &[("t", truth.t), ("omega_m", truth.omega_m), ("torque", truth.torque)]))
     }
 }

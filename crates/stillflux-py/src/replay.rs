@@ -7,8 +7,8 @@ use pyo3::types::PyDict;
 use stillflux::params::check;
 use stillflux_sim::replay::{Estimates, Replay, Row, Start};
 
-use crate::convert::{complex, finite, finite_parts, interrupt, pair, record, value_error};
-use crate::parameters::{Inverter, Motor, drive_params};
+use crate::convert::{Given, complex, finite, finite_parts, interrupt, pair, record, value_error};
+use crate::parameters::{drive_params, inverter_of, machine_of};
 
 /// Estimators of a scheme over records whose rows are one control period of the inverter apart.
 ///
@@ -33,10 +33,19 @@ macro_rules! columns {
 #[pymethods]
 impl RecordEstimator {
     #[new]
-    #[pyo3(signature = (motor, inverter, scheme="enhanced", **settings))]
-    fn new(motor: Motor, inverter: Inverter, scheme: &str, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let (machine, inverter) = (motor.machine()?, inverter.params()?);
-        let params = drive_params(&machine, &inverter, scheme, settings)?;
+    #[pyo3(
+        signature = (motor, inverter, scheme=Given::NOTHING, **settings),
+        text_signature = "(motor, inverter, scheme='enhanced', **settings)"
+    )]
+    fn new(
+        motor: &Bound<'_, PyAny>,
+        inverter: &Bound<'_, PyAny>,
+        scheme: Given<'_>,
+        settings: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let (machine, inverter) = (machine_of("motor", motor)?, inverter_of("inverter", inverter)?);
+        let scheme = scheme.or("scheme", "enhanced".to_owned())?;
+        let params = drive_params(&machine, &inverter, &scheme, settings)?;
         Ok(Self { replay: Replay::new(&machine, &inverter, &params).map_err(value_error)? })
     }
 
