@@ -275,3 +275,18 @@ def test_what_comes_after_the_end_of_a_run_is_one_line(
     text = "load_torque[2] comes after the end, from t = 6 s on"
     assert said.err.splitlines()[0] == f"stillflux: {text}: duration = 0.01 s"
     assert f"not reached: {text}\n" in said.out
+
+
+def test_a_run_that_is_interrupted_says_so_and_keeps_its_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, record = tmp_path / "run.toml", tmp_path / "run.npz"
+    path.write_text('motor = "2.2kW"\nduration = 0.01\n')
+
+    def interrupted(scenario: sf.Scenario, progress: object = None) -> sf.Result:
+        raise sf.Interrupted(sf.simulate(scenario))
+
+    monkeypatch.setattr("stillflux.cli.simulate", interrupted)
+    assert main(["simulate", str(path), "--save", str(record)]) == 130
+    assert "stillflux: interrupted at t = 0.009 s" in capsys.readouterr().err
+    assert len(sf.Result.load(record).t) == 10

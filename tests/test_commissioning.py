@@ -450,3 +450,16 @@ def test_a_commissioning_shows_where_it_is(capsys: pytest.CaptureFixture[str]) -
     assert repr(run).startswith("<Commissioning: fault: aborted at ")
     sf.commission(PLATE, sf.Inverter(), plant_motor=PLATE.motor(), only="wiring", progress=True)
     assert "commissioning: done" in capsys.readouterr().err
+
+
+def test_a_commissioning_that_is_interrupted_says_so_and_keeps_what_it_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(plate: sf.Nameplate, inverter: sf.Inverter, **how: Any) -> sf.Commissioned:
+        raise sf.CommissioningInterrupted(sf.commission(plate, inverter, **{**how, "only": "wiring"}))
+
+    monkeypatch.setattr("stillflux.commissioning_command.run_commissioning", interrupted)
+    assert main(["commission", "2.2kW", "--out", str(tmp_path / "found.toml")]) == 130
+    said = capsys.readouterr()
+    assert "stillflux: interrupted after 0." in said.err
+    assert sf.load_machine(tmp_path / "found.toml").motor.U_N == 400.0

@@ -188,6 +188,7 @@ def _simulate(options: argparse.Namespace) -> int:
         result, status = simulate(scenario, progress=True), 0
     except Interrupted as stop:
         result, status = stop.result, 130
+        print(f"\nstillflux: {stop}", file=sys.stderr)
     except DivergenceError as stop:
         result, status = stop.result, 2
         print(f"stillflux: {stop}", file=sys.stderr)

@@ -31,6 +31,7 @@ from __future__ import annotations
 
 import argparse
 import html
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -92,7 +93,9 @@ def commission(parser: argparse.ArgumentParser) -> None:
         choices=PROCEDURES,
         help="run one procedure alone, after the check of the wiring (inertia: with --shaft free)",
     )
-    parser.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
+    parser.add_argument(
+        "--arithmetic", choices=["f32", "f64", "q"], default="f32", help="of the control; default: f32"
+    )
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the motor file there (TOML)")
     parser.add_argument(
         "--report", type=Path, metavar="FILE", help="write curves, values, warnings there (HTML)"
@@ -122,6 +125,7 @@ def _run(options: argparse.Namespace) -> int:
         )
     except CommissioningInterrupted as stop:
         found, status = stop.result, 130
+        print(f"\nstillflux: {stop}", file=sys.stderr)
     if task.told is not None:
         # The rating is that of the motor, not of the rounded plate that the procedures go by.
         found = replace(found, motor=found.motor.replace(I_N=task.told.I_N, T_N=task.told.T_N))

@@ -103,13 +103,15 @@ def docs(parser: argparse.ArgumentParser) -> None:
 
 def _where(parser: argparse.ArgumentParser, machines: Sequence[str]) -> None:
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--machine", choices=[*machines, "all"], default="all")
+    which.add_argument("--machine", choices=[*machines, "all"], default="all", help="default: all")
     which.add_argument(
         "--motor",
         metavar="FILE",
         help=f"your machine instead: a motor file (TOML) or a preset ({', '.join(PRESETS)})",
     )
-    parser.add_argument("--arithmetic", choices=["f32", "f64", "q"], default="f32")
+    parser.add_argument(
+        "--arithmetic", choices=["f32", "f64", "q"], default="f32", help="of the drive; default: f32"
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("reports"), help="folder for report and plots; default: reports"
     )
