@@ -240,10 +240,9 @@ pub fn three(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
         let array = array.as_array();
         return array.iter().copied().collect::<Vec<_>>().try_into().map_err(|v: Vec<f64>| wrong(v.len()));
     }
-    if let Ok(shape) = value.getattr("shape").and_then(|shape| shape.cast_into::<PyTuple>().map_err(PyErr::from)) {
-        if shape.len() != 1 {
-            return Err(PyValueError::new_err(format!("{name} has the shape {shape}, three numbers are needed")));
-        }
+    let shape = value.getattr_opt("shape")?.and_then(|shape| shape.cast_into::<PyTuple>().ok());
+    if let Some(shape) = shape.filter(|shape| shape.len() != 1) {
+        return Err(PyValueError::new_err(format!("{name} has the shape {shape}, three numbers are needed")));
     }
     // The characters of a text are no numbers, and a set or the keys of a mapping have no order of phases.
     if value.is_instance_of::<PyString>()

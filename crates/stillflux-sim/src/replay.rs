@@ -451,7 +451,8 @@ mod tests {
         let psi = Base::new(&machine).psi;
         for scheme in [Scheme::Enhanced, Scheme::Paper] {
             let params = DriveParams { scheme, ..DriveParams::new(&machine, &inverter) };
-            let start = Start { psi_s: [0.6 * psi, 0.8 * psi], deviation: 0.0, settled: false, omega_m: 0.0, R_s: None };
+            let start =
+                Start { psi_s: [0.6 * psi, 0.8 * psi], deviation: 0.0, settled: false, omega_m: 0.0, R_s: None };
             for (start, sigma) in [
                 (start, PI),
                 (Start { deviation: 0.1 * psi, ..start }, 0.1),
