@@ -225,7 +225,9 @@ def test_a_margin_holds_under_every_seed() -> None:
 
 def test_a_shaft_that_runs_away_beyond_what_can_be_computed_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     def run_away(scenario: sf.Scenario) -> sf.Result:
-        raise sf.DivergenceError("omega_m is not finite", sf.simulate(scenario.replace(duration=0.01)))
+        raise sf.DivergenceError(
+            "omega_m is not finite", sf.simulate(scenario.replace(duration=0.01, omega_ref=0.0))
+        )
 
     monkeypatch.setattr(sensitivity, "simulate", run_away)
     found = sensitivity.margin("15", "2.2kW", "current offset", seeds=SEEDS[:1])

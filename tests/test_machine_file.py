@@ -61,6 +61,10 @@ def test_every_circuit_and_a_changed_preset(tmp_path: Path) -> None:
         ("[motor]\npreset = '2.2kW'\n[inverter]\nf_s = 1.0\n", r"\[inverter\] f_s = 1"),
         ("[motor]\npreset = '2.2kW'\n[deviation]\nR_s = 'x'\n", r"\[deviation\] R_s = 'x'"),
         ("[motor]\npreset = '2.2kW'\n[plant]\nmotor = 3\n", r"\[plant.motor\] 3 is not a table of fields"),
+        (
+            "[motor]\npreset = '2.2kW'\n[deviation]\nR_S = 0.1\n",
+            r"\[deviation\] R_S is not known; there are R_s, ",
+        ),
         ("[engine]\n", "engine is not known"),
         ("name = '../x'\n[motor]\npreset = '2.2kW'\n", "name = '../x' is no file name"),
         ("name = 'x'\n", r"one of the tables \[motor\] and \[nameplate\]"),

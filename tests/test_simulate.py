@@ -456,6 +456,16 @@ def test_what_is_no_saved_result_is_named(tmp_path: Path, scenario: sf.Scenario)
     for name in ("torn.npz", "array.npy", "other.npz", "number.npz"):
         with pytest.raises(ValueError, match=f"{name} is not a saved result"):
             sf.Result.load(tmp_path / name)
+    with np.load(whole) as file:
+        arrays = dict(file)
+    meta = json.loads(str(arrays.pop("meta")))
+    for change, text in (
+        ({"status": ["asleep"]}, "state = 'asleep' is not one of"),
+        ({"scenario": {**meta["scenario"], "later": 1}}, "later is not a field of a scenario"),
+    ):
+        np.savez(tmp_path / "newer.npz", meta=json.dumps({**meta, **change}), **arrays)
+        with pytest.raises(ValueError, match=rf"newer.npz: {text}"):
+            sf.Result.load(tmp_path / "newer.npz")
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         sf.simulate(scenario.replace(duration=0.01, changes=[])).save(tmp_path / "none" / "run.npz")
 

@@ -69,6 +69,7 @@ __all__ = [
 ]
 
 _TABLES = ("motor", "inverter", "deviation", "nameplate", "plant")
+_DEVIATIONS = ("R_s", "R_R", "L_sigma", "L_M", "J", "loss", "c_out", "leg_delay")
 _CIRCUITS = (
     (Motor.inverse_gamma, ("R_s", "R_R", "L_sigma", "L_M")),
     (Motor.gamma, ("R_s", "R_r", "L_l", "L_s")),
@@ -144,6 +145,8 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         raise ValueError(f"{path}: give one of the tables [motor] and [nameplate]")
     deviation = dict(data.get("deviation", {}))
     for key, value in deviation.items():
+        if key not in _DEVIATIONS:
+            raise ValueError(f"{path}: [deviation] {key} is not known; there are {', '.join(_DEVIATIONS)}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 10.0:
             raise ValueError(f"{path}: [deviation] {key} = {value!r} is outside 0 … 10")
     if "motor" in data:

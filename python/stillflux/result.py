@@ -218,8 +218,12 @@ class Result:
             t, scenario, status, memory = data.pop("t"), meta["scenario"], meta["status"], meta["memory"]
         except _TORN:
             raise ValueError(f"{path} is not a saved result") from None
-        with warnings.catch_warnings():
-            # What was cut short was said when it was made.
-            warnings.simplefilter("ignore", ScenarioWarning)
-            simulated = Scenario.from_dict(scenario)
-        return cls(scenario=simulated, t=t, data=data, status=Status(*status), memory=rich(memory))
+        try:
+            with warnings.catch_warnings():
+                # What was cut short was said when it was made.
+                warnings.simplefilter("ignore", ScenarioWarning)
+                simulated = Scenario.from_dict(scenario)
+            return cls(scenario=simulated, t=t, data=data, status=Status(*status), memory=rich(memory))
+        except (ValueError, TypeError) as error:
+            # Saved by a version with other fields, or changed by hand.
+            raise ValueError(f"{path}: {error}") from None

@@ -242,9 +242,9 @@ class Sweep:
         if column not in self.columns:
             raise KeyError(f"{column!r} is no column; there are {', '.join(self.columns)}")
         values = [row.get(column) for row in self.rows]
-        kinds = {str if isinstance(x, str) else int | float | complex for x in values}
-        if len(kinds) < 2 and all(isinstance(x, str | int | float | complex) for x in values):
-            return np.array(values)
+        for kind in (str, int | float | complex):
+            if all(isinstance(x, kind) for x in values):
+                return np.array(values)
         # Profiles, tuples and what is of several kinds stay what they are, an object a row.
         objects = np.empty(len(values), object)
         for k, value in enumerate(values):
