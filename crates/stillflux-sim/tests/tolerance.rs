@@ -69,7 +69,18 @@ struct Outcome {
 }
 
 /// Runs points of speed, per unit, and load, of rated torque, over the time since the end of the start-up.
-fn run((m, inverter): (Machine, Inverter), x: Factors, seed: u64, (speed, load): (&Points, &Points)) -> Outcome {
+fn run(installation: (Machine, Inverter), x: Factors, seed: u64, course: (&Points, &Points)) -> Outcome {
+    run_with(installation, x, seed, course, |_| {})
+}
+
+/// The same with other settings of the drive.
+fn run_with(
+    (m, inverter): (Machine, Inverter),
+    x: Factors,
+    seed: u64,
+    (speed, load): (&Points, &Points),
+    set: impl Fn(&mut DriveParams),
+) -> Outcome {
     let real = Machine {
         R_s: x.r_s * m.R_s,
         R_R: x.r_r * m.R_R,
@@ -95,7 +106,8 @@ fn run((m, inverter): (Machine, Inverter), x: Factors, seed: u64, (speed, load):
     };
     s.reference = ReferenceProfile::Speed(after(speed, base.omega_m));
     s.load = after(load, m.T_N);
-    s.signals = Some(["angle_error", "omega_m", "status"].map(String::from).to_vec());
+    set(&mut s.drive);
+    s.signals = Some(["angle_error", "omega_m", "status", "estimate.R_s"].map(String::from).to_vec());
     let mut run = Run::new(Cow::Owned(s)).unwrap();
     while run.advance(u64::MAX) {}
     let (record, drive) = run.into_parts();
@@ -187,5 +199,29 @@ fn a_load_that_comes_in_at_standstill_is_held_with_every_parameter_wrong() {
     for seed in [1, 2] {
         let load = [(0.0, 0.0), (0.3, 0.0), (0.8, 1.0)];
         run(of_15_kw(), x, seed, (&[(0.0, 0.0), (4.0, 0.0)], &load)).assert_held(12.0, 0.0);
+    }
+}
+
+/// The transients of the reduced currents of a start depend on the rotor resistance. With two levels half of its error is taken
+/// for one of the stator resistance.
+#[test]
+fn with_three_levels_a_start_takes_less_of_a_wrong_rotor_resistance_for_one_of_the_stator() {
+    let still = [(0.0, 0.0), (0.05, 0.0)];
+    let by_rotor = |installation: (Machine, Inverter), levels: u32| {
+        let found = [0.8, 1.25].map(|r_r| {
+            let seeds = 1..=3;
+            let of_seed = |seed| {
+                let x = Factors { r_r, ..EXACT };
+                let set = |p: &mut DriveParams| p.enhanced.start_levels = levels;
+                let o = run_with(installation, x, seed, (&still, &still), set);
+                o.data("estimate.R_s").last().unwrap() / (installation.0.R_s + installation.1.r_d)
+            };
+            seeds.map(of_seed).sum::<f64>() / 3.0
+        });
+        (found[1] - found[0]) / 0.45
+    };
+    for installation in [(Machine::preset_11k(), Inverter::preset_11k()), of_15_kw()] {
+        let (three, two) = (by_rotor(installation, 3), by_rotor(installation, 2));
+        assert!(three.abs() < 0.3 && two > 0.4, "{three}, with two levels {two}");
     }
 }

@@ -55,7 +55,7 @@ use crate::supervision::SupervisionConfig;
 use crate::words::{Words, words};
 use conversion::Conversion;
 #[cfg(feature = "enhanced")]
-pub(crate) use enhanced::{EnhancedConfig, REDUCED, SMALL};
+pub(crate) use enhanced::EnhancedConfig;
 #[cfg(feature = "paper")]
 pub(crate) use paper::PaperConfig;
 

@@ -132,6 +132,14 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
     let tau_r = machine.L_M / machine.R_R;
     let fastest = 0.7 * inverter.f_s / f64::from(machine.n_p);
     let scheme = scheme(rng);
+    let calibrate_offset = !rng.chance(3);
+    let current_sensors = if cfg!(feature = "shunt") {
+        1 + rng.bits() as u32 % 3
+    } else if cfg!(feature = "modes") {
+        2 + rng.bits() as u32 % 2
+    } else {
+        3
+    };
     let paper = PaperParams {
         offset_estimator: !rng.chance(4),
         noise_compensator: !rng.chance(4),
@@ -143,6 +151,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         identify_resistance: !rng.chance(4),
         identify_legs: !rng.chance(4) && cfg!(feature = "legs"),
         find_slow_rotation: !rng.chance(4) && cfg!(feature = "restart"),
+        start_levels: if calibrate_offset && current_sensors == 3 && rng.chance(2) { 3 } else { 2 },
         hold_inductances: !rng.chance(4),
         apply_innovation: !rng.chance(6),
         omega_s_min: if rng.chance(4) { 0.0 } else { rng.within(0.001, 0.05) * machine.omega_sR() },
@@ -179,14 +188,8 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         speed_bandwidth: rng.ratio(0.05, 20.0),
         pll_bandwidth: rng.ratio(2.0, (0.03 * inverter.f_s).min(100.0)),
         inverter_model: !rng.chance(5),
-        calibrate_offset: !rng.chance(3),
-        current_sensors: if cfg!(feature = "shunt") {
-            1 + rng.bits() as u32 % 3
-        } else if cfg!(feature = "modes") {
-            2 + rng.bits() as u32 % 2
-        } else {
-            3
-        },
+        calibrate_offset,
+        current_sensors,
         shunt_settling: rng.within(0.0, 0.0375) / inverter.f_s,
         shunt_window: if rng.chance(5) {
             0.0

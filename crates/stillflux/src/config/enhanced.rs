@@ -2,6 +2,7 @@
 
 use super::settings::{BALANCE_PERIODS, DriveParams, EnhancedParams, adapt_periods, slow_periods};
 use crate::base::{PerUnit, rounded};
+use crate::control::levels::LevelsConfig;
 use crate::control::shift::ShiftConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
@@ -18,10 +19,6 @@ use crate::words::words;
 
 /// Duration of a block in which the induced voltage is measured at the beginning of a start, s.
 const CATCH_BLOCK: f64 = 1e-3;
-/// Reduced currents of a start at standstill, relative to the magnetising current: a sixteenth of the magnetisation time
-/// and three.
-pub(crate) const REDUCED: f64 = 0.7;
-pub(crate) const SMALL: f64 = 0.4;
 /// Rate of the fit of the current sensors' gains at rated magnetising current, 1/s, and of its constant. Gains change
 /// with temperature; a faster fit follows the noise of its samples.
 const BALANCE_RATE: f64 = 2.1;
@@ -48,8 +45,7 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub search: SearchConfig<R>,
     #[cfg(feature = "restart")]
     pub slow_turn: SlowTurnConfig<R>,
-    /// Periods in which the boosted current brings the flux back after the reduced ones.
-    pub recovery_periods: u32,
+    pub levels: LevelsConfig<R>,
     #[cfg(feature = "legs")]
     pub legs: LegsConfig<R>,
     /// The gains of two current sensors are compared in the second half of the magnetisation: reciprocal of its periods;
@@ -57,7 +53,7 @@ pub(crate) struct EnhancedConfig<R: Real> {
     #[cfg(feature = "modes")]
     pub pair_weight: R,
 }
-words!(EnhancedConfig: filter, balance, shift, catch, decay, search, recovery_periods,
+words!(EnhancedConfig: filter, balance, shift, catch, decay, search, levels,
     #[cfg(feature = "restart")] slow_turn,
     #[cfg(feature = "legs")] legs,
     #[cfg(feature = "modes")] pair_weight);
@@ -106,14 +102,9 @@ impl<R: Real> EnhancedConfig<R> {
             },
             catch: CatchConfig::new(pu, CATCH_BLOCK, inverter.f_c()),
             decay: rounded(64.0 * pu.t_s / pu.tau_r),
-            recovery_periods: {
-                // As the rotor time constant of the parameters has it, in units of which x is a sixteenth of the time.
-                let x = build_up_time * pu.base.omega / pu.tau_r / 16.0;
-                let psi = REDUCED + (1.0 - REDUCED) * libm::exp(-x);
-                let psi = SMALL + (psi - SMALL) * libm::exp(-3.0 * x);
-                let boost = p.boost(machine);
-                let seconds = libm::log((boost - psi) / (boost - 1.0)) * pu.tau_r / pu.base.omega;
-                inverter.periods(seconds.min(build_up_time * 3.0 / 16.0))
+            levels: {
+                let three = p.enhanced.start_levels == 3;
+                LevelsConfig::new(pu, inverter, build_up_time, p.boost(machine), three)
             },
             search: SearchConfig::new(pu, inverter.f_c(), p.boost(machine) * p.psi_ref / pu.l_s),
             #[cfg(feature = "restart")]

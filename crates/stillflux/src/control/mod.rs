@@ -1,4 +1,4 @@
-//! Stator-flux-oriented control: current, flux and speed controllers, flux shift, field weakening, ramp, derating,
+//! Stator-flux-oriented control: current, flux and speed controllers, flux shift, currents of a start, field weakening, ramp, derating,
 //! way out of a false equilibrium, hand-over between measured and estimated speed, control of the dc link, modulator, pulses for a single shunt.
 
 pub mod current;
@@ -7,6 +7,8 @@ pub mod dclink;
 pub mod flux;
 #[cfg(feature = "encoder")]
 pub mod handover;
+#[cfg(feature = "enhanced")]
+pub(crate) mod levels;
 pub mod modulator;
 pub mod overload;
 pub mod ramp;

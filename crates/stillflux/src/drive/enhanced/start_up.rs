@@ -23,8 +23,8 @@
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
 //! 4. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
 //!    makes torque on a free shaft. After 9/16 of the magnetisation time the filter is initialised at the settled flux.
-//!    From then on it identifies resistance, `v` and knee, which two reduced currents separate: 0.7 of the magnetising
-//!    current for 1/16 and 0.4 for 3/16 of the time. The boosted current then brings the flux back, and at the end the
+//!    From then on it identifies resistance, `v` and knee, which reduced currents separate ([`crate::control::levels`]).
+//!    The boosted current then brings the flux back, and at the end the
 //!    filter is told that it is where it was ([`Filter::settle_again`]): how the flux fell and rose meanwhile depends on
 //!    `r_R`, where it ends does not, and the integral of `u - r_s i` over the whole is known. Without this the error of
 //!    `r̂_s` is as large as half of that of `r_R`. With two current sensors the reduced currents also show the difference
@@ -35,7 +35,8 @@
 //!    ([`crate::estimate`]'s `slow_turn`, with the feature `restart`).
 
 use super::{EnhancedEstimators, Start};
-use crate::config::{DriveConfig, REDUCED, SMALL};
+use crate::config::DriveConfig;
+use crate::control::levels::Level;
 #[cfg(any(feature = "legs", feature = "modes"))]
 use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
@@ -119,15 +120,11 @@ impl<R: Real> EnhancedEstimators<R> {
             return if searching || faint { c.magnetising_current(stage) } else { Dq::new(c.i_quick, R::ZERO) };
         }
         let mut i_ref = c.magnetising_current(stage);
-        // The voltage of the resistance is proportional to the current, that of the inverter is not.
         if !self.search.found_rotation() {
-            let sixteenth = (c.magnetise_periods / 16).max(1);
-            let recovering = stage < 13 * sixteenth + c.enhanced.recovery_periods;
-            i_ref = match stage / sixteenth {
-                9 => i_ref * R::from_f64(REDUCED),
-                10..=12 => i_ref * R::from_f64(SMALL),
-                13..=15 if recovering => c.magnetising_current(0),
-                _ => i_ref,
+            i_ref = match c.enhanced.levels.at(stage, (c.magnetise_periods / 16).max(1)) {
+                Level::Full => i_ref,
+                Level::Part(part) => i_ref * part,
+                Level::Boosted => c.magnetising_current(0),
             };
         }
         if stage <= DRIVEN {
