@@ -203,11 +203,11 @@ def test_three_levels_of_a_start_need_three_sensors_with_offsets_that_are_read(
 ) -> None:
     assert sf.Drive(motor, inverter).settings["start_levels"] == 2
     assert sf.Drive(motor, inverter, start_levels=3).settings["start_levels"] == 3
-    with pytest.raises(ValueError, match="start_levels = 4 .*range 2 to 3"):
+    with pytest.raises(ValueError, match=r"start_levels = 4 .*range 2 to 3"):
         sf.Drive(motor, inverter, start_levels=4)
-    with pytest.raises(ValueError, match="current_sensors = 2 .*start_levels = 3 needs three sensors"):
+    with pytest.raises(ValueError, match=r"current_sensors = 2 .*start_levels = 3 needs three sensors"):
         sf.Drive(motor, inverter, start_levels=3, current_sensors=2)
-    with pytest.raises(ValueError, match="calibrate_offset = 0 .*offsets are read before each start"):
+    with pytest.raises(ValueError, match=r"calibrate_offset = 0 .*offsets are read before each start"):
         sf.Drive(motor, inverter, start_levels=3, calibrate_offset=False)
     with pytest.raises(TypeError, match="'start_levels' is a setting of the scheme 'enhanced'"):
         sf.Drive(motor, inverter, start_levels=3, scheme="paper")
