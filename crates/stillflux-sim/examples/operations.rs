@@ -89,11 +89,12 @@ impl num_traits::One for Counted {
 
 impl Words for Counted {
     const LEN: usize = 2;
+    const BLANK: Self = Self(0.0);
     fn put(&self, out: &mut impl FnMut(u32)) {
         self.0.put(out);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        Self(f64::take(from))
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        self.0.fill(from);
     }
 }
 

@@ -57,7 +57,7 @@ use conversion::Conversion;
 #[cfg(feature = "enhanced")]
 pub(crate) use enhanced::EnhancedConfig;
 #[cfg(feature = "paper")]
-pub(crate) use paper::PaperConfig;
+pub(crate) use paper::{PaperConfig, r_s_periods};
 
 /// Largest offset of a current channel at rest, per unit.
 pub(crate) const I_OFF_MAX: f64 = 0.15;
@@ -70,7 +70,6 @@ const U_DC_LEAST: f64 = 1.0 / 32.0;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct DriveConfig<R: Real> {
-    pub(crate) t_s: R,
     /// Control periods from one run of speed and flux control to the next, a power of two, less one.
     pub(crate) slow_mask: u32,
     pub(crate) inverter: InverterModel<R>,
@@ -144,7 +143,7 @@ pub struct DriveConfig<R: Real> {
 }
 words! {
     DriveConfig:
-    t_s, slow_mask, inverter, timer,
+    slow_mask, inverter, timer,
     #[cfg(feature = "modes")] double_update,
     #[cfg(feature = "modes")] discontinuous_sq,
     scheme,
@@ -236,7 +235,7 @@ impl<R: Real> DriveConfig<R> {
     /// between two calls, and the least slip.
     #[cfg(feature = "paper")]
     pub fn regeneration_config(&self) -> (R, R) {
-        (self.paper.slip_corner, self.paper.omega_r_regeneration)
+        (self.paper.slip_corner(), self.paper.omega_r_regeneration)
     }
 
     /// Settings of the resistance adaptation, if it is on.
@@ -328,7 +327,6 @@ impl<R: Real> DriveConfig<R> {
         let magnetise_periods = x.periods(p.build_up_time(machine));
 
         let config = Self {
-            t_s: r(pu.t_s),
             slow_mask: x.slow_periods - 1,
             inverter: if p.inverter_model { InverterModel::new(&pu) } else { InverterModel::ideal() },
             timer: inverter.timer()?,

@@ -470,7 +470,7 @@ impl<R: Real> Common<R> {
             };
             let (realigned, testing) = control.realigning(c);
             let tracking = Tracking {
-                psi_s: x.psi_s,
+                psi_s: estimators.psi_s(),
                 psi_ref: control.psi_ref,
                 omega_m,
                 omega_s,

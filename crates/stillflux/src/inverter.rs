@@ -192,14 +192,16 @@ words!(Parameters: u_th, dead_time, band, inv_band, knee, shift, ripple,
 impl<R: Real> Words for InverterModel<R> {
     const LEN: usize = Parameters::<R>::LEN;
     const LAYOUT: u32 = Parameters::<R>::LAYOUT;
+    const BLANK: Self = Self { parameters: Parameters::BLANK, nominal: Knee::BLANK };
     fn is_representable(&self) -> bool {
         self.parameters.is_representable()
     }
     fn put(&self, out: &mut impl FnMut(u32)) {
         self.parameters.put(out);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        Parameters::take(from).model()
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        self.parameters.fill(from);
+        *self = self.parameters.model();
     }
 }
 
@@ -232,6 +234,16 @@ pub struct Knee<R: Real> {
 }
 
 impl<R: Real> Knee<R> {
+    /// To be set.
+    const BLANK: Self = Self {
+        width: R::ZERO,
+        slope: R::ZERO,
+        tail: R::ZERO,
+        inv_width: R::ZERO,
+        #[cfg(feature = "legs")]
+        legs: [[R::ZERO; 2]; 3],
+    };
+
     /// The curve for another knee and a least half width of the linear part; the legs stay.
     #[inline(always)]
     fn set(&mut self, knee: R, band: R) {

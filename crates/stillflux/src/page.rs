@@ -66,15 +66,22 @@ impl<R: Real> Ready<R> {
     }
 
     /// What the words hold.
-    // Not inlined: so each word is copied once, to where it is kept.
-    #[inline(never)]
     fn from_words(words: &[u32; WORDS]) -> Self {
+        let mut ready = Self::BLANK;
+        ready.read(words);
+        ready
+    }
+
+    // Not inlined: each word is then copied once, to where it is kept. Of a value of its own the compiler would first gather
+    // all of them.
+    #[inline(never)]
+    fn read(&mut self, words: &[u32; WORDS]) {
         let mut n = HEAD;
-        Self::take(&mut || {
+        self.fill(&mut || {
             let word = words.get(n).copied().unwrap_or(0);
             n += 1;
             word
-        })
+        });
     }
 }
 

@@ -49,14 +49,16 @@ impl<R: Real, F> From<Space<R, F>> for [R; 2] {
 
 impl<R: Real, F> Words for Space<R, F> {
     const LEN: usize = <[R; 2]>::LEN;
+    const BLANK: Self = Self { re: R::ZERO, im: R::ZERO, frame: PhantomData };
     fn is_representable(&self) -> bool {
         [self.re(), self.im()].is_representable()
     }
     fn put(&self, out: &mut impl FnMut(u32)) {
         [self.re(), self.im()].put(out);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        <[R; 2]>::take(from).into()
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        self.re.fill(from);
+        self.im.fill(from);
     }
 }
 

@@ -185,13 +185,17 @@ impl Units {
 impl Words for Units {
     const LEN: usize = 8;
     const LAYOUT: u32 = layout(8, "i omega omega_m torque psi z inv_omega_m inv_torque");
+    const BLANK: Self =
+        Self { i: 0.0, omega: 0.0, omega_m: 0.0, torque: 0.0, psi: 0.0, z: 0.0, inv_omega_m: 0.0, inv_torque: 0.0 };
     fn put(&self, out: &mut impl FnMut(u32)) {
         let Self { i, omega, omega_m, torque, psi, z, inv_omega_m, inv_torque } = *self;
         [i, omega, omega_m, torque, psi, z, inv_omega_m, inv_torque].put(out);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        let [i, omega, omega_m, torque, psi, z, inv_omega_m, inv_torque] = Words::take(from);
-        Self { i, omega, omega_m, torque, psi, z, inv_omega_m, inv_torque }
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        let Self { i, omega, omega_m, torque, psi, z, inv_omega_m, inv_torque } = self;
+        for x in [i, omega, omega_m, torque, psi, z, inv_omega_m, inv_torque] {
+            x.fill(from);
+        }
     }
 }
 

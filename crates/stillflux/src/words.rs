@@ -13,8 +13,17 @@ pub trait Words: Sized {
     const LAYOUT: u32 = layout(Self::LEN as u32, "word");
     /// Hands the words to `out`, one after the other.
     fn put(&self, out: &mut impl FnMut(u32));
-    /// Takes them back in the same order.
-    fn take(from: &mut impl FnMut() -> u32) -> Self;
+    /// A value to take words into.
+    const BLANK: Self;
+    /// Takes the words back in the same order, each to where it is kept: a value that is put together from all of its words
+    /// would have to keep them in between, which takes twice the code.
+    fn fill(&mut self, from: &mut impl FnMut() -> u32);
+    /// Takes them back as a value of its own.
+    fn take(from: &mut impl FnMut() -> u32) -> Self {
+        let mut x = Self::BLANK;
+        x.fill(from);
+        x
+    }
     /// Whether no per-unit number lies at or beyond the end of its arithmetic's range: a constant that does was limited
     /// to that range, and is not what it stands for.
     fn is_representable(&self) -> bool {
@@ -41,23 +50,25 @@ pub const fn of_field<S, T: Words>(_: fn(&S) -> &T) -> (usize, u32) {
 }
 
 impl Words for u32 {
+    const BLANK: Self = 0;
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(*self);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        from()
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        *self = from();
     }
 }
 
 macro_rules! short_words {
     ($($short:ty),*) => {
         $(impl Words for $short {
+            const BLANK: Self = 0;
             fn put(&self, out: &mut impl FnMut(u32)) {
                 out(u32::from(*self));
             }
             #[allow(clippy::cast_possible_truncation)]
-            fn take(from: &mut impl FnMut() -> u32) -> Self {
-                from() as Self
+            fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+                *self = from() as Self;
             }
         })*
     };
@@ -65,28 +76,31 @@ macro_rules! short_words {
 short_words!(u8, u16);
 
 impl Words for bool {
+    const BLANK: Self = false;
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(u32::from(*self));
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        from() != 0
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        *self = from() != 0;
     }
 }
 
 impl Words for f32 {
+    const BLANK: Self = 0.0;
     fn is_representable(&self) -> bool {
         self.is_finite() && self.abs() < f32::MAX
     }
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(self.to_bits());
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        Self::from_bits(from())
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        *self = Self::from_bits(from());
     }
 }
 
 impl Words for f64 {
     const LEN: usize = 2;
+    const BLANK: Self = 0.0;
     fn is_representable(&self) -> bool {
         self.is_finite() && self.abs() < f64::MAX
     }
@@ -95,15 +109,16 @@ impl Words for f64 {
         out(self.to_bits() as u32);
         out((self.to_bits() >> 32) as u32);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
         let low = u64::from(from());
-        Self::from_bits(low | u64::from(from()) << 32)
+        *self = Self::from_bits(low | u64::from(from()) << 32);
     }
 }
 
 impl<T: Words, const N: usize> Words for [T; N] {
     const LEN: usize = N * T::LEN;
     const LAYOUT: u32 = layout(T::LAYOUT ^ N as u32, "array");
+    const BLANK: Self = [T::BLANK; N];
     fn is_representable(&self) -> bool {
         self.iter().all(T::is_representable)
     }
@@ -112,14 +127,17 @@ impl<T: Words, const N: usize> Words for [T; N] {
             x.put(out);
         }
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        core::array::from_fn(|_| T::take(from))
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        for x in self {
+            x.fill(from);
+        }
     }
 }
 
 impl<T: Words> Words for Option<T> {
     const LEN: usize = 1 + T::LEN;
     const LAYOUT: u32 = layout(T::LAYOUT, "option");
+    const BLANK: Self = None;
     fn is_representable(&self) -> bool {
         self.as_ref().is_none_or(T::is_representable)
     }
@@ -131,10 +149,12 @@ impl<T: Words> Words for Option<T> {
             None => T::take(&mut || 0).put(out),
         }
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
         let is_some = bool::take(from);
-        let x = T::take(from);
-        is_some.then_some(x)
+        self.insert(T::BLANK).fill(from);
+        if !is_some {
+            *self = None;
+        }
     }
 }
 
@@ -155,6 +175,7 @@ macro_rules! words {
                 })*
                 hash
             };
+            const BLANK: Self = Self { $($(#[$built])* $field: $crate::words::Words::BLANK),* };
             fn is_representable(&self) -> bool {
                 let Self { $($(#[$built])* $field),* } = self;
                 $($(#[$built])* if !$crate::words::Words::is_representable($field) { return false; })*
@@ -164,9 +185,9 @@ macro_rules! words {
                 let Self { $($(#[$built])* $field),* } = self;
                 $($(#[$built])* $crate::words::Words::put($field, out);)*
             }
-            fn take(from: &mut impl FnMut() -> u32) -> Self {
-                $($(#[$built])* let $field = $crate::words::Words::take(from);)*
-                Self { $($(#[$built])* $field),* }
+            fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+                let Self { $($(#[$built])* $field),* } = self;
+                $($(#[$built])* $crate::words::Words::fill($field, from);)*
             }
         }
     };

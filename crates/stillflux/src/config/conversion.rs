@@ -281,7 +281,6 @@ impl<'a> Conversion<'a> {
         let Self { p, pu, .. } = *self;
         let (r, u_max) = (rounded::<R>, self.u_use * pu.u_dc);
         WeakeningConfig {
-            psi_rated: r(p.psi_ref),
             psi_min: r(if p.field_weakening { 0.2 } else { 1.0 } * p.psi_ref),
             // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
             resistance: r(pu.r_s + pu.r_r * (pu.l_s / pu.l_m) * (pu.l_s / pu.l_m) / 0.8),

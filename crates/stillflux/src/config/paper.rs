@@ -12,6 +12,14 @@ use crate::params::Inverter;
 use crate::scalar::Real;
 use crate::words::words;
 
+/// Corner frequency of the low-passes in the effort of the noise compensator and in the slip of regeneration, Hz.
+const LOW_PASS: f64 = 0.2;
+
+/// Periods over which a magnetisation of so many reads `r̂_s`: the last quarter.
+pub(crate) fn r_s_periods(magnetise_periods: u32) -> u32 {
+    magnetise_periods / 4
+}
+
 /// Settings of the estimators.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -25,10 +33,7 @@ pub(crate) struct PaperConfig<R: Real> {
     pub inv_r_s: R,
     /// Slip from which on the machine counts as regenerating: a seventh of the rated one.
     pub omega_r_regeneration: R,
-    /// Corner frequency of the low-pass in that slip, times the time between two calls.
-    pub slip_corner: R,
-    /// Periods over which the magnetisation reads `r̂_s`, and their reciprocal.
-    pub r_s_periods: u32,
+    /// Reciprocal of the periods over which the magnetisation reads `r̂_s` ([`r_s_periods`]).
     pub inv_r_s_periods: R,
     /// The resistance at light load by the method of [9].
     #[cfg(feature = "variants")]
@@ -41,13 +46,19 @@ pub(crate) struct PaperConfig<R: Real> {
     pub initial_flux: Option<[R; 2]>,
 }
 words! {
-    PaperConfig: flux, resistance, confidence, r_s, inv_r_s, omega_r_regeneration, slip_corner, r_s_periods, inv_r_s_periods,
+    PaperConfig: flux, resistance, confidence, r_s, inv_r_s, omega_r_regeneration, inv_r_s_periods,
     #[cfg(feature = "variants")] light_load,
     #[cfg(feature = "variants")] adapt_at_rest,
     #[cfg(feature = "variants")] initial_flux,
 }
 
 impl<R: Real> PaperConfig<R> {
+    /// Corner frequency of the low-pass in the slip of regeneration, times the time between two calls: that of the confidence.
+    #[inline(always)]
+    pub fn slip_corner(&self) -> R {
+        self.confidence.corner
+    }
+
     /// Settings for validated parameters and a magnetisation of so many periods.
     pub fn new(pu: &PerUnit, inverter: &Inverter, p: &DriveParams, magnetise_periods: u32) -> Self {
         let r = rounded::<R>;
@@ -56,7 +67,6 @@ impl<R: Real> PaperConfig<R> {
         let adapt = f64::from(adapt_periods(slow_periods));
         let (t_speed, t_adapt) = (t_s * f64::from(speed_periods(Scheme::Paper, slow_periods)), t_s * adapt);
         let noise = if p.paper.noise_compensator { p.paper.noise_gain } else { (0.0, 0.0) };
-        let r_s_periods = magnetise_periods / 4;
         let offset = OffsetConfig {
             t_s: r(f64::from(OFFSET_PERIODS) * t_s),
             gain: r(p.paper.offset_gain),
@@ -100,16 +110,14 @@ impl<R: Real> PaperConfig<R> {
                 t_s: r(t_adapt),
                 u_floor: r(1e-4 * pu.r_s + 1e-4 * pu.dead_time * pu.u_dc),
                 u_initial: r(0.01 * pu.r_s),
-                corner: r(t_adapt * pu.hz(0.2)),
+                corner: r(t_adapt * pu.hz(LOW_PASS)),
             },
             r_s: r(pu.r_s),
             // Where the scheme does not run, a resistance too small for it is none of its concern.
             inv_r_s: r(if p.scheme == Scheme::Paper { 1.0 / pu.r_s } else { (1.0 / pu.r_s).min(R::LARGEST) }),
             // ω_r ≈ r_R T/ψ_R², ψ_R ≈ ψ*.
             omega_r_regeneration: r(0.15 * pu.r_r * pu.torque_rated / (p.psi_ref * p.psi_ref)),
-            slip_corner: r(t_adapt * pu.hz(0.2)),
-            r_s_periods,
-            inv_r_s_periods: r(1.0 / f64::from(r_s_periods)),
+            inv_r_s_periods: r(1.0 / f64::from(r_s_periods(magnetise_periods))),
             #[cfg(feature = "variants")]
             light_load: p.paper.resistance_at_light_load.then(|| LightLoadConfig {
                 l_s: r(pu.l_s),

@@ -195,11 +195,12 @@ impl Default for Scheme {
 }
 
 impl Words for Scheme {
+    const BLANK: Self = Self::Paper;
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(*self as u32);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        if from() == Self::Paper as u32 { Self::Paper } else { Self::Enhanced }
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        *self = if from() == Self::Paper as u32 { Self::Paper } else { Self::Enhanced };
     }
 }
 
@@ -219,15 +220,16 @@ pub enum LowConfidence {
 }
 
 impl Words for LowConfidence {
+    const BLANK: Self = Self::Keep;
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(*self as u32);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        match from() {
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        *self = match from() {
             0 => Self::Keep,
             1 => Self::LimitTorque,
             _ => Self::Fault,
-        }
+        };
     }
 }
 

@@ -4,7 +4,7 @@
 //! The integrator is clamped to the torque limit less the proportional part, so that it never holds torque
 //! that the limit would cut.
 
-use crate::scalar::{Integrator, Real};
+use crate::scalar::{Integrator, Real, likely};
 use crate::words::words;
 
 /// Settings of the speed controller.
@@ -72,8 +72,12 @@ impl<R: Real> SpeedController<R> {
         let p = p.clamp(lo, hi);
         // Of limits on both sides of zero the sum keeps within them whatever the proportional part; of others it only
         // makes up for what that lacks.
-        let (below, above) = (p.min(lo.max(R::ZERO)), p.max(hi.min(R::ZERO)));
-        let x = self.x.add_clamped(c.k_i, error, lo - below, hi - above);
+        let (least, most) = if likely(lo <= R::ZERO && hi >= R::ZERO) {
+            if p < R::ZERO { (lo - p, hi) } else { (lo, hi - p) }
+        } else {
+            (lo - p.min(lo.max(R::ZERO)), hi - p.max(hi.min(R::ZERO)))
+        };
+        let x = self.x.add_clamped(c.k_i, error, least, most);
         (p + x).clamp(lo, hi)
     }
 }

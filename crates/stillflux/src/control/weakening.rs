@@ -33,9 +33,7 @@ const LAGGING: f64 = 0.01;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct WeakeningConfig<R: Real> {
-    /// Rated flux reference, per unit as all of these.
-    pub psi_rated: R,
-    /// Smallest flux reference.
+    /// Smallest flux reference, per unit as all of these.
     pub psi_min: R,
     /// `r'`.
     pub resistance: R,
@@ -44,7 +42,7 @@ pub struct WeakeningConfig<R: Real> {
     /// `1/u_max²` at the rated dc link.
     pub inv_u_max_sq: R,
 }
-words!(WeakeningConfig: psi_rated, psi_min, resistance, k, inv_u_max_sq);
+words!(WeakeningConfig: psi_min, resistance, k, inv_u_max_sq);
 
 /// State of field weakening.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,22 +62,29 @@ impl<R: Real> Default for Weakening<R> {
 }
 
 impl<R: Real> Weakening<R> {
-    /// One call: `ψ*` at a speed `omega` (electrical), for a torque current and a flux `psi_s`, with the largest voltage `u_max` and
-    /// the square of the voltage reference `u_sq`.
+    /// One call: `ψ*` at a speed `omega` (electrical), for a torque current, with the rated flux and the one that there is, the
+    /// largest voltage and the square of the voltage reference.
     #[inline(always)]
-    pub fn step(&mut self, c: &WeakeningConfig<R>, omega: R, i_q: R, psi_s: R, u_max: R, u_sq: R) -> R {
+    pub fn step(
+        &mut self,
+        c: &WeakeningConfig<R>,
+        omega: R,
+        i_q: R,
+        (psi_rated, psi_s): (R, R),
+        (u_max, u_sq): (R, R),
+    ) -> R {
         let drop = c.resistance * if omega < R::ZERO { -i_q } else { i_q };
         let (omega, part) = (omega.abs(), self.part.value());
-        self.psi_ref = if likely(omega * c.psi_rated <= part * u_max - drop) {
+        self.psi_ref = if likely(omega * psi_rated <= part * u_max - drop) {
             self.part.set(R::from_f64(UTILISATION));
-            c.psi_rated
+            psi_rated
         } else {
             let mut left = R::from_f64(UTILISATION * UTILISATION) - u_sq * c.inv_u_max_sq;
             if psi_s > self.psi_ref + R::from_f64(LAGGING) {
                 left = left.max(R::ZERO);
             }
             self.part.add_clamped(c.k, left, R::from_f64(UTILISATION_MIN), R::from_f64(UTILISATION));
-            clamp_seldom((part * u_max - drop) * omega.recip(), c.psi_min, c.psi_rated)
+            clamp_seldom((part * u_max - drop) * omega.recip(), c.psi_min, psi_rated)
         };
         self.psi_ref
     }
@@ -90,12 +95,11 @@ mod tests {
     use super::*;
 
     const R: f64 = 0.12;
-    const CONFIG: WeakeningConfig<f64> =
-        WeakeningConfig { psi_rated: 1.0, psi_min: 0.2, resistance: R, k: 0.01, inv_u_max_sq: 1.0 };
+    const CONFIG: WeakeningConfig<f64> = WeakeningConfig { psi_min: 0.2, resistance: R, k: 0.01, inv_u_max_sq: 1.0 };
 
     /// `ψ*` with a voltage reference that leaves the voltage controller where it is.
     fn reference(omega: f64, i_q: f64) -> f64 {
-        Weakening::default().step(&CONFIG, omega, i_q, 1.0, 1.0, 0.9)
+        Weakening::default().step(&CONFIG, omega, i_q, (1.0, 1.0), (1.0, 0.9))
     }
 
     #[test]
@@ -121,7 +125,7 @@ mod tests {
         let mut psi = 0.4;
         for _ in 0..3000 {
             let u = 1.04 * 2.0 * psi;
-            psi = weakening.step(&CONFIG, 2.0, 0.0, psi, 1.0, u * u);
+            psi = weakening.step(&CONFIG, 2.0, 0.0, (1.0, psi), (1.0, u * u));
         }
         assert!((1.04 * 2.0 * psi - UTILISATION).abs() < 1e-3, "{psi}");
     }
@@ -129,7 +133,7 @@ mod tests {
     #[test]
     fn it_does_not_while_the_flux_has_not_yet_followed() {
         let mut weakening = Weakening::default();
-        let psi = (0..3000).map(|_| weakening.step(&CONFIG, 2.0, 0.0, 0.7, 1.0, 2.0)).last();
+        let psi = (0..3000).map(|_| weakening.step(&CONFIG, 2.0, 0.0, (1.0, 0.7), (1.0, 2.0))).last();
         assert_eq!(psi, Some(UTILISATION / 2.0));
     }
 }

@@ -243,20 +243,22 @@ impl<R: Real> Control<R> {
         let psi_ref = psi_weak.min(c.flux_control.psi_rated * factor);
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
-        let (range, (psi, weight), psi_ff);
+        let (range, (psi, weight), psi_ff, pull_out);
         if likely(psi_weak == c.flux_control.psi_rated) {
             (psi, weight) = estimators.present_flux(psi_ref);
+            pull_out = estimators.pull_out_flux(psi);
             psi_ff = psi;
             range = if speed.omega_s.within(R::from_f64(FREQUENCY_HIGH)) { Range::Low } else { Range::High };
         } else {
             // At this frequency nothing is known better than the flux that the voltage model integrates. The
             // feedforward is that of the reference, which the flux has to follow.
             (psi, weight) = (estimators.psi_s().max(c.weakening.psi_min), R::ONE);
+            pull_out = estimators.pull_out_flux(psi);
             psi_ff = psi_ref;
             range = Range::Weakened;
         }
         let inv_leakage = estimators.inv_leakage();
-        let mut i_q_max = self.largest_torque_current(c, estimators.pull_out_flux(psi), inv_leakage);
+        let mut i_q_max = self.largest_torque_current(c, pull_out, inv_leakage);
         if !likely(u_sq <= u_max * u_max) {
             i_q_max = i_q_max.min(self.i_q_at_voltage_limit(speed.omega_s));
         }
@@ -340,7 +342,8 @@ impl<R: Real> Control<R> {
         let omega = omega_turn - omega_r;
         let most = self.largest_torque_current(c, estimators.pull_out_flux(self.psi_ref), estimators.inv_leakage());
         let i_q = self.speed.demand().limit(c.speed_control.torque_max) * c.flux_control.reciprocal(self.psi_ref);
-        let psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), estimators.psi_s(), u_max, u_sq);
+        let psi = (c.flux_control.psi_rated, estimators.psi_s());
+        let psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), psi, (u_max, u_sq));
         if psi_weak == c.flux_control.psi_rated && self.psi_weak != psi_weak {
             self.flux.leave_weakening();
         }

@@ -150,7 +150,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             let root = (R::ONE + x.quarter() * (R::ONE + x.quarter().half())).recip();
             let mut psi_r = self.filter.rotor_flux(&c.enhanced.filter) * (root * root * root * root);
             // It turns with the rotor, whose speed of the stop is the best guess where nothing is induced.
-            let turned = |omega: R| (c.t_s * omega * r(64.0)).periods(pause);
+            let turned = |omega: R| (c.enhanced.filter.t_s * omega * r(64.0)).periods(pause);
             let omega = self.speed.omega_m;
             let within = turned(omega.abs().max(r(LEAST))) <= r(DIRECTION);
             let mut angle = turned(omega);

@@ -6,7 +6,9 @@ use super::estimators::Estimators;
 use super::interface::Memory;
 #[cfg(feature = "paper")]
 use super::paper::PaperEstimators;
-use crate::config::{DriveConfig, Scheme};
+use crate::config::DriveConfig;
+#[cfg(all(feature = "paper", feature = "enhanced"))]
+use crate::config::Scheme;
 use crate::estimate::offset::U_OFF_MAX;
 use crate::scalar::Real;
 
@@ -39,17 +41,15 @@ pub(super) use with_estimators;
 impl<R: Real> SchemeEstimators<R> {
     /// Estimators of the configured scheme, with the parameters of the machine.
     pub fn new(c: &DriveConfig<R>) -> Self {
-        match c.scheme {
-            #[cfg(feature = "paper")]
-            Scheme::Paper => Self::Paper(PaperEstimators::new(c)),
-            #[cfg(feature = "enhanced")]
-            Scheme::Enhanced => Self::Enhanced(EnhancedEstimators::new(c)),
-            // A configuration of a scheme that is not built does not exist: `DriveConfig::new` refuses it.
-            #[cfg(not(feature = "enhanced"))]
-            Scheme::Enhanced => Self::Paper(PaperEstimators::new(c)),
-            #[cfg(not(feature = "paper"))]
-            Scheme::Paper => Self::Enhanced(EnhancedEstimators::new(c)),
+        // In a build of one scheme there is nothing to ask: `DriveConfig::new` refuses the other one.
+        #[cfg(all(feature = "paper", feature = "enhanced"))]
+        if c.scheme == Scheme::Paper {
+            return Self::Paper(PaperEstimators::new(c));
         }
+        #[cfg(feature = "enhanced")]
+        return Self::Enhanced(EnhancedEstimators::new(c));
+        #[cfg(not(feature = "enhanced"))]
+        Self::Paper(PaperEstimators::new(c))
     }
 
     /// Restores what an earlier run stored, each value within its limits.

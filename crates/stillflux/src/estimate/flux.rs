@@ -134,12 +134,11 @@ impl<R: Real> FluxEstimator<R> {
         period: u32,
     ) {
         let u_i = *u_s - (self.i_s + *i_s) * r_s.half();
-        let u_i_before = self.u_i;
         self.i_s = *i_s;
-        self.u_i = u_i;
 
         #[cfg(feature = "variants")]
         if !likely(!config.replaced) {
+            self.u_i = u_i;
             return self.step_replaced(config, &u_i, psi_ref);
         }
 
@@ -151,8 +150,10 @@ impl<R: Real> FluxEstimator<R> {
         if period % OFFSET_PERIODS == 1
             && let Some(c) = &config.offset
         {
-            self.offset.step(c, &((u_i_before + u_i) * R::HALF), psi_ref);
+            self.offset.step(c, &((self.u_i + u_i) * R::HALF), psi_ref);
         }
+        // Last: where the parallel path does not run, the voltage of the period before is not even read.
+        self.u_i = u_i;
     }
 
     /// One period of an estimator of Section II, which has neither offset estimator nor noise compensator.
@@ -172,10 +173,14 @@ impl<R: Real> FluxEstimator<R> {
     pub fn set_stator_frequency(&mut self, config: &FluxConfig<R>, omega_s: R) {
         let omega = omega_s.abs();
         let damped = omega + omega;
-        let gain = damped.max(config.noise_min).min(config.noise_max);
-        let lowered = damped - config.noise_min;
-        let lowered = (lowered + lowered).max(config.noise_regeneration);
-        self.gain = if self.regenerating { gain.min(lowered) } else { gain };
+        // Branches: what is not asked for need not be computed.
+        let gain = if damped > config.noise_min { damped.min(config.noise_max) } else { config.noise_min };
+        self.gain = if likely(!self.regenerating) {
+            gain
+        } else {
+            let lowered = damped - config.noise_min;
+            gain.min((lowered + lowered).max(config.noise_regeneration))
+        };
         if let Some(c) = &config.offset {
             self.offset.set_stator_frequency(c, omega_s);
         }

@@ -208,9 +208,10 @@ impl<R: Real> OffsetEstimator<R> {
     pub fn set_stator_frequency(&mut self, c: &OffsetConfig<R>, omega_s: R) {
         self.now.interval = self.now.interval.wrapping_add(1);
         self.now.turned += omega_s * c.turn;
-        let fast = !omega_s.within(c.omega_max);
-        if !likely(fast == self.fast && self.now.interval != self.due) {
-            self.hold(c, fast);
+        // A branch for each state: compared with it, the answer would have to be made a value first.
+        let stays = if self.fast { !omega_s.within(c.omega_max) } else { omega_s.within(c.omega_max) };
+        if !likely(stays && self.now.interval != self.due) {
+            self.hold(c, self.fast == stays);
         }
     }
 

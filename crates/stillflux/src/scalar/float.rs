@@ -116,7 +116,7 @@ macro_rules! impl_real {
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
             fn quantise(self, timer: &Timer) -> (u32, Self) {
                 // `as` saturates and takes NaN for zero.
-                let n = (self * timer.full as $t + 0.5) as u32;
+                let n = (self * timer.full() as $t + 0.5) as u32;
                 (n, $part(n, timer))
             }
         }
@@ -158,7 +158,8 @@ macro_rules! impl_real {
 
 // `n` counts as part of full ones, at most 1: by a factor that is rounded for that, or a quotient.
 impl_real!(f32, u32, 0x5f37_5a86_u32, 1e-12, 3, |n: u32, timer: &Timer| n as f32 * f32::from_bits(timer.recip_f32));
-impl_real!(f64, u64, 0x5fe6_eb50_c7b5_37a9_u64, 1e-24, 4, |n: u32, timer: &Timer| f64::from(n) / f64::from(timer.full));
+impl_real!(f64, u64, 0x5fe6_eb50_c7b5_37a9_u64, 1e-24, 4, |n: u32, timer: &Timer| f64::from(n)
+    / f64::from(timer.full()));
 
 #[cfg(test)]
 mod tests {

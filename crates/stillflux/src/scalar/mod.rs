@@ -13,6 +13,7 @@ use crate::error::ParamError;
 use crate::words::Words;
 use core::fmt::Debug;
 use core::marker::PhantomData;
+use core::num::NonZeroU32;
 use core::ops::{Add, AddAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// What the feature `serde` adds to every arithmetic; without it, nothing.
@@ -256,8 +257,8 @@ pub(crate) fn likely(condition: bool) -> bool {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Timer {
-    /// Counts of a full duty (from carrier valley to peak).
-    full: u32,
+    /// Counts of a full duty (from carrier valley to peak); not zero, so that no timer takes no word of its own.
+    full: NonZeroU32,
     /// Bits by which `full` is moved up to lie in `2^30 ..= 2^31 - 1`.
     shift: u32,
     /// `2^(56 - shift) / full`, rounded up: the upper word of its product with `full << shift` is `2^24`.
@@ -301,25 +302,31 @@ impl Timer {
         let mantissa = (if excess <= 1_u64 << (exponent - 24) { up } else { up - 1 }) as u32;
         // mantissa 2^-exponent with 2^23 <= mantissa <= 2^24; 2^24 is the next power of two.
         let recip_f32 = ((127 + 23 - exponent) << 23) + (mantissa - (1 << 23));
+        let full = match NonZeroU32::new(full) {
+            Some(full) => full,
+            None => NonZeroU32::MIN,
+        };
         Self { full, shift, recip_q, recip_f32 }
     }
 
     /// Counts of a full duty.
+    #[inline]
     #[must_use]
     pub fn full(&self) -> u32 {
-        self.full
+        self.full.get()
     }
 }
 
 impl Words for Timer {
     const LEN: usize = 4;
+    const BLANK: Self = Self { full: NonZeroU32::MIN, shift: 0, recip_q: 0, recip_f32: 0 };
     fn put(&self, out: &mut impl FnMut(u32)) {
-        [self.full, self.shift, self.recip_q, self.recip_f32].put(out);
+        [self.full(), self.shift, self.recip_q, self.recip_f32].put(out);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
         let [full, shift, recip_q, recip_f32] = Words::take(from);
         // A shift is below the width of a word, whatever a page holds.
-        Self { full, shift: shift & 31, recip_q, recip_f32 }
+        *self = Self { full: NonZeroU32::new(full).unwrap_or(NonZeroU32::MIN), shift: shift & 31, recip_q, recip_f32 };
     }
 }
 

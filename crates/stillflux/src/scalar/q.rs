@@ -234,9 +234,8 @@ impl num_traits::One for Q {
 }
 
 impl Real for Q {
-    /// Q15.48: the full product of two Q7.24 is added without rounding.
-    type Sum = i64;
-    type Quick = i64;
+    type Sum = Wide;
+    type Quick = Wide;
 
     const ZERO: Self = Self(0);
     const HALF: Self = Self(1 << 23);
@@ -372,7 +371,7 @@ impl Real for Q {
     #[inline]
     fn quantise(self, timer: &Timer) -> (u32, Self) {
         // Q30 times four full counts, rounded: the upper word (SMMULR) is the count.
-        let n = ((product(self.0 << 6, (timer.full << 2) as i32) + (1 << 31)) >> 32) as u32;
+        let n = ((product(self.0 << 6, (timer.full() << 2) as i32) + (1 << 31)) >> 32) as u32;
         (n, Self(mul_hi(n << timer.shift, timer.recip_q) as i32))
     }
 
@@ -420,6 +419,7 @@ impl Real for Q {
 }
 
 impl Words for Q {
+    const BLANK: Self = Self(0);
     fn is_representable(&self) -> bool {
         // Saturation ends at the bounds.
         self.0 != i32::MAX && self.0 != i32::MIN
@@ -427,28 +427,54 @@ impl Words for Q {
     fn put(&self, out: &mut impl FnMut(u32)) {
         out(self.0 as u32);
     }
-    fn take(from: &mut impl FnMut() -> u32) -> Self {
-        Self(from() as i32)
+    fn fill(&mut self, from: &mut impl FnMut() -> u32) {
+        *self = Self(from() as i32);
     }
 }
 
-impl Sum<Q> for i64 {
+/// Q15.48: the full product of two [`Q`] is added without rounding. Aligned as the words around it: as the `i64` that it is
+/// it would leave gaps in nearly every state that holds one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(from = "i64", into = "i64"))]
+#[repr(C, packed(4))]
+pub struct Wide(i64);
+
+impl From<i64> for Wide {
+    fn from(sum: i64) -> Self {
+        Self(sum)
+    }
+}
+impl From<Wide> for i64 {
+    fn from(sum: Wide) -> Self {
+        sum.0
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Wide {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "{}", i64::from(*self));
+    }
+}
+
+impl Sum<Q> for Wide {
     #[inline]
     fn of(x: Q) -> Self {
-        Self::from(x.0) << Q::FRAC
+        Self(i64::from(x.0) << Q::FRAC)
     }
     #[inline]
     fn accumulate(&mut self, gain: Q, x: Q) {
         // |product| <= 2^62; the sum is kept within ±2^55 (±128), so no overflow. Saturating the upper word
         // alone (one SSAT) lands within 2^-16 of the bound.
-        let s = *self + wide(gain, x);
+        let s = self.0 + wide(gain, x);
         let hi = ((s >> 32) as i32).clamp(-(1 << 23), (1 << 23) - 1);
-        *self = Self::from(hi) << 32 | (s & 0xFFFF_FFFF);
+        self.0 = i64::from(hi) << 32 | (s & 0xFFFF_FFFF);
     }
     #[inline]
     fn value(self) -> Q {
         // `self >> 24` by words: the compiler multiplies a number that it has seen as 64 bits by three instructions.
-        Q(((self >> 32) as i32) << 8 | (self as u32 >> 24) as i32)
+        let sum = self.0;
+        Q(((sum >> 32) as i32) << 8 | (sum as u32 >> 24) as i32)
     }
 }
 
@@ -570,7 +596,7 @@ mod tests {
             let (x, y) = (Q(a), Q(b));
             let _ = (-x, x.abs(), x.recip(), x.rsqrt(), x.sqrt(), x * y + x - y);
             let _ = (Q::dot([x, y], [y, x]), Q::cross([x, y], [y, x]), x.within(y.abs()));
-            let mut s = <i64 as Sum<Q>>::of(x);
+            let mut s = <Wide as Sum<Q>>::of(x);
             for _ in 0..8 { s.accumulate(y, y); s.accumulate(x, x); }
             let _: Q = s.value();
         }

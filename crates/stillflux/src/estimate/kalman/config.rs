@@ -31,7 +31,7 @@ const SLOT_BITS_MAX: u8 = 3;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FilterConfig<R: Real> {
     /// Control period, normalised time.
-    pub(super) t_s: R,
+    pub(crate) t_s: R,
     /// Control periods in a block, and the reciprocal.
     pub(super) block: u8,
     pub(super) inv_block: R,
