@@ -36,8 +36,8 @@ WARNINGS = [
 ]
 #: Features of the library by arithmetic, as the images in Rust have them.
 FEATURES: dict[str, list[str]] = {
-    "f32": ["--no-default-features", "--features", "enhanced"],
-    "q": ["--no-default-features", "--features", "enhanced,q"],
+    "f32": ["--no-default-features", "--features", "enhanced,additions"],
+    "q": ["--no-default-features", "--features", "enhanced,additions,q"],
 }
 #: The functions of the header.
 FUNCTIONS = {

@@ -28,14 +28,14 @@ use stillflux_sim::{Plant, PlantParams};
 
 /// Reference speed (per unit) and load (of rated torque) from a time on: start-up, low speed, load step,
 /// regeneration held at zero stator frequency (the speed is minus the slip of rated torque), reversal, fast
-/// with field weakening, torque control.
+/// with field weakening (without it as fast as the voltage allows), torque control.
 const PROFILE: [(f64, Set, f64); 9] = [
     (0.0, Set::Speed(0.0), 0.0),
     (1.7, Set::Speed(0.05), 0.0),
     (2.6, Set::Speed(0.05), 1.0),
     (3.6, Set::Speed(-0.0364), 1.0),
     (7.0, Set::Speed(-0.3), 0.3),
-    (8.5, Set::Speed(1.5), 0.1),
+    (8.5, Set::Speed(if cfg!(feature = "weakening") { 1.5 } else { 0.85 }), 0.1),
     (11.5, Set::Speed(0.05), 0.5),
     (13.5, Set::Torque(0.5), 0.45),
     (14.0, Set::Stop, 0.0),

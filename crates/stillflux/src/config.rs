@@ -89,6 +89,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) flux_control: FluxControlConfig<R>,
     pub(crate) weakening: WeakeningConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
+    /// Part of the speed's deviation that counts at rated flux.
+    pub(crate) speed_part: R,
     pub(crate) supervision: SupervisionConfig<R>,
     pub(crate) low_confidence: LowConfidence,
     /// From a sample to the middle of the period in which its duties act.
@@ -149,7 +151,7 @@ words! {
     scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, part_ahead, i_range, i_plain_sq,
+    speed, current, flux_control, weakening, speed_control, speed_part, supervision, low_confidence, t_ahead, part_ahead, i_range, i_plain_sq,
     i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "supervision")] realign,
     #[cfg(feature = "dclink")] dclink,
@@ -326,6 +328,7 @@ impl<R: Real> DriveConfig<R> {
         let plain = (x.i_range - I_OFF_MAX).max(0.0);
         let magnetise_periods = x.periods(p.build_up_time(machine));
 
+        let (flux_control, speed_control) = (x.flux_control(), x.speed_control());
         let config = Self {
             slow_mask: x.slow_periods - 1,
             inverter: if p.inverter_model { InverterModel::new(&pu) } else { InverterModel::ideal() },
@@ -341,9 +344,10 @@ impl<R: Real> DriveConfig<R> {
             enhanced: EnhancedConfig::new(machine, inverter, &pu, p, x.i_q_max),
             speed: x.speed(),
             current: x.current(),
-            flux_control: x.flux_control(),
+            flux_control,
             weakening: x.weakening(),
-            speed_control: x.speed_control(),
+            speed_control,
+            speed_part: speed_control.part(flux_control.psi_rated * flux_control.inv_psi_rated),
             supervision: x.supervision(),
             low_confidence: p.low_confidence,
             t_ahead: r(1.5 * pu.t_s),
@@ -502,6 +506,21 @@ mod tests {
         ] {
             assert!(e.as_ref().is_some_and(|e| e.field == field), "{field}: {e:?}");
         }
+    }
+
+    #[test]
+    fn a_setting_whose_feature_is_left_out_is_refused_by_name() {
+        fn with(field: &str, built: bool, change: impl Fn(&mut DriveParams)) {
+            match refused::<Q>(|_, _, p| change(p)) {
+                None => assert!(built, "{field}"),
+                Some(e) => assert!(!built && e.field == field && e.note.contains("feature"), "{e}"),
+            }
+        }
+        with("field_weakening", cfg!(feature = "weakening"), |p| p.field_weakening = true);
+        with("acceleration", cfg!(feature = "ramp"), |p| p.acceleration = Some(100.0));
+        with("machine_overload[0]", cfg!(feature = "derating"), |p| p.machine_overload = Some((5.0, 60.0)));
+        with("bridge_overload[0]", cfg!(feature = "derating"), |p| p.bridge_overload = Some((5.0, 60.0)));
+        assert_eq!(refused::<Q>(|_, _, _| {}), None, "no default needs what is left out");
     }
 
     #[test]

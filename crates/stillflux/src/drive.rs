@@ -28,6 +28,11 @@ mod estimators;
 mod interface;
 #[cfg(feature = "paper")]
 mod paper;
+#[cfg(feature = "ripple")]
+mod ripple;
+#[cfg(not(feature = "ripple"))]
+#[path = "drive/left_out/ripple.rs"]
+mod ripple;
 mod scheme;
 mod sequence;
 mod voltage;
@@ -399,13 +404,8 @@ impl<R: Real> Common<R> {
         estimators: &E,
         measured: &Measurement<R>,
     ) -> Option<Measurement<R>> {
-        let last = estimators.sensed(c);
-        if !self.sequence.bridges(c, measured, &last) {
-            return None;
-        }
-        let switching = self.sequence.is_switching();
-        let u_dc = self.control.voltage.u_dc().filter(|_| switching)?;
-        Some(self.sequence.measurement(c, &last, u_dc))
+        let Self { sequence, control, .. } = self;
+        sequence.bridge(c, measured, || estimators.sensed(c), || control.voltage.u_dc())
     }
 
     /// Tasks slower than the control period, each in a period of its own.

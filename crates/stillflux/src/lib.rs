@@ -15,7 +15,8 @@
 //! `supervision`, on by default.
 //!
 //! The features `paper` (the published scheme) and `enhanced` choose the estimators that a build of the drive holds;
-//! both are on by default, a product needs one. The feature `commission` adds self-commissioning.
+//! both are on by default, a product needs one. `additions` is what both have beyond the paper's drive, `commission` adds
+//! self-commissioning.
 //!
 //! ```
 //! use stillflux::config::{DriveConfig, DriveParams};

@@ -5,6 +5,8 @@
 //! they are; [`Words::take`] reads them back without any arithmetic. [`Words::LAYOUT`] identifies names and order of
 //! all fields; it and the check of the content belong to the page around the words ([`crate::page`]).
 
+use core::marker::PhantomData;
+
 /// A value that is stored as a fixed sequence of words.
 pub trait Words: Sized {
     /// Number of words.
@@ -113,6 +115,14 @@ impl Words for f64 {
         let low = u64::from(from());
         *self = Self::from_bits(low | u64::from(from()) << 32);
     }
+}
+
+/// A feature that is left out: no words.
+impl<T> Words for PhantomData<T> {
+    const LEN: usize = 0;
+    const BLANK: Self = Self;
+    fn put(&self, _: &mut impl FnMut(u32)) {}
+    fn fill(&mut self, _: &mut impl FnMut() -> u32) {}
 }
 
 impl<T: Words, const N: usize> Words for [T; N] {

@@ -280,13 +280,13 @@ impl<'a> Conversion<'a> {
     pub fn weakening<R: Real>(&self) -> WeakeningConfig<R> {
         let Self { p, pu, .. } = *self;
         let (r, u_max) = (rounded::<R>, self.u_use * pu.u_dc);
-        WeakeningConfig {
-            psi_min: r(if p.field_weakening { 0.2 } else { 1.0 } * p.psi_ref),
+        WeakeningConfig::new(
+            r(if p.field_weakening { 0.2 } else { 1.0 } * p.psi_ref),
             // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
-            resistance: r(pu.r_s + pu.r_r * (pu.l_s / pu.l_m) * (pu.l_s / pu.l_m) / 0.8),
-            k: r(self.time(self.adapt_periods) * pu.hz(p.flux_bandwidth) / 2.0),
-            inv_u_max_sq: r((1.0 / (u_max * u_max)).min(100.0)),
-        }
+            r(pu.r_s + pu.r_r * (pu.l_s / pu.l_m) * (pu.l_s / pu.l_m) / 0.8),
+            r(self.time(self.adapt_periods) * pu.hz(p.flux_bandwidth) / 2.0),
+            r((1.0 / (u_max * u_max)).min(100.0)),
+        )
     }
 
     pub fn speed_control<R: Real>(&self) -> SpeedControlConfig<R> {
@@ -344,12 +344,12 @@ impl<'a> Conversion<'a> {
 
     pub fn ramp<R: Real>(&self) -> RampConfig<R> {
         let (r, (acceleration, jerk)) = (rounded::<R>, self.ramp_units());
-        RampConfig {
-            acceleration: r(self.p.acceleration.map_or(0.0, |a| a * acceleration)),
-            jerk: r(self.p.jerk.map_or(0.0, |j| j * jerk)),
+        RampConfig::new(
+            r(self.p.acceleration.map_or(0.0, |a| a * acceleration)),
+            r(self.p.jerk.map_or(0.0, |j| j * jerk)),
             // Twice the deviation at which the proportional part alone asks for the largest torque.
-            lead: r((2.0 * self.torque_max() / self.speed_gain).min(1.0)),
-        }
+            r((2.0 * self.torque_max() / self.speed_gain).min(1.0)),
+        )
     }
 
     /// Of the machine and of the bridge.
@@ -360,7 +360,7 @@ impl<'a> Conversion<'a> {
                 let interval = f64::from(self.adapt_periods * overload::CALLS) / self.inverter.f_c();
                 (2.0 * current * current / (b.i * b.i), interval / time)
             });
-            OverloadConfig { i_c_sq: r(i_c_sq), inv_i_c_sq: r(1.0 / i_c_sq), rate: r(rate) }
+            OverloadConfig::new(r(i_c_sq), r(1.0 / i_c_sq), r(rate))
         })
     }
 

@@ -27,6 +27,8 @@ const LEAST_BUILD_UP: f64 = 3.0;
 
 /// Whether the monitors of the supervision are built.
 const SUPERVISED: bool = cfg!(feature = "supervision");
+/// Whether this build has field weakening, which is on by default.
+const WEAKENED: bool = cfg!(feature = "weakening");
 /// Control periods from one run to the next of the supervision.
 pub(crate) const SUPERVISION_PERIODS: u32 = 4;
 /// Control periods between two samples of the fit of the current sensors' gains, and between two curves of the inverter
@@ -318,13 +320,15 @@ pub struct DriveParams {
     /// Discontinuous modulation from this voltage on, in parts of the largest that continuous modulation makes, `u_dc/√3`;
     /// 0.3 to 1 ([`crate::control::modulator`]); `None`: continuous at every voltage.
     pub discontinuous_above: Option<f64>,
-    /// Lower the flux where the voltage is used up ([`crate::control::weakening`]). Without it the speed ends there.
+    /// Lower the flux where the voltage is used up ([`crate::control::weakening`]). Without it the speed ends there. Needs the
+    /// feature `weakening`.
     pub field_weakening: bool,
     /// Use the voltage between the circle within the hexagon and the hexagon: 5.2 % more for flux and torque, and a current
     /// with the 5th and 7th harmonic while all of it is used. At least 45 control periods in one turn of the field at
     /// `omega_max`.
     pub overmodulation: bool,
-    /// Largest acceleration of the speed reference, mechanical rad/s²; `None`: it is followed as it is.
+    /// Largest acceleration of the speed reference, mechanical rad/s²; `None`: it is followed as it is. It and the jerk need
+    /// the feature `ramp`.
     pub acceleration: Option<f64>,
     /// Largest jerk of the speed reference, mechanical rad/s³, together with an acceleration; `None`: no limit.
     pub jerk: Option<f64>,
@@ -333,7 +337,8 @@ pub struct DriveParams {
     /// Negative and positive limit of the speed reference, mechanical rad/s, within `omega_max`; `None`: ±`omega_max`.
     pub speed_limits: Option<(f64, f64)>,
     /// Continuous current of the machine in A rms and the time constant of its heat in s: the current is derated before
-    /// the heat exceeds that of the continuous current ([`crate::control::overload`]); `None`: no derating.
+    /// the heat exceeds that of the continuous current ([`crate::control::overload`]); `None`: no derating. It and
+    /// the bridge's need the feature `derating`.
     pub machine_overload: Option<(f64, f64)>,
     /// The same of the bridge.
     pub bridge_overload: Option<(f64, f64)>,
@@ -399,7 +404,7 @@ impl DriveParams {
             stall_time: if SUPERVISED { 0.35 } else { 0.0 },
             realignment: SUPERVISED,
             discontinuous_above: None,
-            field_weakening: true,
+            field_weakening: WEAKENED,
             overmodulation: false,
             acceleration: None,
             jerk: None,
@@ -469,6 +474,9 @@ impl DriveParams {
             if value != 0.0 && !SUPERVISED {
                 return Err(refuse(field, value, "", "needs the feature `supervision`"));
             }
+        }
+        if self.field_weakening && !WEAKENED {
+            return Err(refuse("field_weakening", 1.0, "", "needs the feature `weakening`"));
         }
         if let Some(part) = self.discontinuous_above {
             check("discontinuous_above", part, 0.3, if cfg!(feature = "modes") { 1.0 } else { 0.0 }, "")
@@ -563,6 +571,11 @@ impl DriveParams {
     /// Ramp, limits by direction, derating.
     fn validate_limits(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
         let omega_n = machine.omega_sR() / f64::from(machine.n_p);
+        for (field, value, unit) in [("acceleration", self.acceleration, "rad/s²"), ("jerk", self.jerk, "rad/s³")] {
+            if let (Some(value), false) = (value, cfg!(feature = "ramp")) {
+                return Err(refuse(field, value, unit, "needs the feature `ramp`"));
+            }
+        }
         if let Some(a) = self.acceleration {
             check("acceleration", a, 1e-3 * omega_n, 1000.0 * omega_n, "rad/s²")?;
         }
@@ -587,6 +600,9 @@ impl DriveParams {
             (["bridge_overload[0]", "bridge_overload[1]"], self.bridge_overload),
         ] {
             if let Some((current, time)) = body {
+                if !cfg!(feature = "derating") {
+                    return Err(refuse(fields[0], current, "A", "needs the feature `derating`"));
+                }
                 check(fields[0], current, least, self.i_max / root, "A")?;
                 // Longer than the interval in which it is computed, short enough for fixed point.
                 check(fields[1], time, 1e4 / inverter.f_c(), 3600.0, "s")?;

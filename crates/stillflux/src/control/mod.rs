@@ -10,7 +10,15 @@ pub mod handover;
 #[cfg(feature = "enhanced")]
 pub(crate) mod levels;
 pub mod modulator;
+#[cfg(feature = "derating")]
 pub mod overload;
+#[cfg(not(feature = "derating"))]
+#[path = "left_out/overload.rs"]
+pub mod overload;
+#[cfg(feature = "ramp")]
+pub mod ramp;
+#[cfg(not(feature = "ramp"))]
+#[path = "left_out/ramp.rs"]
 pub mod ramp;
 #[cfg(feature = "supervision")]
 pub mod realign;
@@ -18,4 +26,8 @@ pub mod shift;
 #[cfg(feature = "shunt")]
 pub mod shunt;
 pub mod speed;
+#[cfg(feature = "weakening")]
+pub mod weakening;
+#[cfg(not(feature = "weakening"))]
+#[path = "left_out/weakening.rs"]
 pub mod weakening;

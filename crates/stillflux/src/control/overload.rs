@@ -66,6 +66,11 @@ impl<R: Real> Overload<R> {
 }
 
 impl<R: Real> OverloadConfig<R> {
+    /// Of a body with `i_c²`, its reciprocal, and the time between two computations over `τ`.
+    pub fn new(i_c_sq: R, inv_i_c_sq: R, rate: R) -> Self {
+        Self { i_c_sq, inv_i_c_sq, rate }
+    }
+
     /// Square of the largest current of this body, at the mean square of the current since the last computation.
     // A call: the code exists once for both.
     #[inline(never)]

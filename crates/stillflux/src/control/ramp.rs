@@ -31,6 +31,13 @@ pub struct RampConfig<R: Real> {
 }
 words!(RampConfig: acceleration, jerk, lead);
 
+impl<R: Real> RampConfig<R> {
+    /// Of a ramp.
+    pub fn new(acceleration: R, jerk: R, lead: R) -> Self {
+        Self { acceleration, jerk, lead }
+    }
+}
+
 /// State of the ramp.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -42,6 +42,18 @@ pub struct WeakeningConfig<R: Real> {
     /// `1/u_max²` at the rated dc link.
     pub inv_u_max_sq: R,
 }
+impl<R: Real> WeakeningConfig<R> {
+    /// Of a smallest flux reference, `r'`, the gain of the voltage controller and `1/u_max²`.
+    pub fn new(psi_min: R, resistance: R, k: R, inv_u_max_sq: R) -> Self {
+        Self { psi_min, resistance, k, inv_u_max_sq }
+    }
+
+    /// A flux, at least the smallest reference.
+    #[inline(always)]
+    pub fn at_least(&self, psi_s: R) -> R {
+        psi_s.max(self.psi_min)
+    }
+}
 words!(WeakeningConfig: psi_min, resistance, k, inv_u_max_sq);
 
 /// State of field weakening.
@@ -53,15 +65,60 @@ pub struct Weakening<R: Real> {
     part: Integrator<R>,
     /// `ψ*` of the last call.
     psi_ref: R,
+    /// Flux reference as the voltage allows it; zero while the current of a start follows a flux that builds up.
+    most: R,
 }
 
 impl<R: Real> Default for Weakening<R> {
     fn default() -> Self {
-        Self { part: Integrator::new(R::from_f64(UTILISATION)), psi_ref: R::ZERO }
+        Self { part: Integrator::new(R::from_f64(UTILISATION)), psi_ref: R::ZERO, most: R::ZERO }
     }
 }
 
 impl<R: Real> Weakening<R> {
+    /// A start-up begins, to rated flux.
+    pub fn begin(&mut self, psi_rated: R) {
+        self.most = psi_rated;
+    }
+
+    /// The current of a start follows a flux that builds up.
+    pub fn follow_flux(&mut self) {
+        self.most = R::ZERO;
+    }
+
+    /// Begins anew at rated flux.
+    pub fn start(&mut self, psi_rated: R) {
+        *self = Self { most: psi_rated, ..Self::default() };
+    }
+
+    /// Flux reference as the voltage allows it.
+    #[inline(always)]
+    pub fn most(&self, _psi_rated: R) -> R {
+        self.most
+    }
+
+    /// Whether that is the rated one.
+    #[inline(always)]
+    pub fn is_rated(&self, psi_rated: R) -> bool {
+        self.most == psi_rated
+    }
+
+    /// [`Self::step`] as the flux reference from now on; whether field weakening ends with it.
+    #[inline(always)]
+    pub fn limit(
+        &mut self,
+        c: &WeakeningConfig<R>,
+        omega: R,
+        i_q: R,
+        (psi_rated, psi_s): (R, R),
+        voltage: (R, R),
+    ) -> bool {
+        let most = self.step(c, omega, i_q, (psi_rated, psi_s), voltage);
+        let ends = most == psi_rated && self.most != most;
+        self.most = most;
+        ends
+    }
+
     /// One call: `ψ*` at a speed `omega` (electrical), for a torque current, with the rated flux and the one that there is, the
     /// largest voltage and the square of the voltage reference.
     #[inline(always)]

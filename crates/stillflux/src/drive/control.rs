@@ -55,8 +55,6 @@ pub(super) struct Control<R: Real> {
     pub i_dq: Dq<R>,
     pub i_dq_ref: Dq<R>,
     pub psi_ref: R,
-    /// Flux reference as the voltage allows it; zero while the current of a start follows a flux that builds up.
-    psi_weak: R,
     /// Torque current for which the current limit leaves room beside `i_d*`.
     i_q_room: R,
     /// Square of the largest current, as the heat of machine and bridge allows it.
@@ -85,7 +83,6 @@ impl<R: Real> Control<R> {
             i_dq: Dq::default(),
             i_dq_ref: Dq::default(),
             psi_ref: R::ZERO,
-            psi_weak: R::ZERO,
             i_q_room: R::ONE,
             i_max_sq: R::ZERO,
             limited: R::ZERO,
@@ -104,20 +101,19 @@ impl<R: Real> Control<R> {
     /// A start-up begins, to rated flux: the current controller starts.
     pub fn begin(&mut self, c: &DriveConfig<R>) {
         self.current.start();
-        self.psi_weak = c.flux_control.psi_rated;
+        self.weakening.begin(c.flux_control.psi_rated);
     }
 
     /// The current of a start follows a flux that builds up: the inverter model takes its loss as in field weakening.
     pub fn follow_flux(&mut self) {
-        self.psi_weak = R::ZERO;
+        self.weakening.follow_flux();
     }
 
     /// The start-up is complete: flux and speed controllers start.
     pub fn start(&mut self, c: &DriveConfig<R>, omega_m: R) {
         self.psi_ref = c.flux_control.psi_rated;
         self.flux.start();
-        self.psi_weak = c.flux_control.psi_rated;
-        self.weakening = Weakening::default();
+        self.weakening.start(c.flux_control.psi_rated);
         self.i_q_room = c.i_q_max;
         if self.i_max_sq == R::ZERO {
             // The first start: later ones go on with the heat of the last run.
@@ -216,8 +212,8 @@ impl<R: Real> Control<R> {
         let ahead = x.field.ahead(x.omega_s * c.t_ahead);
         let u_ff = Dq::new(i_ref.re() * x.r_s, i_ref.im() * x.r_s + x.omega_s * x.psi_s);
         let u = self.current.step(&c.current, &i_ref, &self.i_dq, &u_ff, u_dc * c.u_limit);
-        let Self { voltage, i_dq, psi_weak, .. } = self;
-        let i_ahead = || ahead.to_stator(&current_ahead(c, *psi_weak, &i_ref, i_dq));
+        let Self { voltage, i_dq, weakening, .. } = self;
+        let i_ahead = || ahead.to_stator(&current_ahead(c, weakening, &i_ref, i_dq));
         voltage.command(c, period, &ahead.to_stator(&u), i_ahead, u_dc, inverter)
     }
 
@@ -239,12 +235,13 @@ impl<R: Real> Control<R> {
             self.limited * c.speed_control.torque_max
         };
         let factor = estimators.flux_factor(c, torque);
-        let (u_max, u_sq, psi_weak) = (u_dc * c.u_use, self.current.u_sq(), self.psi_weak);
-        let psi_ref = psi_weak.min(c.flux_control.psi_rated * factor);
+        let (u_max, u_sq, psi_rated) = (u_dc * c.u_use, self.current.u_sq(), c.flux_control.psi_rated);
+        let psi_weak = self.weakening.most(psi_rated);
+        let psi_ref = psi_weak.min(psi_rated * factor);
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
         let (range, (psi, weight), psi_ff, pull_out);
-        if likely(psi_weak == c.flux_control.psi_rated) {
+        if likely(self.weakening.is_rated(psi_rated)) {
             (psi, weight) = estimators.present_flux(psi_ref);
             pull_out = estimators.pull_out_flux(psi);
             psi_ff = psi;
@@ -252,7 +249,7 @@ impl<R: Real> Control<R> {
         } else {
             // At this frequency nothing is known better than the flux that the voltage model integrates. The
             // feedforward is that of the reference, which the flux has to follow.
-            (psi, weight) = (estimators.psi_s().max(c.weakening.psi_min), R::ONE);
+            (psi, weight) = (c.weakening.at_least(estimators.psi_s()), R::ONE);
             pull_out = estimators.pull_out_flux(psi);
             psi_ff = psi_ref;
             range = Range::Weakened;
@@ -283,17 +280,18 @@ impl<R: Real> Control<R> {
                 let (lo, hi) = if self.realign.is_testing(&c.realign) { (lo.half(), hi.half()) } else { (lo, hi) };
                 // In field weakening a torque takes more current: where the gain from speed to torque current would come
                 // too near to the bandwidth of current control, the deviation counts less, by as much as the flux at most.
-                let part = self.psi_weak * c.flux_control.inv_psi_rated;
-                let weakened = (part * c.speed_control.inv_gain).max(part).min(R::ONE);
-                let torque = self.speed.step(&c.speed_control, (omega - omega_m) * weakened, (lo, hi));
+                let part = if likely(self.weakening.is_rated(psi_rated)) {
+                    c.speed_part
+                } else {
+                    c.speed_control.part(psi_weak * c.flux_control.inv_psi_rated)
+                };
+                let torque = self.speed.step(&c.speed_control, (omega - omega_m) * part, (lo, hi));
                 let at_limit = (hi - lo) * R::from_f64(AT_LIMIT);
                 // Where no torque is allowed there is none that could be lacking.
-                limited = if hi <= lo {
-                    R::ZERO
-                } else if torque >= hi - at_limit {
-                    R::ONE
+                limited = if torque >= hi - at_limit {
+                    if hi <= lo { R::ZERO } else { R::ONE }
                 } else if torque <= lo + at_limit {
-                    -R::ONE
+                    if hi <= lo { R::ZERO } else { -R::ONE }
                 } else {
                     R::ZERO
                 };
@@ -333,7 +331,8 @@ impl<R: Real> Control<R> {
         let (u_max, u_sq) = (u_dc * c.u_use, self.current.u_sq());
         // Nothing to compute where the voltage is far from its limit.
         let near = u_max * R::from_f64(NEAR_LIMIT);
-        if likely(u_sq < near * near) && self.psi_weak == c.flux_control.psi_rated {
+        let psi_rated = c.flux_control.psi_rated;
+        if likely(u_sq < near * near) && self.weakening.is_rated(psi_rated) {
             return;
         }
         // The loop of the speed estimator turns at the frequency of the flux also in a ramp of the speed, behind which
@@ -342,12 +341,10 @@ impl<R: Real> Control<R> {
         let omega = omega_turn - omega_r;
         let most = self.largest_torque_current(c, estimators.pull_out_flux(self.psi_ref), estimators.inv_leakage());
         let i_q = self.speed.demand().limit(c.speed_control.torque_max) * c.flux_control.reciprocal(self.psi_ref);
-        let psi = (c.flux_control.psi_rated, estimators.psi_s());
-        let psi_weak = self.weakening.step(&c.weakening, omega, i_q.limit(most), psi, (u_max, u_sq));
-        if psi_weak == c.flux_control.psi_rated && self.psi_weak != psi_weak {
+        let psi = (psi_rated, estimators.psi_s());
+        if self.weakening.limit(&c.weakening, omega, i_q.limit(most), psi, (u_max, u_sq)) {
             self.flux.leave_weakening();
         }
-        self.psi_weak = psi_weak;
     }
 
     /// Largest torque current by pull-out, at a flux and a leakage as in [`FluxController::step`], by current limit and heat.
@@ -391,8 +388,8 @@ impl<R: Real> Control<R> {
 /// the stator a part `U δ/2ψ` of that is a direct voltage, which lets `δ` grow within `2ψ/U`. At 160 kW and 4 kHz
 /// (`U` = 0.02) that is 30 ms at a tenth of rated flux.
 #[inline(always)]
-fn current_ahead<R: Real>(c: &DriveConfig<R>, psi_weak: R, i_ref: &Dq<R>, i_dq: &Dq<R>) -> Dq<R> {
-    if likely(psi_weak == c.flux_control.psi_rated) {
+fn current_ahead<R: Real>(c: &DriveConfig<R>, weakening: &Weakening<R>, i_ref: &Dq<R>, i_dq: &Dq<R>) -> Dq<R> {
+    if likely(weakening.is_rated(c.flux_control.psi_rated)) {
         return *i_ref;
     }
     *i_dq + (*i_ref - *i_dq) * c.part_ahead

@@ -1,6 +1,12 @@
 //! Sequence and measurement checks: the state of a drive, the offsets of its current sensors at standstill, and the
 //! faults that block the bridge.
 
+#[cfg(feature = "bridging")]
+mod bridging;
+#[cfg(not(feature = "bridging"))]
+#[path = "left_out/bridging.rs"]
+mod bridging;
+
 use super::estimators::Estimators;
 use super::interface::{Measurement, Reference, Status};
 use crate::config::{DriveConfig, I_OFF_MAX};
@@ -37,6 +43,7 @@ pub(super) struct Sequence<R: Real> {
     /// Period in which the drive ran last, if it stopped without having lost anything.
     ran: Option<u32>,
     /// Period of the latest sample that could not be used.
+    #[cfg(feature = "bridging")]
     last_bad: u32,
     /// What was measured at the fault, and its limit.
     trip: (R, R),
@@ -52,6 +59,7 @@ impl<R: Real> Sequence<R> {
             period: 0,
             stage: 0,
             ran: None,
+            #[cfg(feature = "bridging")]
             last_bad: u32::MAX / 2,
             trip: (R::ZERO, R::ZERO),
             i_off: [R::ZERO; 3],
@@ -187,44 +195,6 @@ impl<R: Real> Sequence<R> {
         }
     }
 
-    /// A measurement that cannot be used: whether it is the only one for a while, which is bridged. The second within
-    /// 10 ms is a fault, and so is at once a current beyond the trip level that the voltage can have made since the last
-    /// measurement, be it at the end of a channel's range: a current that grows, no reading that is wrong.
-    #[cold]
-    #[inline(never)]
-    pub fn bridges(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, last: &AlphaBeta<R>) -> bool {
-        let alone = self.period.wrapping_sub(self.last_bad) > c.bridged_periods;
-        self.last_bad = self.period;
-        let trip = if let Some(i) = self.grown(c, m, last) {
-            Some(Trip::new(Fault::OverCurrent, i, c.i_trip))
-        } else if alone {
-            None
-        } else {
-            self.examine(c, m)
-        };
-        let Some(trip) = trip else { return alone };
-        self.fault(trip);
-        false
-    }
-
-    /// The current, if it is beyond the trip level and the voltage can have changed it by that since the last measurement:
-    /// `|i - i_last| ≤ 4/3 u_dc t_s/σl_s`, that of the bridge and as much induced.
-    fn grown(&self, c: &DriveConfig<R>, m: &Measurement<R>, last: &AlphaBeta<R>) -> Option<R> {
-        let i_s = AlphaBeta::<R>::from_phases(self.without_offset(c, m, || R::ZERO));
-        // `part_ahead` is 1.5 ω_c t_s, and k_p = ω_c σl_s.
-        let most = m.u_dc * c.part_ahead * c.current.inv_k_p * R::from_f64(8.0 / 9.0);
-        let beyond = i_s.norm_sq() > c.i_trip * c.i_trip && (i_s - *last).norm_sq() <= most * most;
-        beyond.then(|| i_s.norm_sq().sqrt())
-    }
-
-    /// The measurement that a current vector without offsets and a dc-link voltage would have been.
-    #[cold]
-    #[inline(never)]
-    pub fn measurement(&self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, u_dc: R) -> Measurement<R> {
-        let ([i_a, i_b, i_c], off) = (i_s.to_phases(), self.offsets(c));
-        Measurement { i_abc: [i_a + off[0], i_b + off[1], i_c + off[2]], u_dc }
-    }
-
     /// All states but `Running`.
     #[cold]
     #[inline(never)]
@@ -358,5 +328,20 @@ mod tests {
         sequence.advance(&c, &measured, &Reference::Stop);
         sequence.period = 5;
         assert_eq!(sequence.pause(&c), None);
+    }
+
+    /// With the feature `bridging` the first one after a while has another in its place; what does is none of this test.
+    #[test]
+    fn a_measurement_that_cannot_be_used_is_a_fault_where_it_is_not_bridged() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let c = DriveConfig::<f32>::new(&machine, &inverter, &DriveParams::new(&machine, &inverter)).unwrap();
+        let bad = Measurement { i_abc: [f32::NAN, 0.0, 0.0], u_dc: 1.65 };
+        let mut sequence = Sequence { status: Status::Running, ..Sequence::new() };
+        for sample in 0..2 {
+            let instead = sequence.bridge(&c, &bad, AlphaBeta::default, || Some(1.65));
+            let bridged = cfg!(feature = "bridging") && sample == 0;
+            assert_eq!(instead.is_some(), bridged);
+            assert_eq!(sequence.report().map(|r| r.trip.cause), (!bridged).then_some(Fault::Measurement));
+        }
     }
 }

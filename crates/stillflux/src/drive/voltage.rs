@@ -9,8 +9,11 @@
 //! entries keeps the estimators on the voltage that was applied: limited, quantised, at the measured dc link, less
 //! the loss `u_l` of the inverter model. A dc link that changes within two periods is not resolved.
 
+use super::ripple::Ripple;
 use crate::config::DriveConfig;
-use crate::control::modulator::{Duty, clamped_leg, modulate_clamped, modulate_lines};
+#[cfg(feature = "modes")]
+use crate::control::modulator::clamped_leg;
+use crate::control::modulator::{Duty, modulate_clamped, modulate_lines};
 #[cfg(feature = "shunt")]
 use crate::control::shunt::{Pulses, Shunt, ShuntConfig};
 use crate::inverter::{Distortion, Knee};
@@ -18,11 +21,8 @@ use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 
 /// Part of the squared voltage from which discontinuous modulation begins, at which it ends.
+#[cfg(feature = "modes")]
 const HYSTERESIS: f64 = 0.9;
-/// Largest voltage with which the ripple of the currents is computed, per unit: at the speed that belongs to it a current
-/// turns by 5° until it is the leg's turn again, and is near its zero for 15° (2.2 kW, 10 kHz). Allowance.
-const LOW: f64 = 0.25;
-
 /// A period's voltage: legs a and b less leg c, which is half of the way to the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -44,12 +44,11 @@ pub(super) struct Voltage<R: Real> {
     /// Loss of the inverter model in the latest of them.
     pub loss: Distortion<R>,
     /// What the ripple of the currents adds to it near current zero.
-    ripple: [R; 3],
-    /// The leg whose ripple was computed last.
-    leg: u8,
+    ripple: Ripple<R>,
     /// `1/u_dc` of the latest period.
     inv_u_dc: R,
     /// A leg was held at a rail in the latest period.
+    #[cfg(feature = "modes")]
     discontinuous: bool,
     /// Pulses for a single shunt, and what it shows in them.
     #[cfg(feature = "shunt")]
@@ -64,9 +63,9 @@ impl<R: Real> Voltage<R> {
         Self {
             commanded: [Commanded::default(); 2],
             loss: Distortion::default(),
-            ripple: [R::ZERO; 3],
-            leg: 0,
+            ripple: Ripple::new(),
             inv_u_dc: R::ZERO,
+            #[cfg(feature = "modes")]
             discontinuous: false,
             #[cfg(feature = "shunt")]
             shunt: Shunt::default(),
@@ -78,7 +77,7 @@ impl<R: Real> Voltage<R> {
     pub fn block(&mut self) {
         self.commanded = [Commanded::default(); 2];
         self.loss = Distortion::default();
-        self.ripple = [R::ZERO; 3];
+        self.ripple.block();
         #[cfg(feature = "shunt")]
         self.shunt.block();
     }
@@ -114,6 +113,7 @@ impl<R: Real> Voltage<R> {
     }
 
     /// Leg that discontinuous modulation holds at a rail, if the voltage is large enough for it; it has no dead time then.
+    #[cfg(feature = "modes")]
     #[cold]
     #[inline(never)]
     fn clamp(&mut self, c: &DriveConfig<R>, u_ref: &AlphaBeta<R>) -> Option<(usize, bool)> {
@@ -128,32 +128,10 @@ impl<R: Real> Voltage<R> {
         })
     }
 
-    /// Ripple of the next leg; at larger voltages, where it does not count, the currents would have turned away before it is
-    /// the leg's turn again. Where a step of the reference takes the currents away from their zeros it ends in all legs at
-    /// once: what is common to them is no voltage, but with one after the other the difference is up to `U` for eight
-    /// periods.
-    #[inline(never)]
-    fn follow_ripple(&mut self, c: &DriveConfig<R>, u_ref: &AlphaBeta<R>, i_ref: &AlphaBeta<R>, knee: &Knee<R>) {
-        if u_ref.norm_sq() > R::from_f64(LOW * LOW) {
-            self.ripple = [R::ZERO; 3];
-            return;
-        }
-        self.leg = if self.leg < 2 { self.leg + 1 } else { 0 };
-        let [of_a, of_b, of_c] = i_ref.to_phases();
-        for (ripple, i) in self.ripple.iter_mut().zip([of_a, of_b, of_c]) {
-            if !knee.is_near_zero(i) {
-                *ripple = R::ZERO;
-            }
-        }
-        let i = match self.leg {
-            0 => of_a,
-            1 => of_b,
-            _ => of_c,
-        };
-        if !likely(!knee.is_near_zero(i)) {
-            let (k, phases, u) = (usize::from(self.leg), [of_a, of_b, of_c], u_ref.to_phases());
-            self.ripple[k % 3] = c.inverter.ripple(knee, k, (&phases, &u), &self.loss);
-        }
+    /// None without the feature `modes`.
+    #[cfg(not(feature = "modes"))]
+    fn clamp(&mut self, _: &DriveConfig<R>, _: &AlphaBeta<R>) -> Option<(usize, bool)> {
+        None
     }
 
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
@@ -177,11 +155,9 @@ impl<R: Real> Voltage<R> {
             let i_ref = i_ref();
             self.loss = c.inverter.distortion(knee, &i_ref, u_dc, gain);
             if ripple {
-                self.follow_ripple(c, u_ref, &i_ref, knee);
+                self.ripple.follow(&c.inverter, u_ref, &i_ref, knee, &self.loss);
             }
-            for (e, ripple) in self.loss.phases.iter_mut().zip(&self.ripple) {
-                *e += *ripple;
-            }
+            self.ripple.add_to(&mut self.loss.phases);
         }
         if !likely(c.discontinuous_sq().is_none()) {
             clamped = self.clamp(c, u_ref);
@@ -240,7 +216,8 @@ mod tests {
                 let first = c.inverter.distortion(&knee, &at(period & !1), u_dc, 1.0);
                 let added = (voltage.loss.vector() - first.vector()).norm_sq().sqrt();
                 assert!(added < 1e-12 || period < 12, "step in {step}, period {period}: {added}");
-                assert!(voltage.loss.phases != first.phases || period < 12 || period >= step, "none at zero current");
+                let there = !cfg!(feature = "ripple") || voltage.loss.phases != first.phases;
+                assert!(there || period < 12 || period >= step, "none at zero current");
             }
         }
     }

@@ -26,6 +26,11 @@ pub mod lowpass;
 pub mod offset;
 pub mod pair;
 pub mod priors;
+#[cfg(feature = "weakening")]
+pub(crate) mod radius;
+#[cfg(not(feature = "weakening"))]
+#[path = "left_out/radius.rs"]
+pub(crate) mod radius;
 pub mod regeneration;
 pub mod resistance;
 #[cfg(feature = "enhanced")]
