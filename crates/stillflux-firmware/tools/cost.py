@@ -35,21 +35,26 @@ ENHANCED = (
 )
 ARITHMETICS = ("f32", "q")
 #: Schemes and the features of their images.
-SCHEMES: dict[str, list[str]] = {"paper": ["paper"], "enhanced": []}
+SCHEMES: dict[str, list[str]] = {"paper": ["paper", toolchain.PLAIN], "enhanced": [toolchain.PLAIN]}
 #: Name of the step in the report.
 STEPS = {"paper": "drive_step", "enhanced": "drive_step_enhanced"}
-#: What a product may add to the enhanced scheme, by the features of its image.
-FEATURES = (
-    (),
-    ("supervision",),
-    ("supervision", "dclink"),
-    ("legs",),
-    ("restart",),
-    ("modes",),
-    ("shunt",),
-    ("encoder",),
-    ("supervision", "dclink", "legs", "restart"),
-)
+#: What a product may add to a scheme, by the features of its image: to the published one what both have
+#: beyond the paper's drive, each and together, to the enhanced one that and more.
+FEATURES: dict[str, tuple[tuple[str, ...], ...]] = {
+    "paper": ((), *((name,) for name in toolchain.ADDITIONS), ("additions",)),
+    "enhanced": (
+        (),
+        ("additions",),
+        ("additions", "supervision"),
+        ("additions", "supervision", "dclink"),
+        ("additions", "legs"),
+        ("additions", "restart"),
+        ("additions", "modes"),
+        ("additions", "shunt"),
+        ("additions", "encoder"),
+        ("additions", "supervision", "dclink", "legs", "restart"),
+    ),
+}
 ISR = "control_isr"
 #: What the design asks for, mean instructions: f32, q.
 TARGETS = {"flux_estimator": (150, 250), "drive_step": (600, 1000)}
@@ -86,10 +91,10 @@ def measure(chain: toolchain.Toolchain, si: bool = True) -> dict[str, Any]:
     for scheme, features in SCHEMES.items():
         for arithmetic in ARITHMETICS:
             of = [*features, *([] if arithmetic == "f32" else ["q"])]
-            sizes = _sizes(toolchain.build(chain, "drive", *of))
+            found = sizes(toolchain.build(chain, "drive", *of))
             if si:
-                sizes["flash_library_si"] = _library(Image(toolchain.build(chain, "drive", *of, "si-page")))
-            for key, size in sizes.items():
+                found["flash_library_si"] = _library(Image(toolchain.build(chain, "drive", *of, "si-page")))
+            for key, size in found.items():
                 report.setdefault(size_key(key, scheme), {})[arithmetic] = size
     report["accuracy"] = json.loads(toolchain.host_example("accuracy"))
     return report
@@ -104,7 +109,7 @@ def count(
 ) -> list[dict[str, Any]]:
     """Rows of the image that counts, for one arithmetic, over a recorded closed loop of the scheme."""
     image = toolchain.build(chain, "cost", *features, target=target)
-    frames = [pil.record(a, scheme)[0].name if a == arithmetic else "-" for a in ARITHMETICS]
+    frames = [pil.record(a, scheme, features)[0].name if a == arithmetic else "-" for a in ARITHMETICS]
     return [json.loads(line) for line in toolchain.count(image, *frames).splitlines()]
 
 
@@ -129,22 +134,24 @@ def measure_cycles(chain: toolchain.Toolchain) -> dict[str, Any]:
         report[scheme] = {}
         for arithmetic in ARITHMETICS:
             elf = toolchain.build(chain, "drive", *features, *([] if arithmetic == "f32" else ["q"]))
-            of = cycles.measure(elf, pil.record(arithmetic, scheme)[0], 19_000, 17_000)
+            of = cycles.measure(elf, pil.record(arithmetic, scheme, features)[0], 19_000, 17_000)
             report[scheme][arithmetic] = {"mean": round(of.mean), "worst": of.worst}
     return report
 
 
-def measure_features(chain: toolchain.Toolchain) -> list[dict[str, Any]]:
-    """Step, sizes and stack of the enhanced scheme with what a product adds, in the order of `FEATURES`."""
-    report = []
-    for features in FEATURES:
-        row: dict[str, Any] = {"features": features}
-        rows = [row for a in ARITHMETICS for row in count(chain, a, "enhanced", features)]
-        steps = [row for row in rows if row.get("block") == STEPS["enhanced"]]
+def measure_features(chain: toolchain.Toolchain) -> dict[str, list[dict[str, Any]]]:
+    """Step, sizes and stack of each scheme with what a product adds, in the order of `FEATURES`."""
+    report: dict[str, list[dict[str, Any]]] = {scheme: [] for scheme in FEATURES}
+    for scheme, chosen in ((s, c) for s, choices in FEATURES.items() for c in choices):
+        of = ["paper"] if scheme == "paper" else []
+        of += [name for name in chosen if name != "additions"] or ([] if chosen else [toolchain.PLAIN])
+        row: dict[str, Any] = {"features": chosen}
+        rows = [row for a in ARITHMETICS for row in count(chain, a, scheme, of)]
+        steps = [row for row in rows if row.get("block") == STEPS[scheme]]
         for step in steps:
-            elf = toolchain.build(chain, "drive", *features, *([] if step["arithmetic"] == "f32" else ["q"]))
-            row[step["arithmetic"]] = {"mean": step["mean"], "worst": step["worst"], **_sizes(elf)}
-        report.append(row)
+            elf = toolchain.build(chain, "drive", *of, *([] if step["arithmetic"] == "f32" else ["q"]))
+            row[step["arithmetic"]] = {"mean": step["mean"], "worst": step["worst"], **sizes(elf)}
+        report[scheme].append(row)
     return report
 
 
@@ -153,7 +160,8 @@ def size_key(key: str, scheme: str) -> str:
     return key if scheme == "paper" else f"{key}_{scheme}"
 
 
-def _sizes(elf: Path) -> dict[str, Any]:
+def sizes(elf: Path) -> dict[str, Any]:
+    """Bytes of an image: code, RAM and stack."""
     image = Image(elf)
     idle = json.loads(toolchain.emulate(elf))
     return {

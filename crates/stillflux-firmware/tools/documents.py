@@ -70,13 +70,14 @@ def sizes(report: Mapping[str, Any]) -> str:
     return _lines(rows)
 
 
-def features(report: Mapping[str, Any]) -> str:
-    """What the features of a product take beside the enhanced scheme; what exceeds a budget is bold."""
-    budgets = {key: int(cost.SIZES[key][1]) for key in ("ram_drive", "stack_step")}
-    rows = [["features of the enhanced scheme", "step, mean / worst", "flash", "RAM of `Drive`", "stack"]]
+def features(report: Mapping[str, Any], scheme: str = "enhanced") -> str:
+    """What the features of a product take beside a scheme; what exceeds a budget is bold."""
+    budgets = {key: int(cost.SIZES[key][1]) for key in ("flash_library", "ram_drive", "stack_step")}
+    name = {"paper": "published"}.get(scheme, scheme)
+    rows = [[f"features of the {name} scheme", "step, mean / worst", "flash", "RAM of `Drive`", "stack"]]
     rows[0] += [f"{title}, Q" for title in ("step", "flash", "RAM", "stack")]
     rows.append(["---"] * len(rows[0]))
-    for row in report.get("features") or ():
+    for row in (report.get("features") or {}).get(scheme, ()):
         cells = [", ".join(f"`{name}`" for name in row["features"]) or "none"]
         for arithmetic in cost.ARITHMETICS:
             of = row[arithmetic]
@@ -88,9 +89,14 @@ def features(report: Mapping[str, Any]) -> str:
     return _lines(rows)
 
 
+def additions(report: Mapping[str, Any]) -> str:
+    """The same of the published scheme: what it takes that an image has more than the paper's drive."""
+    return features(report, "paper")
+
+
 def _lines(rows: list[list[str]]) -> str:
     return "\n".join(f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in rows)
 
 
 #: Tables by the names of their markers.
-TABLES = {"instructions": instructions, "sizes": sizes, "features": features}
+TABLES = {"instructions": instructions, "sizes": sizes, "additions": additions, "features": features}

@@ -28,21 +28,23 @@ class Comparison:
     different: int
 
 
-def record(arithmetic: str, scheme: str = "enhanced") -> tuple[Path, Path]:
-    """Frames to the target and the host's answers; beside them the telemetry. Files are replaced as a whole:
-    another process may be reading those of its own recording."""
+def record(arithmetic: str, scheme: str = "enhanced", features: Sequence[str] = ()) -> tuple[Path, Path]:
+    """Frames to the target and the host's answers, for an image of these features; beside them the telemetry.
+    Files are replaced as a whole: another process may be reading those of its own recording."""
     toolchain.OUT.mkdir(parents=True, exist_ok=True)
-    names = [f"{scheme}-{arithmetic}.{kind}" for kind in ("frames", "answers", "telemetry")]
+    acting = [feature for feature in toolchain.ACTING if feature in toolchain.additions(features)]
+    loop = scheme if len(acting) == len(toolchain.ACTING) else "-".join([scheme, toolchain.PLAIN, *acting])
+    names = [f"{loop}-{arithmetic}.{kind}" for kind in ("frames", "answers", "telemetry")]
     parts = [f"{name}.{os.getpid()}" for name in names]
-    toolchain.host_example("record_pil", arithmetic, scheme, *parts)
+    toolchain.host_example("record_pil", arithmetic, scheme, *parts, features=features)
     for part, name in zip(parts, names, strict=True):
         (toolchain.OUT / part).replace(toolchain.OUT / name)
     return toolchain.OUT / names[0], toolchain.OUT / names[1]
 
 
-def run(elf: Path, arithmetic: str, scheme: str = "enhanced") -> Comparison:
-    """Records, replays on `elf`, compares."""
-    frames, answers = record(arithmetic, scheme)
+def run(elf: Path, arithmetic: str, scheme: str = "enhanced", features: Sequence[str] = ()) -> Comparison:
+    """Records, replays on `elf`, an image of these features, compares."""
+    frames, answers = record(arithmetic, scheme, features)
     back = frames.with_suffix(".back")
     # Names, not paths: the emulator's argument list knows no commas.
     toolchain.emulate(elf, frames.name, back.name)

@@ -7,6 +7,7 @@ import hashlib
 import os
 import shutil
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +16,11 @@ ROOT = CRATE.parents[1]
 TARGET = "thumbv7em-none-eabihf"
 #: A Cortex-M0+: no FPU, no long multiplication. The emulated Cortex-M4 runs its instructions one for one.
 SMALLEST = "thumbv6m-none-eabi"
+#: Features of the core that an image has unless it is to be without them, by these names or by `PLAIN`.
+ADDITIONS = ("ripple", "weakening", "ramp", "derating", "bridging")
+PLAIN = "plain"
+#: Those of them that act on a recorded loop.
+ACTING = ("ripple", "weakening")
 OUT = Path(os.environ.get("FIRMWARE_TARGET_DIR", ROOT / "target" / "firmware"))
 
 HELP = f"""\
@@ -88,14 +94,18 @@ def compiler(target: str, library: str) -> Toolchain | None:
 def build(chain: Toolchain, name: str, *features: str, target: str = TARGET) -> Path:
     """Builds a bin of the firmware crate; the ELF file under a name of its own.
 
-    The enhanced scheme is in it unless `paper` stands alone. Several processes may build at once: cargo
-    puts a bin of any features in the same place, so that it has to be copied before the next build begins.
+    The enhanced scheme is in it unless `paper` stands alone, and all `ADDITIONS` unless some of them are
+    named, or `PLAIN`. Several processes may build at once: cargo puts a bin of any features in the same
+    place, so that it has to be copied before the next build begins.
     """
     args = ["build", "--release", "--locked", "--bin", name]
-    if "paper" in features and "enhanced" not in features:
+    chosen = [feature for feature in features if feature != PLAIN]
+    if ("paper" in features and "enhanced" not in features) or additions(features) != ADDITIONS:
         args.append("--no-default-features")
-    if features:
-        args += ["--features", ",".join(features)]
+        chosen += [] if "paper" in features else ["enhanced"]
+        chosen += ["additions"] if additions(features) == ADDITIONS else []
+    if chosen:
+        args += ["--features", ",".join(chosen)]
     kind = [] if target == TARGET else [target.partition("-")[0]]
     elf = OUT / ("-".join([name, *features, *kind]) + ".elf")
     part = elf.with_suffix(f".{os.getpid()}")
@@ -106,6 +116,13 @@ def build(chain: Toolchain, name: str, *features: str, target: str = TARGET) -> 
         shutil.copy(OUT / target / "release" / name, part)
         part.replace(elf)
     return elf
+
+
+def additions(features: Sequence[str]) -> tuple[str, ...]:
+    """Those that an image of these features has."""
+    if PLAIN not in features and not set(features) & set(ADDITIONS):
+        return ADDITIONS
+    return tuple(name for name in ADDITIONS if name in features or "additions" in features)
 
 
 def emulate(elf: Path, *args: str, timeout: float = 900) -> str:
@@ -151,14 +168,21 @@ def _emulate(elf: Path, args: tuple[str, ...], options: list[str], timeout: floa
     return done.stdout
 
 
-def host_example(name: str, *args: str | Path) -> str:
-    """Builds and runs an example of the workspace on the host; what it prints. `cargo test` builds them."""
+def host_example(name: str, *args: str | Path, features: Sequence[str] = ()) -> str:
+    """Builds and runs an example of the workspace on the host; what it prints. `cargo test` builds them. With
+    those of the `ADDITIONS` of an image of these features that act on a recording."""
     command = ["cargo", "build", "--locked", "--example", name]
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    OUT.mkdir(parents=True, exist_ok=True)
+    acting = [feature for feature in ACTING if feature in additions(features)]
+    if len(acting) < len(ACTING):
+        # In a place of its own: it must not be taken for that of the workspace.
+        target = OUT / "-".join(["host", *acting])
+        command += ["-p", "stillflux-sim", "--no-default-features", "--features", ",".join(acting)]
+    env = {**os.environ, "CARGO_TARGET_DIR": str(target)}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=env)
     if done.returncode:
         raise RuntimeError(f"{' '.join(command)} failed:\n{done.stderr}")
-    OUT.mkdir(parents=True, exist_ok=True)
     binary = target / "debug" / "examples" / name
     return subprocess.run(
         [str(binary), *map(str, args)], cwd=OUT, stdout=subprocess.PIPE, text=True, check=True
