@@ -186,9 +186,9 @@ def test_the_target_computes_every_bit_in_c_at_the_cost_of_rust(
     )
     print(f"{arithmetic}: {in_c} instructions a period in C, {in_rust} in Rust")
     # Its two pointers, which registers hold through the step, and the conversion of the set point, without an
-    # empty call: 22 instructions in f32. In q 46, the rest of which is not explained: the compiler divides the
-    # step otherwise into functions. The design asks for 2 % more; that is 3 and 4.3 %.
-    assert in_c <= in_rust + {"f32": 24, "q": 48}[arithmetic]
+    # empty call: 17 instructions in f32, 46 in q. In q the functions are the same and of other lengths nearly
+    # everywhere; why is not known. The design asks for 2 % more; that is 2.4 and 4.3 %.
+    assert in_c <= in_rust + {"f32": 19, "q": 48}[arithmetic]
     # What a call from C can reach cannot panic, allocate, or leave the FPU, as in Rust.
     assert image.Image(elf).violations("stillflux_period") == {}
 

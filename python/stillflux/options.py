@@ -165,8 +165,8 @@ class DriveSettings(TypedDict, total=False):
     stand still, and the field is off by arctan ω τ_r."""
     start_levels: int
     """Reduced currents of a start at standstill, 2 or 3. With 3 the stator resistance that it finds depends
-    less on the rotor's, and the bridge's curve is known better; 3 need `calibrate_offset` and three
-    `current_sensors`. Where every parameter is wrong at once more drives are lost with 3 (page Limits)."""
+    less on the rotor's; 3 need `calibrate_offset` and three `current_sensors`. Where every parameter is wrong
+    at once more drives are lost with 3 (page Limits)."""
     hold_inductances: bool
     """Correct leakage and magnetising inductance while the load changes alone, since a steady load does not
     tell them from the resistance; otherwise always, by which minutes of steady load carry them away."""

@@ -143,8 +143,7 @@ def measure_features(chain: toolchain.Toolchain) -> dict[str, list[dict[str, Any
     """Step, sizes and stack of each scheme with what a product adds, in the order of `FEATURES`."""
     report: dict[str, list[dict[str, Any]]] = {scheme: [] for scheme in FEATURES}
     for scheme, chosen in ((s, c) for s, choices in FEATURES.items() for c in choices):
-        of = ["paper"] if scheme == "paper" else []
-        of += [name for name in chosen if name != "additions"] or ([] if chosen else [toolchain.PLAIN])
+        of = [*(["paper"] if scheme == "paper" else []), *(chosen or [toolchain.PLAIN])]
         row: dict[str, Any] = {"features": chosen}
         rows = [row for a in ARITHMETICS for row in count(chain, a, scheme, of)]
         steps = [row for row in rows if row.get("block") == STEPS[scheme]]

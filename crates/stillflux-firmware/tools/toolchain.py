@@ -103,7 +103,7 @@ def build(chain: Toolchain, name: str, *features: str, target: str = TARGET) -> 
     if ("paper" in features and "enhanced" not in features) or additions(features) != ADDITIONS:
         args.append("--no-default-features")
         chosen += [] if "paper" in features else ["enhanced"]
-        chosen += ["additions"] if additions(features) == ADDITIONS else []
+        chosen += ["additions"] if additions(features) == ADDITIONS and "additions" not in chosen else []
     if chosen:
         args += ["--features", ",".join(chosen)]
     kind = [] if target == TARGET else [target.partition("-")[0]]

@@ -58,8 +58,9 @@ enum Kind {
 
 fn kind_of<T>() -> Kind {
     let name = type_name::<T>();
-    match name.strip_prefix("core::option::Option<").map_or(name, |inner| inner.trim_end_matches('>')) {
-        "f64" | "num_complex::Complex<f64" | "num_complex::Complex<f64>" => Kind::Number,
+    let inner = name.strip_prefix("core::option::Option<").and_then(|rest| rest.strip_suffix('>'));
+    match inner.unwrap_or(name) {
+        "f64" | "num_complex::Complex<f64>" => Kind::Number,
         "i64" => Kind::Whole(i64::MIN.into(), i64::MAX.into()),
         "u16" => Kind::Whole(0, u16::MAX.into()),
         "u32" => Kind::Whole(0, u32::MAX.into()),

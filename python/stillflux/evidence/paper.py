@@ -17,7 +17,6 @@ from functools import wraps
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stillflux import metrics
 from stillflux.evidence.claims import Claim, at_most, holds
@@ -38,7 +37,6 @@ __all__ = [
     "offset_found",
     "paper_drive",
     "recovery",
-    "resistance_error",
     "runs_to_the_end",
     "speed_kept",
     "turned_by_at_most",
@@ -143,19 +141,12 @@ def offset_found(result: Result, limit: float) -> Claim:
     return at_most(OFFSET_FOUND, deviation, limit, "%").inner()
 
 
-def resistance_error(result: Result) -> NDArray[np.float64]:
-    """`r̂_s` over the true resistance of winding and bridge, less one."""
-    r_d = (result.scenario.plant_inverter or result.scenario.inverter).r_d
-    error: NDArray[np.float64] = result["estimate.R_s"] / (result["R_s"] + r_d) - 1
-    return error
-
-
 def resistance_off(result: Result, begin: float, end: float = math.inf) -> float:
     """Largest deviation of r̂_s within a window, %."""
-    return 100.0 * float(np.abs(resistance_error(result.window(begin, end))).max())
+    return 100.0 * float(np.abs(metrics.resistance_error(result.window(begin, end))).max())
 
 
 def identified(result: Result, event: float, within: float) -> float:
     """Seconds from `event` until the resistance error stays within ±`within`."""
     after = result.window(event)
-    return metrics.stays_within(after.t, resistance_error(after), event, within)
+    return metrics.stays_within(after.t, metrics.resistance_error(after), event, within)

@@ -8,18 +8,18 @@
 //! three levels:   -0.5 until ψ_s has fallen to 0.4,   0.4 until 12/16,   0.2 until 13/16,   then the boosted current until ψ_s = 1
 //! ```
 //!
-//! The flux goes to that of the current with `τ_r dψ_s/dt = i - ψ_s`. Left to itself it does so all the time for which a
-//! reduced current flows, and what it induces meanwhile is known no better than `τ_r`: half of the error of `r_R` goes into
-//! `r̂_s`. A current `i_1` beyond the level `i_2` takes the flux there within
+//! The flux goes to that of the current with `τ_r dψ_s/dt = i - ψ_s`, and what it induces meanwhile is known no better than
+//! `τ_r`. With two levels half of the error of `r_R` goes into `r̂_s`. A current `i_1` beyond the level `i_2` takes the flux
+//! there within
 //!
 //! ```text
 //! t = τ_r ln ((1 - i_1)/(i_2 - i_1))
 //! ```
 //!
-//! 0.51 τ_r here, two of the sixteenths with the default magnetisation. Since its sign is the other one, what an error of
-//! `τ_r` does there counts against what it does on the way back: of the error of `r_R` a tenth to a quarter is left in `r̂_s`
-//! (`stillflux-sim/tests/tolerance.rs`). The third level, at which the bridge's loss is the larger part of the voltage,
-//! tells its knee.
+//! 0.51 τ_r here, two of the sixteenths with the default magnetisation; at 11 and 15 kW a quarter of the error of `r_R` at the
+//! most is left in `r̂_s` (`stillflux-sim/tests/tolerance.rs`). Measured, not derived: for some time after the fall the flux
+//! moves as much by an error of `τ_r` as with two levels. At the third level the bridge's loss is the largest part of the
+//! voltage.
 //!
 //! Three levels need offsets that were read before the start, since an offset counts for more the smaller the current is,
 //! and three sensors: the gains of two are compared in these currents ([`crate::estimate::pair`]), and a single shunt sees a
@@ -69,24 +69,18 @@ impl<R: Real> LevelsConfig<R> {
         let tau_r = pu.tau_r / pu.base.omega;
         let sixteenths = |n: f64| n / 16.0 * build_up;
         let settled = |psi: f64, i: f64, seconds: f64| i + (psi - i) * libm::exp(-seconds / tau_r);
-        let (first, seconds) = if three {
-            let fall = libm::log((1.0 - FALL) / (SMALL - FALL)) * tau_r;
-            (FALL, fall.min(sixteenths(3.0)))
+        // The first current, how long it flows, and the flux after the last one.
+        let (first, first_periods, psi) = if three {
+            let fall = (libm::log((1.0 - FALL) / (SMALL - FALL)) * tau_r).min(sixteenths(3.0));
+            let psi = settled(settled(1.0, FALL, fall), SMALL, sixteenths(3.0) - fall);
+            (FALL, inverter.periods(fall), settled(psi, LEAST, sixteenths(1.0)))
         } else {
-            (REDUCED, sixteenths(1.0))
-        };
-        let psi = settled(1.0, first, seconds);
-        let psi = if three {
-            settled(settled(psi, SMALL, sixteenths(3.0) - seconds), LEAST, sixteenths(1.0))
-        } else {
-            settled(psi, SMALL, sixteenths(3.0))
+            let psi = settled(1.0, REDUCED, sixteenths(1.0));
+            // The sixteenth of `at`, in whole periods.
+            (REDUCED, (inverter.periods(build_up) / 16).max(1), settled(psi, SMALL, sixteenths(3.0)))
         };
         let recovery = (libm::log((boost - psi) / (boost - 1.0)) * tau_r).min(sixteenths(3.0));
-        Self {
-            first: rounded(first),
-            first_periods: if three { inverter.periods(seconds) } else { (inverter.periods(build_up) / 16).max(1) },
-            recovery_periods: inverter.periods(recovery),
-        }
+        Self { first: rounded(first), first_periods, recovery_periods: inverter.periods(recovery) }
     }
 
     /// The level in a period of the magnetisation, a sixteenth of which is `sixteenth` periods.

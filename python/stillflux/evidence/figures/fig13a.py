@@ -31,10 +31,10 @@ from stillflux.evidence.paper import (
     identify_then,
     paper_drive,
     recovery,
-    resistance_error,
     runs_to_the_end,
     turned_by_at_most,
 )
+from stillflux.metrics import resistance_error
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 

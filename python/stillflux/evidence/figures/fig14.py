@@ -21,10 +21,10 @@ from stillflux.evidence.paper import (
     RUN,
     identified,
     paper_drive,
-    resistance_error,
     to_the_end,
     turned_by_at_most,
 )
+from stillflux.metrics import resistance_error
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 

@@ -30,11 +30,11 @@ from stillflux.evidence.paper import (
     IDENTIFIED,
     identify_then,
     paper_drive,
-    resistance_error,
     resistance_off,
     to_the_end,
     turned_by_at_most,
 )
+from stillflux.metrics import resistance_error
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 

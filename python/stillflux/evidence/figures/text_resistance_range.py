@@ -21,11 +21,11 @@ from stillflux.evidence.paper import (
     HOLD,
     identify_then,
     paper_drive,
-    resistance_error,
     runs_to_the_end,
     speed_kept,
     turned_by_at_most,
 )
+from stillflux.metrics import resistance_error
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 

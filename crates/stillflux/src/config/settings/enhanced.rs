@@ -25,9 +25,8 @@ pub struct EnhancedParams {
     /// shaft is taken to stand still, and the field is off by `arctan ω τ_r`. Needs the feature `restart`.
     pub find_slow_rotation: bool,
     /// Reduced currents of a start at standstill, 2 or 3 ([`crate::control`]'s `levels`). With 3 the stator resistance that it
-    /// finds depends less on the rotor's, and the bridge's curve is known better; 3 need `calibrate_offset` and three
-    /// `current_sensors`. Where every parameter is wrong at once more drives are lost with 3 (page
-    /// *Limits* of the documentation).
+    /// finds depends less on the rotor's; 3 need `calibrate_offset` and three `current_sensors`. Where every parameter is
+    /// wrong at once more drives are lost with 3 (page *Limits* of the documentation).
     pub start_levels: u32,
     /// Correct the inductances while the load changes alone ([`crate::estimate::kalman`]); otherwise always, by which a
     /// steady load of minutes carries them away.
