@@ -42,6 +42,7 @@
 //! | second-order term of `\|ψ_R\|` | `SECOND_ORDER` 2 | `S` |
 //! | distance from the steady state | `TRANSIENT` 0.1 (of [`super::model`]) | `S` |
 //! | the same, by `r_R` | `LAG` 3 | `m` |
+//! | what an error of the angle makes of `i·n`, by `r_R` | `LAG` 3 | `m` |
 //! | voltage error that grows with frequency | `INDUCED` 0.05 pu per √s and pu of `ω_s` | `ψ_s` |
 //! | voltage near a current zero | `ZERO_PU` 5e-3 pu a block, up to `ω_s` = 1/`INV_OMEGA_ZERO` = 0.1, at least `ZERO_MIN` 2e-3 pu of current | `ψ_s` along the phase's axis |
 //! | step assumed from the NIS, a block, times √excess | `STEP_PSI` 0.01 pu, `STEP_B` 2e-3 pu, `STEP_R_S` 0.02 relative | `ψ_s`, `b`, `r_s` |
@@ -295,6 +296,15 @@ impl<R: Real> Noise<R> {
         let lag = decay * R::from_f64(LAG / TRANSIENT) * transient;
         // `decay` contains the duration of the block once.
         lag * lag * self.part
+    }
+
+    /// Variance added to `m` for an error of the angle with the standard deviation `sigma`, rad: by it `i·n` differs by
+    /// `i_q σ`, and what the filter expects `m` to make of that has the error of `r_R`, a product of two errors that the
+    /// derivatives do not have. `turn` of [`super::model::OperatingPoint`].
+    #[inline(always)]
+    pub fn by_turn(&self, turn: R, m: R, sigma: R) -> R {
+        let by_turn = turn * m * sigma * R::from_f64(LAG / SCALE_PSI);
+        by_turn * by_turn * self.part
     }
 
     /// Variance added along the axis of a phase whose current is near zero ([`Noise::near_zero`]).

@@ -219,6 +219,8 @@ struct Reference {
     /// Parameters after the correction, which takes effect one slot late.
     pending: Option<State>,
     inv_s: f64,
+    /// Deviation of the angle, rad.
+    sigma: f64,
     /// Direction of the rotor flux when the gain was computed.
     n: Vector2<f64>,
     i_s: Vector2<f64>,
@@ -261,6 +263,7 @@ impl Reference {
             },
             pending: None,
             inv_s: filter.inv_s,
+            sigma: filter.sigma,
             n: Vector2::new(filter.point.n.cos, filter.point.n.sin),
             i_s: vector(&filter.i_s),
             i_ref: vector(&filter.point.i_s),
@@ -404,6 +407,7 @@ impl Reference {
             }
         }
         q[(M, M)] += self.c.noise.lag(model.decay, at.transient);
+        q[(M, M)] += self.c.noise.by_turn(at.turn, self.x[M], self.sigma);
         for k in 0..2 {
             q[(PSI + k, PSI + k)] += self.c.noise.induced(omega);
         }
@@ -421,6 +425,16 @@ impl Reference {
         let n = Vector2::new(at.n.cos, at.n.sin);
         let across = Vector2::new(-n.y, n.x);
         let turned = (across.transpose() * p.fixed_view::<2, 2>(PSI, PSI) * across)[0];
+        let mut of_angle = turned;
+        if inductances_held {
+            // What the errors of inductances that are held turn the field by.
+            let i_s = vector(&at.i_s);
+            let (i_d, i_q) = (n.dot(&i_s), across.dot(&i_s));
+            let by_leakage = i_q * model.sigma_l_s * self.x[LEAKAGE] * SCALE_LEAKAGE / SCALE_PSI;
+            let by_gamma = self.x[M] * (0.5 * i_d * i_q.recip()).clamp(-2.0, 2.0) * SCALE_GAMMA / SCALE_PSI;
+            of_angle += by_leakage.powi(2) * p[(LEAKAGE, LEAKAGE)] + by_gamma.powi(2) * p[(GAMMA, GAMMA)];
+        }
+        self.sigma = of_angle.sqrt() * SCALE_PSI * at.inv_psi_r;
         // The second-order term of |ψ_R|: twice the square of σ² |ψ_R|, both in units of the scale.
         let second = turned * SCALE_PSI * at.inv_psi_r;
         let further = noise::MEASUREMENT + at.transient * at.transient + 2.0 * second * second;
