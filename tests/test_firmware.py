@@ -270,7 +270,7 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (13_250, 15_430), "ram_drive": (888, 908), "stack_step": (368, 400)},
-    "enhanced": {"flash_library": (29_000, 38_200), "ram_drive": (1544, 1568), "stack_step": (480, 472)},
+    "enhanced": {"flash_library": (29_000, 38_300), "ram_drive": (1544, 1568), "stack_step": (480, 472)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
 WITH_ADDITIONS = {"flash_library": (17_510, 20_210), "ram_drive": (1024, 1048), "stack_step": (408, 424)}
