@@ -1,7 +1,8 @@
-"""Rated load near zero stator frequency, a winding 10 % warmer than known, and a current sensor whose offset
-steps by 1 % across phase a: the published scheme is lost, the enhanced one holds. An animation of the flux.
+"""Rated load near zero stator frequency, a winding 10 % warmer than known, and an offset of the current
+sensors that steps by 1 % along β: the published scheme is lost, the enhanced one holds. An animation of the
+flux.
 
-A step along phase a takes the enhanced one, too (docs/limits.md)."""
+With a step along α both are lost (docs/limits.md)."""
 
 import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
