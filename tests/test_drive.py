@@ -102,10 +102,10 @@ def test_sequence_and_estimate(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert str(drive.status) == "running"
     estimate, truth = drive.estimate, plant.state
     assert abs(np.angle(estimate.psi_s / truth.psi_s)) < math.radians(3)
-    assert estimate.omega_m == pytest.approx(truth.omega_m, abs=1.0)
+    assert estimate.omega_m == pytest.approx(truth.omega_m, abs=0.2)
     assert 0.0 < estimate.confidence <= 1.0
     assert 0.0 < estimate.angle_deviation < math.radians(15)
-    assert 0.0 < estimate.nis < 1.0
+    assert 0.0 < estimate.nis < 0.1
     duty = drive.step(i_abc, u_dc)
     assert drive.status == "stopped"
     assert drive.estimate.angle_deviation == pytest.approx(math.pi)

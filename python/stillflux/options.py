@@ -68,7 +68,8 @@ class DriveSettings(TypedDict, total=False):
     """Time after a stop within which a start takes over offsets and what was identified, and is as short as
     the current allows, s, 0 to 3600; 0: never."""
     supervision: bool
-    """Monitors of phases, current channels and stall; off for tests of a bridge without a machine."""
+    """Monitors of phases, current channels, stall and lost field; off for tests of a bridge without a
+    machine only."""
     stall_time: float
     """Time for which the torque may be at its limit at low speed without the speed approaching its
     reference, s, 0.1 to 60; 0: any."""
@@ -96,7 +97,8 @@ class DriveSettings(TypedDict, total=False):
     ±`omega_max`."""
     machine_overload: tuple[float, float] | None
     """Continuous current of the machine in A rms and time constant of its heat in s: the current is derated
-    before the heat exceeds that of the continuous current; None: no derating."""
+    before the heat exceeds that of the continuous current; None: no derating. Heat is counted while the drive
+    runs, not while it magnetises."""
     bridge_overload: tuple[float, float] | None
     """The same of the bridge."""
     u_dc_brake: float | None

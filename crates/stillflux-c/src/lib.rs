@@ -335,7 +335,8 @@ pub struct stillflux_settings {
     pub torque_limits: [f64; 2],
     /// Negative and positive limit of the mechanical speed reference, rad/s; both 0: that of omega_max.
     pub speed_limits: [f64; 2],
-    /// Continuous current of the machine, A rms, and the time constant of its heat, s; both 0: no derating.
+    /// Continuous current of the machine, A rms, and the time constant of its heat, s; both 0: no derating. Heat
+    /// is counted while the drive runs, not while it magnetises.
     pub machine_overload: [f64; 2],
     /// The same of the bridge.
     pub bridge_overload: [f64; 2],
@@ -344,7 +345,8 @@ pub struct stillflux_settings {
     pub low_confidence: u32,
     /// Time after a stop within which a start is as short as the current allows, s; 0: never.
     pub fresh_time: f64,
-    /// 1: monitors of phases, current channels and stall (feature `supervision`). 0: off, for tests of the bridge.
+    /// 1: monitors of phases, current channels, stall and lost field (feature `supervision`). 0: off, for tests of the bridge
+    /// without a machine.
     pub supervision: u32,
     /// Time at the torque limit at low speed that is a stall, s; 0: any (feature `supervision`).
     pub stall_time: f64,

@@ -1,5 +1,6 @@
 //! A commissioning on the plant: what it refuses, and what is left of it when it is stopped.
 
+use crate::rig::Largest;
 use stillflux::commission::si::Shaft;
 use stillflux::commission::{Cause, Deviation, Nameplate, Stage, Status};
 use stillflux::params::{Inverter, Machine, Saturation};
@@ -121,7 +122,7 @@ fn with_unequal_legs(delays: [[f64; 2]; 3], arithmetic: Arithmetic) -> (f64, f64
         .zip(delays)
         .flat_map(|(got, leg)| [0, 1].map(|k| (got[k] - (leg[k] - common[k])).abs()));
     assert!(found.deviation_legs.is_some_and(|deviation| (1e-9..1e-8).contains(&deviation)));
-    (run.extremes().1.to_degrees(), error.fold(0.0, f64::max), (found.machine.R_R / plant.machine.R_R - 1.0).abs())
+    (run.extremes().1.to_degrees(), error.largest(), (found.machine.R_R / plant.machine.R_R - 1.0).abs())
 }
 
 #[test]

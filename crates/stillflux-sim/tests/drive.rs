@@ -1,5 +1,6 @@
 //! Closed loops of drive and switching-level plant, judged on the plant's truth.
 
+use crate::rig::Largest;
 use std::borrow::Cow;
 
 use stillflux::base::Base;
@@ -83,7 +84,7 @@ impl Outcome {
     }
 
     fn worst(&self, name: &str, t0: f64, t1: f64, map: impl Fn(f64) -> f64) -> f64 {
-        self.data(name)[self.rows(t0, t1)].iter().map(|&x| map(x).abs()).fold(0.0, f64::max)
+        self.data(name)[self.rows(t0, t1)].iter().map(|&x| map(x).abs()).largest()
     }
 
     /// Largest field angle error between two times, degrees.
@@ -170,7 +171,7 @@ fn started_on_a_dynamometer(bench: Bench, speed: f64, find: bool) -> (f64, f64) 
         })
         .run();
     let running = o.data("status").iter().zip(o.data("angle_error")).filter(|(status, _)| **status == 3.0);
-    let angle = running.map(|(_, error)| error.to_degrees().abs()).fold(0.0, f64::max);
+    let angle = running.map(|(_, error)| error.to_degrees().abs()).largest();
     (angle, o.worst("torque", 3.0, 4.0, |t| t / t_n - 1.0))
 }
 
@@ -267,7 +268,7 @@ fn f32_and_fixed_point_stay_with_f64_over_a_minute_at_zero_frequency() {
             let rows = reference.rows(19.0, 80.0);
             let difference = |name: &str| {
                 let (x, y) = (&reference.data(name)[rows.clone()], &other.data(name)[rows.clone()]);
-                x.iter().zip(y).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
+                x.iter().zip(y).map(|(x, y)| (x - y).abs()).largest()
             };
             let angle = difference("angle_error").to_degrees();
             let speed = difference("omega_m") / reference.base.omega_m;

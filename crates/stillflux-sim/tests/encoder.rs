@@ -1,6 +1,7 @@
 //! An encoder as a reference: comparison with the estimate, speed control by it, and what happens when one of the two
 //! fails. Verdicts by the plant's speed.
 
+use crate::rig::Largest;
 use std::borrow::Cow;
 
 use stillflux::base::Base;
@@ -68,7 +69,7 @@ impl Outcome {
     /// Largest magnitude of what a row gives, from one time to another.
     fn most(&self, from: f64, to: f64, of: impl Fn(&dyn Fn(usize) -> f64) -> f64) -> f64 {
         let rows = (0..self.t.len()).filter(|k| self.t[*k] >= from && self.t[*k] < to);
-        rows.map(|k| of(&|column| self.columns[column][k]).abs()).fold(0.0, f64::max)
+        rows.map(|k| of(&|column| self.columns[column][k]).abs()).largest()
     }
 
     /// Deviation of the true speed from one, per unit.

@@ -1,6 +1,7 @@
 //! Closed loops with a single shunt in the dc link: shifted pulses show the currents, their ripple and the offset of the
 //! one amplifier are known, and without any of it the drive is lost.
 
+use crate::rig::Largest;
 use std::borrow::Cow;
 
 use stillflux::base::Base;
@@ -35,7 +36,7 @@ fn held(
     while run.advance(u64::MAX) {}
     let record = run.record();
     let late = record.t.iter().zip(&record.columns[0].data).filter(|(t, _)| **t > 5.0);
-    (run.drive().status(), late.map(|(_, angle)| angle.to_degrees().abs()).fold(0.0, f64::max))
+    (run.drive().status(), late.map(|(_, angle)| angle.to_degrees().abs()).largest())
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! What happens to a drive beyond its machine, and what supervision makes of it. Each with its negative control: with
 //! the monitor off the drive goes on, and the failure shows.
 
+use crate::rig::Largest;
 use std::borrow::Cow;
 
 use stillflux::base::Base;
@@ -115,7 +116,7 @@ fn a_channel_that_fails_is_found_before_the_current_does_harm() {
             let fault = run.drive().fault().unwrap_or_else(|| panic!("{name}: no fault"));
             let late = 1e3 * (f64::from(fault.period) / f_s - EVENT);
             let i = &run.record().columns.iter().find(|c| c.name == "i_s").unwrap().data;
-            let largest = i.chunks(2).map(|i| i[0].hypot(i[1])).fold(0.0, f64::max);
+            let largest = i.chunks(2).map(|i| i[0].hypot(i[1])).largest();
             println!("{name}: {} after {late:.1} ms, {:.2} of the trip level", fault.cause, largest / limit * 1.2);
             assert!(late < 30.0, "{name}: {late} ms");
             assert!(largest < limit, "{name}: {largest} A");
@@ -177,7 +178,7 @@ fn one_bad_sample_is_bridged_and_two_in_a_row_are_a_fault() {
         while run.advance(u64::MAX) {}
         assert_eq!(run.drive().status(), Status::Running);
         let angle = &run.record().columns[1].data;
-        let worst = angle[angle.len() / 2..].iter().map(|a| a.to_degrees().abs()).fold(0.0, f64::max);
+        let worst = angle[angle.len() / 2..].iter().map(|a| a.to_degrees().abs()).largest();
         assert!(worst < 3.0, "{worst}");
 
         let mut s = scenario(machine, 0.3, 0.5, EVENT + 0.1);
@@ -226,7 +227,7 @@ fn a_current_that_grows_beyond_the_trip_level_is_no_bad_sample() {
         assert!(run.drive().fault().is_some());
         let i: Vec<f64> = run.record().columns[0].data.chunks(2).map(|i| i[0].hypot(i[1]) / trip).collect();
         let beyond = i.iter().filter(|i| **i > 1.02).count();
-        let largest = i.iter().copied().fold(0.0, f64::max);
+        let largest = i.iter().copied().largest();
         println!("{seed}: {largest:.3} of the trip level, {beyond} samples");
         assert!(beyond <= 1 && largest < 1.18, "{seed}: {beyond} samples, {largest}");
     }

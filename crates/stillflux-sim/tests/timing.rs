@@ -1,6 +1,7 @@
 //! Updates of the duties at both extremes of the carrier and in every n-th of its periods: the drive knows the voltage that
 //! the bridge applies.
 
+use crate::rig::Largest;
 use std::borrow::Cow;
 
 use stillflux::base::Base;
@@ -35,7 +36,7 @@ fn held(
     let of = |name: &str| &r.columns.iter().find(|c| c.name == name).unwrap().data;
     let (angle, u, estimate, i) = (of("angle_error"), of("u_s"), of("estimate.u_s"), of("i_s"));
     let late: Vec<usize> = (0..r.t.len()).filter(|&k| r.t[k] > 4.0).collect();
-    let worst = late.iter().map(|&k| angle[k].to_degrees().abs()).fold(0.0, f64::max);
+    let worst = late.iter().map(|&k| angle[k].to_degrees().abs()).largest();
     // Along the current: what would be taken for a resistance. The voltage of the terminals of the plant is that of the
     // period which ends with the row; the drive's has its loss in r_d left in.
     let along = |k: usize| {

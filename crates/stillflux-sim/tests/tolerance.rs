@@ -1,6 +1,7 @@
 //! Installations with several parameters off at once, as the tolerance campaign draws them: each lost the drive for one
 //! reason.
 
+use crate::rig::Largest;
 use std::borrow::Cow;
 
 use stillflux::base::Base;
@@ -122,7 +123,7 @@ impl Outcome {
     /// Largest angle error under control, °.
     fn angle(&self) -> f64 {
         let running = self.data("status").iter().map(|&x| x == 3.0);
-        self.data("angle_error").iter().zip(running).filter(|x| x.1).map(|x| x.0.to_degrees().abs()).fold(0.0, f64::max)
+        self.data("angle_error").iter().zip(running).filter(|x| x.1).map(|x| x.0.to_degrees().abs()).largest()
     }
 
     /// When control begins, s after the planned end of the start-up.

@@ -1,5 +1,6 @@
 //! Closed loops with two current sensors: gains that differ, and what finds the difference.
 
+use crate::rig::Largest;
 use std::borrow::Cow;
 
 use stillflux::base::Base;
@@ -34,7 +35,7 @@ fn worst(
     }
     let record = run.record();
     let late = record.t.iter().zip(&record.columns[0].data).filter(|(t, _)| **t > 7.0);
-    late.map(|(_, angle)| angle.to_degrees().abs()).fold(0.0, f64::max)
+    late.map(|(_, angle)| angle.to_degrees().abs()).largest()
 }
 
 const SMALL: fn() -> (Machine, Inverter) = || (Machine::preset_2k2(), Inverter::preset_2k2());

@@ -101,9 +101,8 @@ pub struct DriveConfig<R: Real> {
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.
     pub(crate) i_plain_sq: R,
     pub(crate) i_trip: R,
-    /// Square of the largest current, the largest direct current (97 % of it), and the largest torque current.
+    /// Square of the largest current, and the largest torque current.
     pub(crate) i_max_sq: R,
-    pub(crate) i_d_max: R,
     pub(crate) i_q_max: R,
     pub(crate) pull_out_use: R,
     /// Largest voltage reference and largest fundamental voltage, in parts of the dc link.
@@ -152,7 +151,7 @@ words! {
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
     speed, current, flux_control, weakening, speed_control, speed_part, supervision, low_confidence, t_ahead, part_ahead, i_range, i_plain_sq,
-    i_trip, i_max_sq, i_d_max, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
+    i_trip, i_max_sq, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "supervision")] realign,
     #[cfg(feature = "dclink")] dclink,
     #[cfg(feature = "encoder")] encoder,
@@ -356,8 +355,6 @@ impl<R: Real> DriveConfig<R> {
             i_plain_sq: r((plain * plain).min(1.5 * x.i_trip * x.i_trip).min(100.0)),
             i_trip: r(x.i_trip),
             i_max_sq: r((x.i_max * x.i_max).min(100.0)),
-            // Leaves a quarter of the current to the torque.
-            i_d_max: r(libm::sqrt(15.0 / 16.0) * x.i_max),
             i_q_max: r(x.i_q_max),
             pull_out_use: r(0.8 * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s)),
             u_limit: r(x.u_limit),

@@ -102,9 +102,9 @@ impl<R: Real> Drive<R> {
     /// One control period.
     pub fn step(&mut self, measured: &Measurement<R>, reference: &Reference<R>) -> Output<R> {
         let Self { config, estimators, common } = self;
-        // Where a load does not reach the configuration from the address of the state, an address of its own, opaque to the
-        // compiler: seen as a part of the same object, every constant would cost the sum of address and offset. The state of
-        // the published scheme alone is short enough.
+        // Loads into the FPU reach 1 KiB from an address (VLDR). The configuration lies behind the state: beyond 1 KiB each of
+        // its constants would cost an addition. With an address that the compiler knows nothing of it has a base register of
+        // its own. The state of the published scheme alone is short enough.
         let config =
             if R::SHORT_REACH && cfg!(feature = "enhanced") { core::hint::black_box(&*config) } else { &*config };
         with_estimators!(estimators, e => common.step(config, e, measured, reference))
@@ -345,7 +345,7 @@ impl<R: Real> Common<R> {
             return Some(StartUp { stage: self.sequence.stage() });
         }
         if action == Action::Ready {
-            estimators.begin(c, self.sequence.pause(c));
+            estimators.begin(c, self.sequence.pause(c), self.sequence.blocked());
             self.control.begin(c);
             self.supervision.begin();
         }

@@ -255,8 +255,8 @@ impl<R: Real> Knee<R> {
         self.slope = inv_width * (R::ONE - self.tail * inv_width);
     }
 
-    /// Loss of a leg by its delays, for a positive (0) and for a negative current (1). What nothing is to be added to is a
-    /// negative zero.
+    /// Loss of a leg by its delays, for a positive (0) and for a negative current (1). Without the feature a negative zero,
+    /// whose addition the compiler omits.
     #[inline(always)]
     #[cfg_attr(not(feature = "legs"), allow(clippy::unused_self))]
     fn delay(&self, leg: usize, sign: usize) -> R {

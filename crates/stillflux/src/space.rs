@@ -161,8 +161,9 @@ impl<R: Real, F> Neg for Space<R, F> {
     }
 }
 
-/// `√3 / 2`.
-const HALF_SQRT3: f64 = 0.866_025_403_784_438_6;
+/// `√3` and `√3/2`.
+pub(crate) const SQRT_3: f64 = 1.732_050_807_568_877_2;
+pub(crate) const HALF_SQRT_3: f64 = SQRT_3 / 2.0;
 
 impl<R: Real> AlphaBeta<R> {
     /// Clarke transformation; a common (zero-sequence) part of the phase values drops out.
@@ -180,7 +181,7 @@ impl<R: Real> AlphaBeta<R> {
     /// Phases a and b less phase c of [`Self::to_phases`].
     #[inline]
     pub fn to_lines(&self) -> [R; 2] {
-        let h = self.im().times(HALF_SQRT3);
+        let h = self.im().times(HALF_SQRT_3);
         [self.re() + self.re().half() + h, h + h]
     }
 
@@ -188,7 +189,7 @@ impl<R: Real> AlphaBeta<R> {
     #[inline]
     pub fn to_phases(&self) -> [R; 3] {
         let half = self.re().half();
-        let h = self.im().times(HALF_SQRT3);
+        let h = self.im().times(HALF_SQRT_3);
         [self.re(), h - half, -half - h]
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! [`crate::config::DriveConfig::new`] computes in double precision, which a microcontroller without such an
 //! FPU does in software: 15 kB of code for a hundred numbers. A host can compute them once and store them as
-//! they are; [`Words::take`] reads them back without any arithmetic. [`Words::LAYOUT`] identifies names and order of
+//! they are; [`Words::take`] reads them back without double precision. [`Words::LAYOUT`] identifies names and order of
 //! all fields; it and the check of the content belong to the page around the words ([`crate::page`]).
 
 use core::marker::PhantomData;
@@ -17,8 +17,8 @@ pub trait Words: Sized {
     fn put(&self, out: &mut impl FnMut(u32));
     /// A value to take words into.
     const BLANK: Self;
-    /// Takes the words back in the same order, each to where it is kept: a value that is put together from all of its words
-    /// would have to keep them in between, which takes twice the code.
+    /// Takes the words back in the same order, each to its place in the value: a value that is returned would
+    /// need a second copy on the stack, and twice the code.
     fn fill(&mut self, from: &mut impl FnMut() -> u32);
     /// Takes them back as a value of its own.
     fn take(from: &mut impl FnMut() -> u32) -> Self {

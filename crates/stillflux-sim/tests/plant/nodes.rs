@@ -1,6 +1,7 @@
 //! Node capacitance of the legs against the law of its mean, energy balance, an independent bridge and its limit.
 
 use super::*;
+use crate::rig::Largest;
 use std::f64::consts::TAU;
 use stillflux::params::{Inverter, Machine, Rating, TModel};
 use stillflux_sim::{Mechanics, Mode, Plant, PlantParams};
@@ -228,7 +229,7 @@ fn agrees_with_brute_force(capacitances: &[f64]) {
         for (k, case) in cases(c_out).into_iter().enumerate() {
             let run = run_case(case, k == 0);
             let want = brute_force(&case.0, run.start, case.1, &run.acting);
-            let worst = run.i.iter().zip(&want).map(|(a, b)| distance(*a, *b)).fold(0.0, f64::max);
+            let worst = run.i.iter().zip(&want).map(|(a, b)| distance(*a, *b)).largest();
             // Edges of the reference lie on a 1-ns grid: up to 540 V · 1 ns / 21 mH = 0.03 mA each.
             assert!(worst < 1.5e-3, "{c_out:e} F, case {k}: {worst:e}");
         }
@@ -242,7 +243,7 @@ fn vanishing_capacitance_is_clamping() {
         let mut last = f64::INFINITY;
         for c_out in [100e-12, 10e-12, 1e-12, 0.1e-12] {
             let i = run_case(cases(c_out)[k], k == 0).i;
-            let apart = i.iter().zip(&clamped).map(|(a, b)| distance(*a, *b)).fold(0.0, f64::max);
+            let apart = i.iter().zip(&clamped).map(|(a, b)| distance(*a, *b)).largest();
             assert!(apart < last, "case {k}, {c_out:e} F: {apart:e} after {last:e}");
             last = apart;
         }

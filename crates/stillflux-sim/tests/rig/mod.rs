@@ -46,10 +46,20 @@ impl Rig {
             if self.drive.status() == Status::Running {
                 let (a, b) = (t.psi_s, self.drive.estimate().psi_s);
                 let angle = (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1]).to_degrees();
-                self.angle = self.angle.max(angle.abs());
+                self.angle = [self.angle, angle.abs()].into_iter().largest();
             }
         }
         seconds
+    }
+
+    /// Readings that are not numbers, until that is a fault, and a reset.
+    pub fn fail_and_reset(&mut self) {
+        for _ in 0..10 {
+            self.sample.i_abc = [f64::NAN; 3];
+            self.run(1.0 / self.f_s, self.speed(0.0), 0.0, |_| false);
+        }
+        assert!(matches!(self.drive.status(), Status::Faulted { .. }), "{:?}", self.drive.status());
+        self.drive.reset();
     }
 
     pub fn speed(&self, omega: f64) -> ReferenceSi {
@@ -60,3 +70,13 @@ impl Rig {
 pub fn machines() -> [(Machine, Inverter); 2] {
     [(Machine::preset_2k2(), Inverter::preset_2k2()), (Machine::preset_11k(), Inverter::preset_11k())]
 }
+
+/// The largest of some magnitudes. There is at least one, and none is NaN: neither a run that ended before the rows that are
+/// looked at nor an angle that is no number passes as a small error.
+pub trait Largest: Iterator<Item = f64> + Sized {
+    fn largest(self) -> f64 {
+        self.map(|x| if x.is_nan() { panic!("not a number") } else { x }).reduce(f64::max).expect("no rows")
+    }
+}
+
+impl<I: Iterator<Item = f64>> Largest for I {}

@@ -24,6 +24,7 @@ use crate::estimate::kalman::FilterConfig;
 use crate::estimate::speed::SpeedConfig;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::Real;
+use crate::space::SQRT_3;
 use crate::supervision::SupervisionConfig;
 #[cfg(feature = "supervision")]
 use crate::supervision::channels::ChannelConfig;
@@ -34,7 +35,7 @@ use crate::supervision::phases::PhaseConfig;
 use crate::supervision::plausibility::PlausibilityConfig;
 
 /// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
-const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
+const U_UTILISATION: f64 = 0.98 / SQRT_3;
 /// The same with overmodulation: the reference reaches half way to the corners of the hexagon, and the modulator takes the
 /// nearest voltage on its edge. Of a reference that turns with the length `ρ` the fundamental that is left is, with
 /// `r = 1/√3` and `cos θ = r/ρ`,
@@ -45,7 +46,7 @@ const U_UTILISATION: f64 = 0.98 / 1.732_050_807_568_877_2;
 const U_REACH: f64 = 0.622;
 /// The steady state stays on the circle, of which field weakening leaves it a part. On the edge of the hexagon current
 /// control has little room.
-const U_OVERMODULATED: f64 = 1.0 / (1.732_050_807_568_877_2 * weakening::UTILISATION);
+const U_OVERMODULATED: f64 = 1.0 / (SQRT_3 * weakening::UTILISATION);
 /// Flux control in field weakening ([`crate::control::flux`]): gain by the leakage, and crossing frequency of its integral
 /// part in parts of the bandwidth of current control. Largest correction at high frequency in units of the magnetising
 /// current: the flux of the largest machines falls over some tenths of a second only by a current against it.

@@ -113,7 +113,7 @@ impl<R: Real> PaperConfig<R> {
                 corner: r(t_adapt * pu.hz(LOW_PASS)),
             },
             r_s: r(pu.r_s),
-            // Where the scheme does not run, a resistance too small for it is none of its concern.
+            // Not used by the enhanced scheme: limited instead of a refusal.
             inv_r_s: r(if p.scheme == Scheme::Paper { 1.0 / pu.r_s } else { (1.0 / pu.r_s).min(R::LARGEST) }),
             // ω_r ≈ r_R T/ψ_R², ψ_R ≈ ψ*.
             omega_r_regeneration: r(0.15 * pu.r_r * pu.torque_rated / (p.psi_ref * p.psi_ref)),

@@ -308,8 +308,9 @@ pub struct DriveParams {
     /// Time after a stop within which a start takes over the offsets of the current sensors and what was identified, and
     /// is as short as the current allows, s, 0 to 3600; 0: never.
     pub fresh_time: f64,
-    /// Monitors of phases, current channels and stall. Off, a drive checks its measurements and the plausibility of its
-    /// estimate alone: for tests of the bridge without a machine.
+    /// Monitors of phases, current channels, stall and lost field. Off, a drive checks its measurements, the plausibility of its
+    /// estimate and the stamps of [`Drive::step_at`](crate::drive::Drive::step_at) alone: for tests of the bridge without a
+    /// machine, not for a load.
     pub supervision: bool,
     /// Time for which the torque may be at its limit at low speed without the speed approaching its reference, s, 0.1 to
     /// 60; 0: any ([`crate::supervision::stall`]).
@@ -337,7 +338,8 @@ pub struct DriveParams {
     /// Negative and positive limit of the speed reference, mechanical rad/s, within `omega_max`; `None`: ±`omega_max`.
     pub speed_limits: Option<(f64, f64)>,
     /// Continuous current of the machine in A rms and the time constant of its heat in s: the current is derated before
-    /// the heat exceeds that of the continuous current ([`crate::control::overload`]); `None`: no derating. It and
+    /// the heat exceeds that of the continuous current ([`crate::control::overload`]); `None`: no derating. Heat is counted
+    /// while the drive runs, not while it magnetises. It and
     /// the bridge's need the feature `derating`.
     pub machine_overload: Option<(f64, f64)>,
     /// The same of the bridge.
@@ -642,6 +644,10 @@ impl DriveParams {
 
     /// Voltages of the link's control.
     fn validate_link(&self, inverter: &Inverter) -> Result<(), ParamError> {
+        #[cfg(feature = "dclink")]
+        use crate::control::dclink::WIDTH;
+        #[cfg(not(feature = "dclink"))]
+        const WIDTH: f64 = 0.0;
         let built = cfg!(feature = "dclink");
         let check = |field, value, min: f64, max: f64| {
             if built {
@@ -650,12 +656,13 @@ impl DriveParams {
                 Err(refuse(field, value, "V", "needs the feature `dclink`"))
             }
         };
-        // A width of 5 % lies below the braking voltage and above the buffering one.
+        // Braking torque falls within a width below its voltage, driving torque within one above the buffering voltage; within
+        // one below that the machine comes to feed the link, before the drive ends with an under-voltage.
         if let Some(u) = self.u_dc_brake {
             check("u_dc_brake", u, 1.1 * inverter.u_dc, self.u_dc_max)?;
         }
         if let Some(u) = self.u_dc_buffer {
-            check("u_dc_buffer", u, self.u_dc_min, 0.9 * inverter.u_dc)?;
+            check("u_dc_buffer", u, self.u_dc_min + WIDTH * inverter.u_dc, 0.9 * inverter.u_dc)?;
         }
         if let Some((on, full)) = self.u_dc_chopper {
             check("u_dc_chopper[0]", on, 1.02 * inverter.u_dc, self.u_dc_max)?;

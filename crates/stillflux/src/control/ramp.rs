@@ -7,7 +7,8 @@
 //! `√(2 J |e|)` is the acceleration that a constant jerk takes back to zero on the way `e`. Without a limit of the jerk
 //! `a` changes at once; without one of the acceleration `ω*` is the reference. While the torque is at its limit in the
 //! direction of the ramp, for want of current, voltage or link, the ramp is held, at most so far ahead of the speed that
-//! the speed controller stays at the limit.
+//! the speed controller stays at the limit. `a` jumps, whatever `J`, where the ramp is held (to 0), and in the last calls before
+//! the reference, within four steps of `J`.
 //!
 //! `a` is in units of speed per 256 calls, which leaves small ones resolved in fixed point.
 

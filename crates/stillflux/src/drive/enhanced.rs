@@ -27,7 +27,8 @@ use crate::inverter::Legs;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Largest uncertainty of its direction, rad, and speed of the stop of a shaft that is taken as one that is held.
+/// Angle up to which the flux may have turned in the pause with its direction still taken as known, rad, and speed below which
+/// a shaft that was stopped is taken to stand still.
 const DIRECTION: f64 = 0.5;
 const STANDING: f64 = 0.035;
 /// Least weight of the flux control in regeneration near zero stator frequency.
@@ -42,6 +43,8 @@ const CROSSING: f64 = 0.0025;
 enum Start<R: Real> {
     /// Nothing.
     Unknown,
+    /// Nothing of a flux that the last run, or start, may have left; from this period of the start-up on it has decayed.
+    Left(u32),
     /// Its parameters are fresh; the rotor flux that it has if its speed is that of the stop, and whether that tells its
     /// direction.
     Fresh(AlphaBeta<R>, bool),
@@ -142,9 +145,13 @@ impl<R: Real> EnhancedEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
-    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>) {
+    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>, blocked: u32) {
         let r = R::from_f64;
-        self.start = pause.map_or(Start::Unknown, |pause| {
+        let unknown = match c.enhanced.decay_periods.saturating_sub(blocked) {
+            0 => Start::Unknown,
+            left => Start::Left(left),
+        };
+        self.start = pause.map_or(unknown, |pause| {
             // A free rotor flux decays, by e⁻ˣ.
             let x = c.enhanced.decay.periods(pause).min(r(10.0));
             let root = (R::ONE + x.quarter() * (R::ONE + x.quarter().half())).recip();
@@ -405,8 +412,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
         // The offset of the filter is that beyond the offsets read at standstill: a new reading replaces both.
-        let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -memory.r_s.recip() };
-        let Memory { r_s, loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
+        let Memory { loss_error: v, knee, leakage, inv_l_m: gamma, .. } = *memory;
+        let r_s = Filter::admissible_resistance(&c.enhanced.filter, memory.r_s);
+        let b = if c.calibrate_offset { AlphaBeta::default() } else { u_off * -r_s.recip() };
         self.filter.restore(&c.enhanced.filter, &Learned { b, r_s, v, knee, leakage, gamma });
         #[cfg(feature = "legs")]
         {

@@ -155,7 +155,7 @@ impl<R: Real> PaperEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for PaperEstimators<R> {
-    fn begin(&mut self, _: &DriveConfig<R>, _: Option<u32>) {
+    fn begin(&mut self, _: &DriveConfig<R>, _: Option<u32>, _: u32) {
         self.r_s_mean = Integrator::default();
         self.speed = SpeedEstimate::default();
         self.regeneration = Regeneration::default();

@@ -32,7 +32,7 @@ impl<R: Real> Ripple<R> {
 
     /// Ripple of the next leg; at larger voltages, where it does not count, the currents would have turned away before
     /// it is the leg's turn again. Where a step of the reference takes the currents away from their zeros it ends in all
-    /// legs at once: what is common to them is no voltage, but with one after the other the difference is up to `U` for
+    /// legs at once: equal voltages of the legs cancel, while legs that end one after the other would differ by up to `U` for
     /// eight periods.
     #[inline(never)]
     pub fn follow(

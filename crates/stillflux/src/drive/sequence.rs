@@ -40,8 +40,10 @@ pub(super) struct Sequence<R: Real> {
     /// Periods since power-up, and since the present stage began.
     period: u32,
     stage: u32,
-    /// Period in which the drive ran last, if it stopped without having lost anything.
+    /// Period in which the drive ran last, if what it learned then still holds, and the filter the flux that it had.
     ran: Option<u32>,
+    /// Periods since the bridge switched last. At power-up the machine is taken to be without flux.
+    blocked: u32,
     /// Period of the latest sample that could not be used.
     #[cfg(feature = "bridging")]
     last_bad: u32,
@@ -59,6 +61,7 @@ impl<R: Real> Sequence<R> {
             period: 0,
             stage: 0,
             ran: None,
+            blocked: u32::MAX,
             #[cfg(feature = "bridging")]
             last_bad: u32::MAX / 2,
             trip: (R::ZERO, R::ZERO),
@@ -96,8 +99,9 @@ impl<R: Real> Sequence<R> {
         self.i_off
     }
 
-    /// Restores offsets, each within its limits.
+    /// Restores offsets, each within its limits. The next start reads them anew.
     pub fn restore(&mut self, i_off: [R; 3]) {
+        self.ran = None;
         for (to, i) in self.i_off.iter_mut().zip(i_off) {
             *to = clamp_seldom(i, R::from_f64(-I_OFF_MAX), R::from_f64(I_OFF_MAX));
         }
@@ -200,6 +204,9 @@ impl<R: Real> Sequence<R> {
     #[inline(never)]
     pub fn advance(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, reference: &Reference<R>) -> Action {
         self.stage = self.stage.saturating_add(1);
+        if !self.is_switching() {
+            self.blocked = self.blocked.saturating_add(1);
+        }
         if self.pause(c).is_none() {
             // For good: the number of periods wraps.
             self.ran = None;
@@ -232,6 +239,11 @@ impl<R: Real> Sequence<R> {
     pub fn pause(&self, c: &DriveConfig<R>) -> Option<u32> {
         let pause = self.period.wrapping_sub(self.ran?);
         (pause < c.fresh_periods).then_some(pause)
+    }
+
+    /// Periods since the bridge switched last, in which the flux that it left decays.
+    pub fn blocked(&self) -> u32 {
+        self.blocked
     }
 
     /// Mean of the current samples while no current can flow.
@@ -269,11 +281,17 @@ impl<R: Real> Sequence<R> {
             Status::Faulted { cause, .. } => matches!(cause, Fault::UnderVoltage | Fault::OverVoltage),
             _ => true,
         };
-        if self.status == Status::Running {
-            self.ran = Some(self.period);
+        match self.status {
+            Status::Running => self.ran = Some(self.period),
+            // Of the flux of a start that did not end the filter knows nothing yet.
+            Status::Magnetising if status != Status::Running => self.ran = None,
+            _ => {}
         }
         if !sound {
             self.ran = None;
+        }
+        if self.is_switching() {
+            self.blocked = 0;
         }
         self.status = status;
         self.stage = 0;
@@ -330,7 +348,7 @@ mod tests {
         assert_eq!(sequence.pause(&c), None);
     }
 
-    /// With the feature `bridging` the first one after a while has another in its place; what does is none of this test.
+    /// With the feature `bridging` the first one is replaced; by what is tested elsewhere.
     #[test]
     fn a_measurement_that_cannot_be_used_is_a_fault_where_it_is_not_bridged() {
         let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());

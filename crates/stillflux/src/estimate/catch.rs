@@ -4,7 +4,7 @@
 //! i* = 0:   e = dψ_R/dτ = (jω - 1/τ_r) ψ_R,      ψ_R = -j e/ω
 //! ω = Σ e_k-1 × e_k/(T Σ |e_k-1|²)          |ω| > 0.7
 //! |ω| = |e|/|ψ_R|                           else, with the flux of the stop, less its decay, if it is known
-//! ω = arcsin(e_4 × e_n/|e_4||e_n|)/(n - 4)T  else
+//! ω = arcsin(e_4 × e_n/|e_n|²)/(n - 4)T  else
 //! ```
 //!
 //! Without current the voltage of the machine is the one that its rotor flux induces. Current control at zero finds it:

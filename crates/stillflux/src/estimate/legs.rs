@@ -69,7 +69,9 @@ use super::balance::Balance;
 use crate::base::{PerUnit, rounded};
 use crate::inverter::Legs;
 use crate::scalar::{Integrator, Real};
-use crate::space::{AlphaBeta, Rotator};
+#[cfg(feature = "modes")]
+use crate::space::SQRT_3;
+use crate::space::{AlphaBeta, HALF_SQRT_3, Rotator};
 use crate::words::words;
 
 /// Half plateaus of a direction, and directions.
@@ -83,9 +85,6 @@ const CURRENT: f64 = 0.5;
 const WINDOW: (u32, u32) = (3, 5);
 /// Gain of the sums of which the quotient counts: the reciprocal of some thousand periods.
 const MEAN: f64 = 1.0 / 2048.0;
-const SQRT_3_HALF: f64 = 0.866_025_403_784_438_6;
-#[cfg(feature = "modes")]
-const SQRT_3: f64 = 2.0 * SQRT_3_HALF;
 
 /// Least half of a plateau, s and in time constants of current control; and in rotor time constants, of which the flux is
 /// half as much of rated: with less the voltage errors of the bridge are a rotation.
@@ -220,8 +219,8 @@ pub(crate) fn axis<R: Real>(phase: u32) -> Rotator<R> {
     let r = R::from_f64;
     match phase {
         0 => Rotator::default(),
-        1 => Rotator { cos: r(-0.5), sin: r(SQRT_3_HALF) },
-        _ => Rotator { cos: r(-0.5), sin: r(-SQRT_3_HALF) },
+        1 => Rotator { cos: r(-0.5), sin: r(HALF_SQRT_3) },
+        _ => Rotator { cos: r(-0.5), sin: r(-HALF_SQRT_3) },
     }
 }
 

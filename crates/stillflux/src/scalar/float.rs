@@ -47,7 +47,8 @@ macro_rules! impl_real {
             fn to_f32(self) -> f32 {
                 self as f32
             }
-            // Zero but for an infinity and NaN. Where the question is one of two, the bits would be made a value of their own.
+            // Zero but for an infinity and NaN. One comparison in the FPU; a test of the bits would move them to an integer
+            // register.
             #[allow(clippy::eq_op)]
             #[inline]
             fn is_finite(self) -> bool {

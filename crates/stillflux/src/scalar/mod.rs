@@ -81,7 +81,7 @@ pub trait Real:
     const LARGEST: f64;
     /// Smallest gain of a configuration: smaller ones are resolved to less than 3 %.
     const LEAST_GAIN: f64;
-    /// Loads of this arithmetic reach 1 KiB only beyond an address, as those of the FPU of a Cortex-M4 do.
+    /// Loads of this arithmetic have offsets of up to 1 KiB only, as those of the FPU of a Cortex-M4 (VLDR).
     const SHORT_REACH: bool = false;
 
     /// Nearest representable value; saturates. NaN stays what it is where there is one, and is zero
@@ -138,7 +138,7 @@ pub trait Real:
     /// `Σ a·b`, rounded as [`Real::dot`]. In fixed point the exact sum must be within ±2^15.
     #[inline]
     fn sum_of_products<const T: usize>(a: [Self; T], b: [Self; T]) -> Self {
-        // Nothing is to be added to a negative zero: the first product is the sum.
+        // x + (-0.0) is x for every x: the compiler omits the first addition, which it must not with +0.0.
         let mut sum = -Self::ZERO;
         for (x, y) in a.into_iter().zip(b) {
             sum += x * y;
@@ -211,17 +211,6 @@ pub trait Real:
     #[inline]
     fn clamp(self, lo: Self, hi: Self) -> Self {
         if likely(self >= lo && self <= hi) { self } else { outside(self, lo, hi) }
-    }
-    /// `-1`, `0` or `1`.
-    #[inline]
-    fn sign(self) -> Self {
-        if self > Self::ZERO {
-            Self::ONE
-        } else if self < Self::ZERO {
-            -Self::ONE
-        } else {
-            Self::ZERO
-        }
     }
 }
 

@@ -70,7 +70,8 @@ fn product_unsigned(a: u32, b: u32) -> u64 {
     u64::from(a) * u64::from(b)
 }
 
-/// Upper word of `a·b`: product of a Q31 fraction. (From halves of its own the compiler would make its routine again.)
+/// Upper word of `a·b`: product of a Q31 fraction. (Written with halves here as well, the compiler would recognise them
+/// and call `__aeabi_lmul`.)
 #[inline]
 fn mul_hi(a: u32, b: u32) -> u32 {
     (product_unsigned(a, b) >> 32) as u32

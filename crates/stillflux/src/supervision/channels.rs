@@ -10,8 +10,8 @@
 //! what gain errors of 5 % make of the largest current.
 //!
 //! A channel whose sign turns makes current control unstable along its axis: the current grows by `e` in `1/ω_c`, a
-//! millisecond and less, and 4 ms pass far beyond the trip level, which is compared with what is left of the measured
-//! vector. Such a sum is large at once. Two calls of it are a fault; what a single reading shows is not, once in 10 to 20 ms.
+//! millisecond and less. Within 4 ms it is far beyond the trip level, which the measured vector, without this channel, does
+//! not show. Such a sum is large at once. Two calls of it are a fault; what a single reading shows is not, once in 10 to 20 ms.
 //!
 //! Validity: three channels. Where the third current is computed from two the sum is always zero and the monitor is off;
 //! swapped channels leave it zero. Both show in [`super::phases`].

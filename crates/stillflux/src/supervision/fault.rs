@@ -76,7 +76,8 @@ macro_rules! faults {
 }
 
 faults! {
-    /// Current vector above the trip level in two samples within 10 ms.
+    /// Current vector above the trip level: at once where the voltage can have made it since the last sample, else in two
+    /// samples within 10 ms. Without the feature `bridging` this and the next three are faults at the first sample.
     OverCurrent = 1, "over-current", Current;
     /// dc-link voltage below its range in two samples within 10 ms.
     UnderVoltage = 2, "under-voltage", Voltage;

@@ -16,7 +16,7 @@
 //! current should make, block after block, and the correction makes up for the difference. Its innovation is small, NIS 0.1
 //! to 0.4, and has one sign for a tenth of a second or two, in which the flux is lost. What comes after that, when the current
 //! flows in a shaft that turns away and makes no flux, has either sign, and counts once there is evidence (`g > h/2`). A flux
-//! larger than the current explains (`m < |ψ̂_R|`: an inductance that is not that of the data) is none by itself. `k` is that of
+//! larger than the current explains (`m < |ψ̂_R|`) comes from a wrong inductance, and alone does not count. `k` is that of
 //! the likelihood-ratio test of a variance, `ln(x_1/x_0)/(1/x_0 - 1/x_1)`, for a mean of `x_0` = 0.02, of drives that are
 //! undisturbed, against `x_1` = 0.2. `h` grows with the rotor time constant, in which a flux falls: what a slower machine
 //! contradicts for 0.3 s is its parameters, which are still being identified, and its flux lasts until the first test has

@@ -5,8 +5,8 @@
 //! ω_0: speed of the last approach; that which is 0.02 nearer to ω* than ω̂, where the shaft has been driven away by more
 //! ```
 //!
-//! Every approach empties the counter and begins anew, so that an acceleration at the torque limit is none, nor the way
-//! back of a shaft that a load has driven away; a swing of the estimate within the admissible deviation is no approach. A
+//! Every approach empties the counter and begins anew, so that neither an acceleration at the torque limit nor the way back
+//! of a shaft that a load has driven away counts as a stall; a swing of the estimate within the admissible deviation is no approach. A
 //! fault after some calls without one (leaky, [`super::leaky`]). While the field is realigned ([`crate::control::realign`])
 //! nothing counts, and `ω_0` is the speed at its end.
 //!

@@ -26,8 +26,6 @@ const FULL: u32 = 5 * RISE;
 pub struct Timing {
     last: Option<u16>,
     level: u32,
-    /// Missed and doubled calls since power-up.
-    irregular: u32,
 }
 
 impl Timing {
@@ -47,20 +45,13 @@ impl Timing {
     #[inline(never)]
     fn book<R: Real>(&mut self, advance: u16) -> Option<Trip<R>> {
         let n = if advance == 0 { 1 } else { u32::from(advance) - 1 };
-        self.irregular = self.irregular.saturating_add(n);
-        self.level = self.level.saturating_add(RISE.saturating_mul(n));
-        (self.level > FULL).then(|| {
-            self.level = 0;
-            // Without double precision: this runs in the control interrupt.
-            let count = |n: u32| R::ONE.periods(64 * n.min(100));
-            Trip::new(Fault::Timing, count(self.irregular), count(FULL / RISE))
+        let level = self.level.saturating_add(RISE.saturating_mul(n));
+        self.level = if level > FULL { 0 } else { level };
+        (level > FULL).then(|| {
+            // In calls that are missed at once; without double precision: this runs in the control interrupt.
+            let count = |level: u32| R::ONE.periods(64 * level.div_ceil(RISE).min(100));
+            Trip::new(Fault::Timing, count(level), count(FULL))
         })
-    }
-
-    /// Missed and doubled calls since power-up.
-    #[must_use]
-    pub fn irregular(&self) -> u32 {
-        self.irregular
     }
 
     /// Whether a stamp is that of the latest call.
@@ -100,5 +91,13 @@ mod tests {
     fn a_gap_of_six_periods_is_found_at_once_and_one_of_two_is_bridged() {
         let gap = |n: u32| (0..1000_u32).map(move |k| (k + if k < 500 { 0 } else { n }) as u16);
         assert_eq!((first(gap(6)), first(gap(2))), (Some(500), None));
+    }
+
+    #[test]
+    fn the_fault_reports_what_it_was_found_by_and_not_what_was_tolerated_in_the_weeks_before() {
+        let mut timing = Timing::default();
+        let tolerated = (0..100_000_u32).filter(|k| k % 1000 != 0).find_map(|k| timing.step::<f64>(k as u16));
+        assert_eq!(tolerated, None);
+        assert_eq!(timing.step(100_006_u32 as u16), Some(Trip::new(Fault::Timing, 6.0, 5.0)));
     }
 }

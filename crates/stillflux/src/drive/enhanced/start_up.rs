@@ -13,8 +13,8 @@
 //!    ([`crate::estimate::legs`]), and whether the machine is at rest. In a machine that certainly rotates it ends
 //!    after a third. In one that is not found at rest the start-up begins again, since the flux that is left turns: the
 //!    search would take it for what its current builds up. Without `identify_legs` this is left out. In the end the current
-//!    is zero and current control without integrators: a bridge whose legs wait for their current applies nothing of what
-//!    they would hold, up to half of the loss by the dead time, until there is one.
+//!    is zero and current control without integrators: without current the bridge does not apply the voltage that they
+//!    would hold against the dead time, up to half of its loss.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
 //!    current on.
@@ -66,7 +66,7 @@ const PREVAILS: f64 = 0.1;
 /// which nothing is looked for.
 const RESIDUAL: f64 = 0.15;
 const GONE: f64 = if cfg!(feature = "restart") { 0.02 } else { RESIDUAL };
-/// Flux below which its direction is that of [`SCALE`] times as much: what it takes for the direction of a vector to count.
+/// Flux that is multiplied by [`SCALE`] before its direction is taken: [`Rotator::of`] takes that of a vector near zero as 0.
 const FAINT: f64 = 0.1;
 const SCALE: f64 = 16.0;
 /// Standard deviation of a flux that builds up behind a small one, per unit, when it is first corrected: as long as it is below
@@ -82,8 +82,8 @@ const BUILT_UP: f64 = 0.85;
 /// Induced voltage, relative to the largest fundamental voltage, with which control begins before that: a tenth is left for
 /// current control.
 const VOLTAGE_USE: f64 = 0.9;
-/// Period of a start-up in which the voltage for the reference of its first one is that applied between the last two samples. A
-/// bridge without current applies none: what was commanded before is no flux.
+/// Period of a start-up in which the voltage for the reference of its first one is that applied between the last two samples.
+/// What was commanded before, without current, was not applied, and must not be integrated.
 const DRIVEN: u32 = 3;
 /// Difference of the gains of two current sensors below which nothing is repeated.
 #[cfg(feature = "modes")]
@@ -206,6 +206,13 @@ impl<R: Real> EnhancedEstimators<R> {
             _ => None,
         };
         let flux = match self.remaining_flux(c, stage, kept, above) {
+            // Neither the comparison of the legs nor the search may find a flux: what is left decays without current.
+            Ok(None) if self.decayed() > stage => {
+                #[cfg(feature = "restart")]
+                self.catch.set_turning(false);
+                self.catch_periods = self.decayed();
+                return;
+            }
             Ok(flux) => flux,
             Err(longer) => {
                 self.catch_periods += longer;
@@ -232,6 +239,11 @@ impl<R: Real> EnhancedEstimators<R> {
                 Start::Unknown
             }
         };
+    }
+
+    /// Period of the start-up from which on a flux of before has decayed.
+    fn decayed(&self) -> u32 {
+        if let Start::Left(until) = self.start { until } else { 0 }
     }
 
     /// Rotor flux and speed, if there is a flux, or the periods that it takes to know.
@@ -404,7 +416,7 @@ impl<R: Real> EnhancedEstimators<R> {
         let i_s = self.filter.i_s();
         let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         let (mut field, mut periods) = (Rotator::default(), c.magnetise_periods);
-        // More flux is field weakening's to allow. Without voltage left the current would leave its reference.
+        // The start-up ends at the limit of the voltage, where current control would fail; field weakening goes on from there.
         let follows = self.follows_flux();
         let induced = self.filter.magnitude() * self.speed.omega_s;
         let at_limit = follows && !induced.within(u_dc * c.u_use * R::from_f64(VOLTAGE_USE));

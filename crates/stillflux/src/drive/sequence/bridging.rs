@@ -26,8 +26,8 @@ impl<R: Real> Sequence<R> {
     }
 
     /// A measurement that cannot be used: whether it is the only one for a while, which is bridged. The second within
-    /// 10 ms is a fault, and so is at once a current beyond the trip level that the voltage can have made since the last
-    /// measurement, be it at the end of a channel's range: a current that grows, no reading that is wrong.
+    /// 10 ms is a fault. So is, at once, a current beyond the trip level that the voltage can have made since the last
+    /// measurement: that is a current that grows, even at the end of a channel's range, and no wrong reading.
     #[cold]
     #[inline(never)]
     fn bridges(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, last: &AlphaBeta<R>) -> bool {

@@ -351,7 +351,7 @@ impl<R: Real> Filter<R> {
 
     /// A current sample while the bridge is blocked: start value of the trapezoidal rule.
     pub fn rest(&mut self, i_s: &AlphaBeta<R>) {
-        self.i_s = *i_s;
+        self.i_s = *i_s - self.b();
     }
 
     /// Present `ψ̂_s`.

@@ -84,14 +84,19 @@ impl<R: Real> Filter<R> {
         self.reset_covariance(&variance);
     }
 
+    /// The resistance that a filter begins with in place of a stored one.
+    pub fn admissible_resistance(c: &FilterConfig<R>, r_s: R) -> R {
+        let r = R::from_f64;
+        clamp_seldom(r_s, c.model.r_s * r(R_S_RANGE.0), c.model.r_s * r(R_S_RANGE.1))
+    }
+
     /// Restores the parameters identified in an earlier run, each within its limits, with a quarter of its prior
     /// standard deviation, an offset with a sixteenth.
     pub fn restore(&mut self, c: &FilterConfig<R>, learned: &Learned<R>) {
         let r = R::from_f64;
-        let r_s = c.model.r_s;
         self.initial.learned = Learned {
             b: learned.b.limit_components(r(B_MAX)),
-            r_s: clamp_seldom(learned.r_s, r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1)),
+            r_s: Self::admissible_resistance(c, learned.r_s),
             v: clamp_seldom(learned.v, r(-V_MAX), r(V_MAX)),
             knee: clamp_seldom(learned.knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1)),
             leakage: clamp_seldom(learned.leakage, r(LEAKAGE_RANGE.0), r(LEAKAGE_RANGE.1)),
@@ -128,8 +133,8 @@ impl<R: Real> Filter<R> {
         self.place(c, psi_r, i_s, R::ZERO);
     }
 
-    /// Begins anew, before anything has been corrected, at a rotor flux that is known to a part of it and to a standard
-    /// `deviation` of its components, per unit.
+    /// Begins anew, before anything has been corrected, at a rotor flux whose standard deviation is [`CAUGHT`] times its
+    /// magnitude plus `deviation`, per unit.
     pub fn place(&mut self, c: &FilterConfig<R>, psi_r: AlphaBeta<R>, i_s: &AlphaBeta<R>, deviation: R) {
         self.reset_from_initial(c);
         self.i_s = *i_s;
