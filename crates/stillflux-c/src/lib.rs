@@ -112,8 +112,12 @@ impl stillflux_drive {
     }
     #[inline(always)]
     fn get_mut(&mut self) -> Option<&mut CountsDrive<Arithmetic>> {
-        // SAFETY: as in `get`.
-        (self.open == OPEN).then(|| unsafe { self.drive.assume_init_mut() })
+        // SAFETY: as in `get`; what `stillflux_open` writes is a drive, not the place of one.
+        (self.open == OPEN).then(|| unsafe {
+            let drive = self.drive.assume_init_mut();
+            core::hint::assert_unchecked(drive.is_some());
+            drive
+        })
     }
 }
 
@@ -491,13 +495,10 @@ fn counts_of(counts: &stillflux_counts) -> Counts {
 
 #[inline(always)]
 fn set_point_of(set_point: &stillflux_set_point) -> SetPoint {
-    // Read whatever it means: no branch for each kind.
-    let (kind, value) = (set_point.kind, set_point.value);
-    match if kind <= STILLFLUX_TORQUE { kind } else { STILLFLUX_STOP } {
-        STILLFLUX_SPEED => SetPoint::Speed(value),
-        STILLFLUX_TORQUE => SetPoint::Torque(value),
-        _ => SetPoint::Stop,
-    }
+    let stillflux_set_point { kind, value } = *set_point;
+    let kind = if kind <= STILLFLUX_TORQUE { kind } else { STILLFLUX_STOP };
+    // SAFETY: both are a number of 32 bits, which is that of a variant, and a value.
+    unsafe { core::mem::transmute::<stillflux_set_point, SetPoint>(stillflux_set_point { kind, value }) }
 }
 
 /// Readings from the content of the converters' data registers (STM32: JDRy). A channel at an end of its range reads

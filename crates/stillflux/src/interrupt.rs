@@ -57,6 +57,12 @@ impl<R: Real> CountsDrive<R> {
         Self(None)
     }
 
+    /// Whether there is a drive.
+    #[must_use]
+    pub const fn is_some(&self) -> bool {
+        self.0.is_some()
+    }
+
     /// A stopped drive that remembers what its page holds. Without a timer clock in the page, compare values are those
     /// of [`Timer::finest`].
     #[must_use]

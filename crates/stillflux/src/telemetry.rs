@@ -12,9 +12,10 @@ use crate::params::Machine;
 use crate::scalar::{Real, likely};
 use crate::words::{Words, layout};
 
-/// What a drive is to do, SI.
+/// What a drive is to do, SI. In memory a number of 32 bits, 0 to 2 in this order, and the value.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u32)]
 pub enum SetPoint {
     /// Gates off.
     #[default]
@@ -145,7 +146,11 @@ impl Units {
         if !likely(product.is_finite()) && !x.is_finite() && y.is_finite() {
             return Reference::Stop;
         }
-        if matches!(set_point, SetPoint::Speed(_)) { Reference::Speed(y) } else { Reference::Torque(y) }
+        match set_point {
+            SetPoint::Stop => Reference::Stop,
+            SetPoint::Speed(_) => Reference::Speed(y),
+            SetPoint::Torque(_) => Reference::Torque(y),
+        }
     }
 
     /// What the encoder of a drive says; `None` without one.
