@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import os
 import shlex
 import sys
 import warnings
@@ -15,8 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stillflux import __version__, sweep_file
-from stillflux.machine_file import load_machine, read_toml, with_machine
+from stillflux.machine_file import in_file, load_machine, read_toml, simulated_guess, with_machine
 from stillflux.outputs import apart, check_file, keep
+from stillflux.parallel import EndedEarlyError
 from stillflux.parameters import PRESETS
 from stillflux.replay import replay
 from stillflux.scenario import Scenario, ScenarioWarning
@@ -32,27 +34,52 @@ __all__ = ["main"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command; returns the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    options = _parser(given).parse_args(given)
-    options.command_line = shlex.join(["stillflux", *given])
     # A console that knows no Ω or ° is no reason to lose a result.
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
+        try:
+            options = _parser(given).parse_args(given)
+        except SystemExit:
+            _flush()
+            raise
+        options.command_line = shlex.join(["stillflux", *given])
         with warnings.catch_warnings():
             warnings.showwarning = partial(_warned, warnings.showwarning)
             status: int = options.run(options)
+        _flush()
     except OSError as error:
+        if isinstance(error, BrokenPipeError) and error.filename is None:
+            return _unread()
         text = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else error
         print(f"stillflux: {text}", file=sys.stderr)
         return 2
-    except (ValueError, TypeError, ImportError, ArithmeticError) as error:
+    except (ValueError, TypeError, ImportError, ArithmeticError, EndedEarlyError) as error:
         print(f"stillflux: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as error:
-        print(f"\nstillflux: {error or 'interrupted'}", file=sys.stderr)
+        print(f"\nstillflux: {str(error) or 'interrupted'}", file=sys.stderr)
         return 130
     return status
+
+
+def _flush() -> None:
+    """That what reads the output has gone shows here, not after the end of the program."""
+    if sys.stdout is not None:
+        sys.stdout.flush()
+
+
+_UNREAD = 128 + 13
+"""Exit status of a program that SIGPIPE ends, as shells show it."""
+
+
+def _unread() -> int:
+    """What reads the output has seen enough: files are written, nothing is left to say."""
+    # Or the interpreter would try again at its end, and complain.
+    if sys.stdout is sys.__stdout__ and sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return _UNREAD
 
 
 def _warned(otherwise: Callable[..., None], message: Warning | str, *where: Any, **how: Any) -> None:
@@ -183,7 +210,12 @@ def _simulate(options: argparse.Namespace) -> int:
     check_file(options.save, ".npz")
     check_file(options.plot, *_PLOTS)
     apart({"file": options.file, "--save": options.save, "--plot": options.plot})
-    scenario = Scenario.from_dict(_with_motor(read_toml(options.file), options.motor))
+    data = read_toml(options.file)
+    found = _with_motor(data, options.motor)
+    with in_file(options.file):
+        scenario = Scenario.from_dict(found)
+    if scenario.plant_motor is None:
+        _say_guess(options.motor or data.get("motor"))
     try:
         result, status = simulate(scenario, progress=True), 0
     except Interrupted as stop:
@@ -214,6 +246,8 @@ def _replay(options: argparse.Namespace) -> int:
         if not equals or not name:
             raise ValueError(f"--column {text}: write QUANTITY=NAME or QUANTITY=NAME:UNIT")
         name, colon, unit = name.rpartition(":") if ":" in name else (name, "", "")
+        if quantity in columns:
+            raise ValueError(f"--column {text}: {quantity} is given twice")
         columns[quantity] = (name, unit) if colon else name
     machine = load_machine(options.motor)
     try:
@@ -239,8 +273,14 @@ def _replay(options: argparse.Namespace) -> int:
 def _sweep(options: argparse.Namespace) -> int:
     check_file(options.out, ".csv")
     check_file(options.plot, *_PLOTS)
+    check_file(options.resume)
     apart({"file": options.file, "--resume": options.resume, "--out": options.out, "--plot": options.plot})
-    asked = sweep_file.parse(_with_motor(read_toml(options.file), options.motor, "scenario"))
+    data = read_toml(options.file)
+    tables = _with_motor(data, options.motor, "scenario")
+    with in_file(options.file):
+        asked = sweep_file.parse(tables)
+    if not any(point.scenario and point.scenario.plant_motor for point in asked.points):
+        _say_guess(options.motor or data["scenario"].get("motor"))
     status = 0
     try:
         found = sweep(asked.points, list(asked.metrics), resume=options.resume, progress=True)
@@ -260,6 +300,13 @@ def _with_motor(data: dict[str, Any], motor: str | None, table: str = "") -> dic
         return data
     scenario = with_machine(data.get(table, {}) if table else data, load_machine(motor))
     return {**data, table: scenario} if table else scenario
+
+
+def _say_guess(source: Any) -> None:
+    """Says of a scenario without a motor of its plant, of a motor file or a preset, that the file has only a
+    plate."""
+    if isinstance(source, str) and load_machine(source).of_plate:
+        print(f"stillflux: {simulated_guess(source)}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,8 @@ from __future__ import annotations
 import argparse
 import html
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,7 +43,16 @@ import numpy as np
 from stillflux.commissioning import PROCEDURES, Commissioned, CommissioningInterrupted, pulse_delay
 from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
-from stillflux.machine_file import checked_name, inverter_of, load_machine, part, read_toml
+from stillflux.machine_file import (
+    checked_name,
+    in_file,
+    inverter_of,
+    load_machine,
+    motor_file,
+    part,
+    read_toml,
+    simulated_guess,
+)
 from stillflux.nameplate import Nameplate
 from stillflux.outputs import apart, check_file, keep, write_text
 from stillflux.parameters import PRESETS, Inverter, Motor, leg_delay
@@ -106,23 +116,24 @@ def commission(parser: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     source = options.machine or options.motor
     check_file(options.out)
-    check_file(options.report)
+    check_file(options.report, ".html", ".htm")
     apart({"MACHINE": source, "--out": options.out, "--report": options.report})
     task = _task(source)
     bar = progress_bar("commissioning")
     status = 0
     try:
-        found = run_commissioning(
-            task.plate,
-            task.sheet,
-            plant_motor=task.motor,
-            plant_inverter=task.inverter,
-            shaft=options.shaft,
-            arithmetic=options.arithmetic,
-            only=options.only,
-            progress=lambda fraction, stage: bar(fraction),
-            **task.options,
-        )
+        with nullcontext() if source in PRESETS else in_file(source):
+            found = run_commissioning(
+                task.plate,
+                task.sheet,
+                plant_motor=task.motor,
+                plant_inverter=task.inverter,
+                shaft=options.shaft,
+                arithmetic=options.arithmetic,
+                only=options.only,
+                progress=lambda fraction, stage: bar(fraction),
+                **task.options,
+            )
     except CommissioningInterrupted as stop:
         found, status = stop.result, 130
         print(f"\nstillflux: {stop}", file=sys.stderr)
@@ -135,10 +146,10 @@ def _run(options: argparse.Namespace) -> int:
         f"{name:20} {value:>14}  ± {deviation:>8}   error {error}" for name, value, deviation, error in rows
     ]
     said += [f"warning: {text}" for text in (*found.warnings, *far)]
-    motor_file = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=_simulated(task))
+    text = found.to_toml(name=task.name, plant_motor=task.motor, plant_inverter=_simulated(task))
     keep(
         "\n".join(said),
-        motor_file=(options.out, lambda path: write_text(path, motor_file)),
+        motor_file=(options.out, lambda path: write_text(path, text)),
         report=(options.report, lambda path: write_text(path, report(task.name, found, rows, far))),
     )
     return status or int(found.cause is not None)
@@ -149,24 +160,30 @@ def _task(source: str) -> _Task:
         machine = load_machine(source)
         plate = Nameplate.of(machine.motor)
         return _Task(source, plate, machine.inverter, machine.motor, machine.inverter, {}, machine.motor)
-    path = Path(source)
+    path = motor_file(source)
     data = read_toml(path)
+    with in_file(path):
+        return _of_file(path, data)
+
+
+def _of_file(path: Path, data: Mapping[str, Any]) -> _Task:
+    """What the tables of a file say. Raises ValueError, TypeError."""
     unknown = set(data) - {"name", "nameplate", "motor", "inverter", "plant", "deviation", "warnings"}
     if unknown:
-        raise ValueError(f"{path}: {', '.join(sorted(unknown))} is not known in a commissioning file")
+        raise ValueError(f"{', '.join(sorted(unknown))} is not known in a commissioning file")
     plant = dict(data.get("plant", {}))
     motor = part(Motor, plant.pop("motor")) if "motor" in plant else None
     changes = plant.pop("inverter", {})
     if ("nameplate" in data) == ("motor" in data):
         raise ValueError(
-            f"{path}: give one of the tables [nameplate] and [motor]; the motor that is simulated in "
-            f"place of that of the plate is [plant.motor]"
+            "give one of the tables [nameplate] and [motor]; the motor that is simulated in "
+            "place of that of the plate is [plant.motor]"
         )
     told = None
     if "nameplate" in data:
         plate = Nameplate(**data["nameplate"])
         if motor is None:
-            print(f"{path} has no [plant.motor]: the motor that follows from the plate is simulated")
+            print(simulated_guess(path))
             motor = plate.motor()
     else:
         told = part(Motor, data["motor"])

@@ -42,7 +42,8 @@ import json
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -59,12 +60,15 @@ else:
 
 __all__ = [
     "Machine",
+    "in_file",
     "inverter_of",
     "load_machine",
     "machine_to_toml",
+    "motor_file",
     "part",
     "priors",
     "read_toml",
+    "simulated_guess",
     "typical_inverter",
 ]
 
@@ -91,6 +95,8 @@ class Machine:
     """The motor that is simulated; None: `motor`."""
     plant_inverter: Inverter | None = None
     """The inverter that is simulated; None: `inverter`."""
+    of_plate: bool = False
+    """The motor's parameters follow from a nameplate."""
 
     @property
     def settings(self) -> DriveSettings:
@@ -127,12 +133,7 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
     """
     if isinstance(source, str) and source in PRESETS:
         return Machine(name=source, motor=Motor.preset(source), inverter=Inverter.preset(source))
-    path = Path(source)
-    # "5.5kW" is no file name with the ending ".5kW".
-    if path.suffix != ".toml" and not path.exists():
-        raise ValueError(
-            f"motor = {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a motor file"
-        )
+    path = motor_file(source)
     data = read_toml(path)
     for key, value in data.items():
         if key not in ("name", *_TABLES, "warnings"):
@@ -175,7 +176,33 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         deviation=deviation,
         plant_motor=plant_motor,
         plant_inverter=plant_inverter,
+        of_plate="nameplate" in data,
     )
+
+
+def motor_file(source: str | os.PathLike[str]) -> Path:
+    """The file of what is no preset's name. Raises ValueError for what is no file's either."""
+    path = Path(source)
+    # "5.5kW" is no file name with the ending ".5kW".
+    if path.suffix != ".toml" and not path.exists():
+        raise ValueError(
+            f"motor = {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a motor file"
+        )
+    return path
+
+
+def simulated_guess(path: str | os.PathLike[str]) -> str:
+    """What is said where the plant is no motor of its own but the one that the drive is told."""
+    return f"{path} has no [plant.motor]: the motor that follows from the plate is simulated"
+
+
+@contextmanager
+def in_file(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Puts the name of a file in front of an error of what is in it."""
+    try:
+        yield
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
 def checked_name(path: Path, name: Any) -> str:
@@ -190,8 +217,8 @@ def checked_name(path: Path, name: Any) -> str:
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The tables of a TOML file. Raises ValueError with file and line for bad syntax."""
     try:
-        with open(path, "rb") as file:
-            return tomllib.load(file)
+        # Editors of one system begin a file with a mark of the byte order.
+        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: {error}") from None
     except RecursionError:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
-__all__ = ["Stopped", "run_jobs"]
+__all__ = ["EndedEarlyError", "Pool", "Stopped", "ended_early", "run_jobs"]
 
 T = TypeVar("T")
 
@@ -21,6 +25,90 @@ class Stopped(KeyboardInterrupt):
         self.results = list(results)
 
 
+class EndedEarlyError(RuntimeError):
+    """Processes that ended before their jobs were done."""
+
+
+def ended_early(what: str, some_done: bool, goes_on: str = "", otherwise: str = "") -> EndedEarlyError:
+    """The error of processes that ended before their time. Those of which none has done a job were begun by
+    a script that begins them again in each; `what` is the call, `otherwise` what else helps, `goes_on` what
+    helps where one was killed."""
+    if some_done:
+        hint = "; ".join(filter(None, ("one was killed, perhaps for want of memory", goes_on)))
+    else:
+        hint = f'in a script call {what} below `if __name__ == "__main__":`'
+        hint += f", or {otherwise}" if otherwise else ""
+    return EndedEarlyError(f"the processes of the {what} ended before their time: {hint}")
+
+
+class Pool(ProcessPoolExecutor):
+    """Processes, at most one for each processor, that hear of Ctrl-C while they run a task, and then run no
+    other one: those that begin, wait or end say nothing of it."""
+
+    def __init__(self, tasks: int) -> None:
+        workers = max(1, min(os.cpu_count() or 1, tasks))
+        super().__init__(max_workers=workers, mp_context=get_context("spawn"), initializer=_deaf)
+
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **named: Any) -> Future[T]:
+        """As that of every executor."""
+        with _held_back():
+            return super().submit(_hearing, function, *arguments, **named)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """As that of every executor; another Ctrl-C meanwhile goes to the tasks alone."""
+        if threading.current_thread() is not threading.main_thread():
+            super().shutdown(wait, cancel_futures=cancel_futures)
+            return
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            super().shutdown(wait, cancel_futures=cancel_futures)
+        finally:
+            # None: that of a program in C, which cannot be set from here.
+            signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+
+
+_interrupted = False
+"""In a process of a pool: a task of it was ended by Ctrl-C."""
+_handler: Any = signal.default_int_handler
+"""In a process of a pool: what Ctrl-C does to a task; nothing where the whole program ignores it."""
+
+
+def _deaf() -> None:
+    """Begins a process of a pool."""
+    global _handler
+    _handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def _hearing(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
+    """A task, in a process of a pool. Those that are handed to it in advance cannot be taken back."""
+    global _interrupted
+    if _interrupted:
+        raise KeyboardInterrupt
+    try:
+        signal.signal(signal.SIGINT, _handler)
+        return function(*arguments, **named)
+    except KeyboardInterrupt:
+        _interrupted = True
+        raise
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _held_back() -> Iterator[None]:
+    """Holds Ctrl-C back for a moment: a process that is begun within inherits that, up to `_deaf`."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def run_jobs(
     function: Callable[..., T],
     jobs: Sequence[tuple[Any, ...]],
@@ -31,14 +119,14 @@ def run_jobs(
     """`function(*job, *common)` of every job in a process of its own, results in the order of `jobs`.
 
     Jobs that are `first` (the long ones) begin first, lest one of them is left over at the end. `show` gets
-    the number done, the number of all, and the latest result. Raises `Stopped` on Ctrl-C.
+    the number done, the number of all, and the latest result. Raises `Stopped` on Ctrl-C, `EndedEarlyError`
+    if the processes end before their time. In a script call it below `if __name__ == "__main__":`.
     """
     results: dict[int, T] = {}
-    workers = max(1, min(os.cpu_count() or 1, len(jobs)))
     order = sorted(range(len(jobs)), key=lambda k: not first(jobs[k]))
     # Not as a context, whose exit would take back the cancelling; and waited for, since a pool that is
     # forgotten forgets to cancel. What runs hears of Ctrl-C itself.
-    pool = ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn"))
+    pool = Pool(len(jobs))
     try:
         waiting = {pool.submit(function, *jobs[k], *common): k for k in order}
         for done in as_completed(waiting):
@@ -49,6 +137,8 @@ def run_jobs(
         pool.shutdown(cancel_futures=True)
         if isinstance(error, KeyboardInterrupt):
             raise Stopped([results[k] for k in sorted(results)], len(jobs)) from None
+        if isinstance(error, BrokenProcessPool):
+            raise ended_early("campaign", bool(results), "with a journal it goes on where it was") from None
         raise
     pool.shutdown()
     return [results[k] for k in range(len(jobs))]

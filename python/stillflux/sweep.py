@@ -23,21 +23,23 @@ import os
 import pickle
 import queue
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from types import CodeType, FunctionType, MethodType, ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from stillflux import json_lines
 from stillflux import metrics as of_results
 from stillflux.build import fingerprint
-from stillflux.outputs import naming, write_text
+from stillflux.options import DriveSettings, PlantOptions
+from stillflux.outputs import write_text
+from stillflux.parallel import Pool, ended_early
 from stillflux.parameters import instance
 from stillflux.parameters import number as real
 from stillflux.result import Result
@@ -168,11 +170,22 @@ def _values(base: Scenario, name: str, axis: Sequence[Any] | Factors) -> list[An
     return values
 
 
+_OPTIONS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "settings": ("the drive has no setting", DriveSettings.__annotations__),
+    "plant": ("the plant has no option", PlantOptions.__annotations__),
+}
+
+
 def _known(base: Scenario, name: str) -> None:
-    """Raises ValueError for what is no field of a scenario, a motor or an inverter; what settings and plant
-    know is seen when they are built."""
-    part, dot, _ = name.partition(".")
-    if not dot or part not in ("settings", "plant", "memory"):
+    """Raises ValueError for what is no field of a scenario, a motor or an inverter, no setting of a drive and
+    no option of a plant."""
+    part, dot, field_name = name.partition(".") if isinstance(name, str) else (name, "", "")
+    if dot and part in _OPTIONS:
+        text, known = _OPTIONS[part]
+        if field_name not in known:
+            like = get_close_matches(field_name, known, 1)
+            raise ValueError(f"{name}: {text} {field_name!r}" + (f"; {like[0]!r}?" if like else ""))
+    elif not dot or part != "memory":
         base.value(name)
 
 
@@ -369,8 +382,8 @@ def sweep(
     A scenario or a metric that raises an error is a row with the error, and so is a task that a cluster's
     worker took along when it ended. Raises `SweepInterrupted` on Ctrl-C,
     ValueError for an unknown metric, one that cannot be sent to another process, and with `resume` one that
-    cannot be told from others. In a script call it below
-    `if __name__ == "__main__":`, as everything that starts processes.
+    cannot be told from others, FileNotFoundError where there is no folder for `resume`. In a script call it
+    below `if __name__ == "__main__":`, as everything that starts processes.
     """
     chosen = named_metrics(metrics)
     check_progress(progress)
@@ -547,8 +560,7 @@ def _execute(
     own = None
     if executor is None:
         _check_sendable(metrics)
-        workers = max(1, min(os.cpu_count() or 1, len(tasks)))
-        own = executor = ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn"))
+        own = executor = Pool(len(tasks))
     elif not hasattr(executor, "submit"):
         raise TypeError(f"executor = {executor!r} has no submit()")
     finished: queue.Queue[int] = queue.Queue()
@@ -578,12 +590,9 @@ def _execute(
             ended += 1
             submit()
     except BrokenProcessPool:
-        hint = (
-            "one was killed, perhaps for want of memory; with resume=FILE the sweep goes on where it was"
-            if ended
-            else 'in a script call sweep below `if __name__ == "__main__":`, or give executor="serial"'
-        )
-        raise RuntimeError(f"the processes of the sweep ended before their time: {hint}") from None
+        raise ended_early(
+            "sweep", ended > 0, "with resume=FILE the sweep goes on where it was", 'give executor="serial"'
+        ) from None
     except BaseException:
         for future in futures.values():
             future.cancel()
@@ -609,31 +618,24 @@ class _Journal:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
-        self.rows: dict[str, Mapping[str, Any]] = {}
-        text = self._path.read_bytes() if self._path.exists() else b""
-        for line in text.split(b"\n"):
-            try:
-                key, row = json.loads(line)
-            except (ValueError, TypeError):
-                continue
-            if isinstance(row, dict) and "status" in row and "error" in row:
-                self.rows[key] = row
+        text, values = json_lines.read(self._path)
+        self.rows: dict[str, Mapping[str, Any]] = {value[0]: value[1] for value in values if _is_row(value)}
         cut_off = text.startswith(b'["') and b"\n" not in text
         if text and not self.rows and not cut_off:
             raise ValueError(f"resume = {path} holds no rows of a sweep")
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        # Opened in any case: that it cannot be written shows before the first run, not after it.
-        with naming(self._path), self._path.open("ab") as file:
-            if text and not text.endswith(b"\n"):
-                file.write(b"\n")
+        json_lines.begin(self._path)
 
     def add(self, key: str, row: Mapping[str, Any]) -> None:
         """On the disk before the next one is waited for."""
         self.rows[key] = row
-        with naming(self._path), self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps([key, row]) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        json_lines.append(self._path, [key, row])
+
+
+def _is_row(value: Any) -> bool:
+    """Whether a line of a file of rows is one."""
+    if not (isinstance(value, list) and len(value) == 2 and isinstance(value[0], str)):
+        return False
+    return isinstance(value[1], dict) and "status" in value[1] and "error" in value[1]
 
 
 def _shown(value: Any) -> str:

@@ -8,10 +8,11 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stillflux.evidence.machines import ALL_MACHINES, MACHINES, OwnMachine
-from stillflux.outputs import check_file, check_folder
+from stillflux.machine_file import simulated_guess
+from stillflux.outputs import apart, check_file, check_folder, write_text
 from stillflux.parameters import PRESETS
 
 if TYPE_CHECKING:
@@ -141,30 +142,65 @@ def _machines(options: argparse.Namespace, machines: Sequence[str]) -> Sequence[
         return (options.motor,)
     if getattr(options, "metrics", None):
         raise ValueError("--metrics: the table holds the project's machines, not those of --motor")
-    return (OwnMachine.load(options.motor),)
+    own = OwnMachine.load(options.motor)
+    if own.is_guess:
+        print(f"stillflux: {simulated_guess(options.motor)}", file=sys.stderr)
+    return (own,)
 
 
-def _check_outputs(options: argparse.Namespace) -> None:
-    """Before a run of minutes: whether what it finds can be written. Raises OSError or ValueError."""
+def _check_outputs(options: argparse.Namespace, report: str) -> None:
+    """Before a run of minutes: whether what it finds can be written, each file apart from the others, and
+    whether the table to be brought up to date is one. Raises OSError or ValueError."""
+    from stillflux.evidence import plane_points
+    from stillflux.evidence.table import Table
+
+    metrics: Path | None = getattr(options, "metrics", None)
+    # Beside the table, of what runs the plane.
+    plane = metrics if report in ("beyond.html", "reproduce.html") else None
+    points = plane.with_name(plane_points.FILE) if plane else None
+    json_file = getattr(options, "json", None)
+    files: dict[str, Path | None] = {
+        "--motor": None if options.motor is None or options.motor in PRESETS else Path(options.motor),
+        "--json": None if json_file in (None, "-") else Path(json_file),
+        "--metrics": metrics,
+        "the plane of --metrics": points,
+        "--journal": getattr(options, "journal", None),
+        "report": options.out / report,
+    }
+    apart(files)
     check_folder(options.out)
-    for name in ("json", "metrics"):
-        path = getattr(options, name, None)
-        if path not in (None, "-"):
-            check_file(Path(path))
+    for name, path in files.items():
+        if name != "--motor":
+            check_file(path)
+    if metrics:
+        Table.read(metrics)
+    if points:
+        plane_points.read(points)
+
+
+def _journal(options: argparse.Namespace, campaign: str) -> Journal | None:
+    """The journal of a campaign, if there is to be one. Raises ValueError for a file that is none of it."""
+    from stillflux.evidence.journal import Journal
+
+    return Journal(options.journal, campaign) if options.journal else None
+
+
+def _write_json(path: Path | str, data: Any) -> None:
+    """Writes data for machines, whole or not at all."""
+    write_text(Path(path), json.dumps(data, indent=1, ensure_ascii=False) + "\n")
 
 
 def _demo(options: argparse.Namespace) -> int:
     from stillflux.evidence import demo
 
     machines = _machines(options, MACHINES)
-    _check_outputs(options)
+    _check_outputs(options, "demo.html")
     return demo.run(machines, options.out, options.command_line, options.arithmetic)
 
 
 def _reproduce(options: argparse.Namespace) -> int:
     from stillflux.evidence import beyond, plane_points, reproduce, sensitivity
     from stillflux.evidence.conditions import SCHEMES
-    from stillflux.evidence.journal import Journal
     from stillflux.evidence.registry import choose_figures, choose_targets
     from stillflux.evidence.report import figures as report
     from stillflux.evidence.report import plane
@@ -173,8 +209,8 @@ def _reproduce(options: argparse.Namespace) -> int:
 
     machines = _machines(options, MACHINES)
     figures = choose_figures(options.figures)
-    _check_outputs(options)
-    journal = Journal(options.journal) if options.journal else None
+    _check_outputs(options, "reproduce.html")
+    journal = _journal(options, "reproduce")
     runner = journal.run if journal else run_jobs
     arithmetic = options.arithmetic
     stopped = ""
@@ -193,7 +229,7 @@ def _reproduce(options: argparse.Namespace) -> int:
             margins, stopped = stop.results, str(stop)
     section, found, rows = "", [], []
     if options.beyond and not stopped:
-        wanted = _machines(options, ALL_MACHINES)
+        wanted = machines if options.motor else _chosen(options.machine, ALL_MACHINES)
         try:
             rows = beyond.run_all(
                 choose_targets(()), wanted, SCHEMES, arithmetic, beyond.progress, runner=runner
@@ -206,17 +242,17 @@ def _reproduce(options: argparse.Namespace) -> int:
         update(options.metrics, [*fresh, *map(of_summary, found)])
         plane_points.update(options.metrics.with_name(plane_points.FILE), rows)
     as_json = report.to_json(outcomes)
+    if options.json not in (None, "-"):
+        write_text(Path(options.json), as_json + "\n")
+    path = options.out / "reproduce.html"
+    table = sensitivity.to_html(margins) if margins else ""
+    report.write(path, options.command_line, outcomes, table, section, stopped)
     if options.json == "-":
         print(as_json)
     else:
         print(report.table(outcomes))
         if margins:
             print(f"\n{sensitivity.to_markdown(margins)}")
-    if options.json not in (None, "-"):
-        Path(options.json).write_text(as_json + "\n", encoding="utf-8")
-    path = options.out / "reproduce.html"
-    table = sensitivity.to_html(margins) if margins else ""
-    report.write(path, options.command_line, outcomes, table, section, stopped)
     # A table that is brought up to date records a failing verdict; it is not stopped by one.
     failed = any(outcome.verdict == "FAILED" for outcome in outcomes)
     return _ended(path, journal, stopped) or int(failed and not options.metrics)
@@ -225,7 +261,6 @@ def _reproduce(options: argparse.Namespace) -> int:
 def _beyond(options: argparse.Namespace) -> int:
     from stillflux.evidence import beyond, plane_points
     from stillflux.evidence.conditions import SCHEMES
-    from stillflux.evidence.journal import Journal
     from stillflux.evidence.registry import choose_targets, targets
     from stillflux.evidence.report import page, plane
     from stillflux.evidence.table import of_summary, update
@@ -241,15 +276,15 @@ def _beyond(options: argparse.Namespace) -> int:
     if drawn:
         if len(options.targets) > 1:
             raise ValueError(f"TARGET = {' '.join(options.targets)}: {drawn[0]} stands alone")
-        _check_outputs(options)
+        _check_outputs(options, f"{drawn[0]}.html")
         return _CAMPAIGNS[drawn[0]](options)
     if options.machine not in ("all", *ALL_MACHINES):
         raise ValueError(f"--machine {options.machine}: admissible here are {', '.join(ALL_MACHINES)}, all")
     machines = _machines(options, ALL_MACHINES)
     schemes = _chosen(options.scheme, SCHEMES)
     chosen = choose_targets(options.targets)
-    _check_outputs(options)
-    journal = Journal(options.journal) if options.journal else None
+    _check_outputs(options, "beyond.html")
+    journal = _journal(options, "beyond")
     runner = journal.run if journal else run_jobs
     stopped = ""
     try:
@@ -257,33 +292,38 @@ def _beyond(options: argparse.Namespace) -> int:
     except Stopped as stop:
         rows, stopped = stop.results, str(stop)
     found = beyond.summaries(rows)
-    print(plane.table(found))
     if options.metrics and not stopped:
         # A verdict on the confidence is one over all its targets.
         partial = {target.verdict for name, target in targets().items() if name not in chosen}
         update(options.metrics, [of_summary(x) for x in found if x.name not in partial])
         plane_points.update(options.metrics.with_name(plane_points.FILE), rows)
     if options.json:
-        data = page.finite(plane.to_rows(rows))
-        options.json.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        _write_json(options.json, page.finite(plane.to_rows(rows)))
     path = options.out / "beyond.html"
     plane.write(path, options.command_line, rows, stopped)
+    print(plane.table(found))
     return _ended(path, journal, stopped)
 
 
 def _count(text: str) -> int:
     """A number of draws. Raises what `argparse` expects."""
-    number = int(text)
-    if not 1 <= number <= 100_000:
-        raise argparse.ArgumentTypeError(f"{number} draws: admissible are 1 to 100000")
-    return number
+    return _whole(text, "draws", 1, 100_000)
 
 
 def _index(text: str) -> int:
     """Which draw. Raises what `argparse` expects."""
-    number = int(text)
-    if not 0 <= number < 100_000:
-        raise argparse.ArgumentTypeError(f"draw {number}: admissible are 0 to 99999")
+    return _whole(text, "draw", 0, 99_999)
+
+
+def _whole(text: str, what: str, least: int, most: int) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = least - 1
+    if not least <= number <= most:
+        raise argparse.ArgumentTypeError(
+            f"{what} = {text}: admissible are whole numbers from {least} to {most}"
+        )
     return number
 
 
@@ -302,9 +342,12 @@ def _drives(options: argparse.Namespace) -> Sequence[str]:
 
 def _scale(text: str) -> float:
     """A factor of the tolerances. Raises what `argparse` expects."""
-    scale = float(text)
+    try:
+        scale = float(text)
+    except ValueError:
+        scale = -1.0
     if not 0.0 <= scale <= 5.0:
-        raise argparse.ArgumentTypeError(f"{scale:g}: admissible are 0 to 5")
+        raise argparse.ArgumentTypeError(f"scale = {text}: admissible are 0 to 5")
     return scale
 
 
@@ -317,7 +360,6 @@ def _draws(options: argparse.Namespace, default: int) -> Sequence[int]:
 def _tolerance(options: argparse.Namespace) -> int:
     from stillflux.evidence import tolerance
     from stillflux.evidence.courses import COURSES
-    from stillflux.evidence.journal import Journal
     from stillflux.evidence.report import installations
     from stillflux.evidence.table import of_rate, update
     from stillflux.parallel import Stopped, run_jobs
@@ -326,14 +368,19 @@ def _tolerance(options: argparse.Namespace) -> int:
     draws = _draws(options, tolerance.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
     if len(machines) == len(courses) == len(draws) == 1:
+        for option in ("metrics", "journal"):
+            if path := getattr(options, option):
+                raise ValueError(f"--{option} {path}: not of a single run, which is no rate: give more draws")
         job = (machines[0], courses[0], draws[0], scheme, options.arithmetic, options.beyond_model)
         outcome, result = tolerance.run(*job, signals=None)
-        print(installations.describe(outcome))
+        if options.json:
+            write_text(options.json, installations.to_json([outcome]) + "\n")
         path = options.out / f"tolerance-{machines[0]}-{courses[0]}-{draws[0]}.png"
         result.plot().savefig(path, dpi=110)
+        print(installations.describe(outcome))
         print(f"plot: {path}", file=sys.stderr)
         return 0
-    journal = Journal(options.journal) if options.journal else None
+    journal = _journal(options, "beyond tolerance")
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
         found = tolerance.run_all(
@@ -348,19 +395,18 @@ def _tolerance(options: argparse.Namespace) -> int:
         )
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
-    print(installations.table(found))
     if options.metrics and not stopped:
         update(options.metrics, map(of_rate, tolerance.rates(found)))
     if options.json:
-        options.json.write_text(installations.to_json(found) + "\n", encoding="utf-8")
+        write_text(options.json, installations.to_json(found) + "\n")
     path = options.out / "tolerance.html"
     installations.write_tolerance(path, options.command_line, found, stopped)
+    print(installations.table(found))
     return _ended(path, journal, stopped)
 
 
 def _consistency(options: argparse.Namespace) -> int:
     from stillflux.evidence import consistency
-    from stillflux.evidence.journal import Journal
     from stillflux.evidence.report import installations
     from stillflux.evidence.table import of_consistency, update
     from stillflux.parallel import Stopped, run_jobs
@@ -369,7 +415,7 @@ def _consistency(options: argparse.Namespace) -> int:
         raise ValueError("--json: not of consistency, which has no runs to list")
     machines, draws = _drives(options), _draws(options, consistency.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
-    journal = Journal(options.journal) if options.journal else None
+    journal = _journal(options, "beyond consistency")
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
         samples = consistency.run_all(
@@ -384,24 +430,23 @@ def _consistency(options: argparse.Namespace) -> int:
     except Stopped as stop:
         samples, stopped = stop.results, str(stop)
     found = consistency.judged(samples)
-    print(installations.consistency_table(found))
     if options.metrics and not stopped:
         update(options.metrics, (of_consistency(x, scheme, options.beyond_model) for x in found))
     path = options.out / "consistency.html"
     installations.write_consistency(path, options.command_line, found, samples, stopped)
+    print(installations.consistency_table(found))
     return _ended(path, journal, stopped)
 
 
 def _commissioning(options: argparse.Namespace) -> int:
     from stillflux.evidence import commissioning
-    from stillflux.evidence.journal import Journal
     from stillflux.evidence.report import page
     from stillflux.parallel import Stopped, run_jobs
 
     if options.motor is not None or options.machine != "all" or options.metrics:
         raise ValueError("--motor, --machine and --metrics: not of commissioning, whose motors are drawn")
     draws = _draws(options, commissioning.DRAWS)
-    journal = Journal(options.journal) if options.journal else None
+    journal = _journal(options, "beyond commissioning")
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
         found = commissioning.run_all(
@@ -409,23 +454,18 @@ def _commissioning(options: argparse.Namespace) -> int:
         )
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
-    if found:
-        print(commissioning.table(found))
     if options.json:
-        rows = [asdict(x) for x in found]
-        options.json.write_text(
-            json.dumps(page.finite(rows), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-        )
+        _write_json(options.json, page.finite([asdict(x) for x in found]))
     path = options.out / "commissioning.html"
     if found:
         commissioning.page(path, options.command_line, found, stopped)
+        print(commissioning.table(found))
     return _ended(path, journal, stopped)
 
 
 def _operations(options: argparse.Namespace) -> int:
     from stillflux.evidence import operate
     from stillflux.evidence.conditions import SCHEMES
-    from stillflux.evidence.journal import Journal
     from stillflux.evidence.registry import choose_operations
     from stillflux.evidence.report import operations
     from stillflux.evidence.table import of_operation, update
@@ -434,18 +474,18 @@ def _operations(options: argparse.Namespace) -> int:
     if options.json:
         raise ValueError("--json: not of operations")
     names, schemes = choose_operations(options.operation or ()), _chosen(options.scheme, SCHEMES)
-    journal = Journal(options.journal) if options.journal else None
+    journal = _journal(options, "beyond operations")
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
         found = operate.perform_all(names, _drives(options), schemes, options.arithmetic, None, runner)
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
     found = operate.worst(found)
-    print(operations.table(found))
     if options.metrics and not stopped:
         update(options.metrics, map(of_operation, found))
     path = options.out / "operations.html"
     operations.write(path, options.command_line, found, stopped)
+    print(operations.table(found))
     failed = _ended(path, journal, stopped)
     return failed or int(not options.metrics and not all(x.ok for x in found))
 
@@ -453,7 +493,6 @@ def _operations(options: argparse.Namespace) -> int:
 def _guarantee(options: argparse.Namespace) -> int:
     from stillflux.evidence import guarantee
     from stillflux.evidence.courses import COURSES
-    from stillflux.evidence.journal import Journal
     from stillflux.evidence.table import of_guarantee, update
     from stillflux.parallel import Stopped, run_jobs
 
@@ -464,7 +503,7 @@ def _guarantee(options: argparse.Namespace) -> int:
     if options.metrics and (options.course or not set(scales) <= set(guarantee.SCALES)):
         admissible = ", ".join(f"{scale:g}" for scale in guarantee.SCALES)
         raise ValueError(f"--metrics: of all courses, and at --scale {admissible}")
-    journal = Journal(options.journal) if options.journal else None
+    journal = _journal(options, "beyond guarantee")
     try:
         found = guarantee.run_all(
             machines,
@@ -478,9 +517,9 @@ def _guarantee(options: argparse.Namespace) -> int:
         print(guarantee.table(stop.results))
         print(f"stillflux: {stop}", file=sys.stderr)
         return 130
-    print(guarantee.table(found))
     if options.metrics:
         update(options.metrics, (of_guarantee(x, "enhanced") for x in guarantee.found(found)))
+    print(guarantee.table(found))
     if journal:
         journal.remove()
     # A table that is brought up to date records a violation; it is not stopped by one.

@@ -39,10 +39,10 @@ def run(machines: Sequence[str], out: Path, command: str, arithmetic: str = "f32
             sections.extend(_sections(machine, arithmetic))
     except KeyboardInterrupt as stop:
         stopped = str(stop) or "interrupted"
-    for section in sections:
-        print(f"\n{section.title}\n{page.table(section)}")
     path = out / "demo.html"
     page.write(path, "Zero stator frequency without a speed sensor", command, sections, stopped)
+    for section in sections:
+        print(f"\n{section.title}\n{page.table(section)}")
     print(f"\nreport: {path}")
     if stopped:
         print(f"stillflux: {stopped}", file=sys.stderr)

@@ -54,6 +54,11 @@ class OwnMachine(str):
         """The machine of a motor file, see `stillflux.machine_file`."""
         return cls(load_machine(path), str(path))
 
+    @property
+    def is_guess(self) -> bool:
+        """Whether the motor that is simulated is the one that follows from a plate."""
+        return self.machine.of_plate and self.machine.plant_motor is None
+
     def __getnewargs__(self) -> tuple[Machine, str]:  # type: ignore[override]
         return (self.machine, self.source)
 

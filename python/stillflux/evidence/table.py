@@ -22,7 +22,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 from stillflux.evidence.beyond import Summary
 from stillflux.evidence.claims import Claim, Direction, at_least
@@ -37,6 +37,7 @@ from stillflux.evidence.registry import experiments, operations, targets
 from stillflux.evidence.reproduce import Outcome
 from stillflux.evidence.sensitivity import Margin
 from stillflux.evidence.tolerance import Rate
+from stillflux.outputs import write_text
 
 __all__ = [
     "BEYOND_MODEL",
@@ -234,18 +235,24 @@ class Table:
 
     @classmethod
     def read(cls, path: Path) -> Table:
-        """From a file; empty if there is none. Raises ValueError for a file with other columns."""
+        """From a file; empty if there is none. Raises ValueError naming file and line for one that is none of
+        this kind."""
         if not path.exists():
             return cls()
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = csv.DictReader(file)
-            if tuple(rows.fieldnames or ()) != _COLUMNS:
-                raise ValueError(f"{path}: columns {rows.fieldnames}, expected {', '.join(_COLUMNS)}")
-            return cls(Line(**row) for row in rows)  # type: ignore[arg-type]
+        try:
+            rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"), newline="")))
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ValueError(f"{path}: {error}") from None
+        columns = tuple(rows[0]) if rows else ()
+        if columns != _COLUMNS:
+            raise ValueError(
+                f"{path}: columns {', '.join(columns)[:200] or 'none'}, expected {', '.join(_COLUMNS)}"
+            )
+        return cls(_line(path, k, row) for k, row in enumerate(rows[1:], 2))
 
     def write(self, path: Path) -> None:
-        """To a file."""
-        path.write_text(self.text(), encoding="utf-8")
+        """To a file, whole or not at all."""
+        write_text(path, self.text())
 
     def text(self) -> str:
         """As CSV."""
@@ -293,6 +300,18 @@ def update(path: Path, fresh: Iterable[Sequence[Line]]) -> None:
 
 
 _COLUMNS = tuple(column.name for column in fields(Line))
+
+
+def _line(path: Path, number: int, row: Sequence[str]) -> Line:
+    """A line of a file. Raises ValueError naming both for what is none."""
+    try:
+        line = Line(*row)  # type: ignore[arg-type]
+        float(line.value), float(line.bound or 0.0)
+        if line.direction not in get_args(Direction) or line.ok not in ("yes", "no"):
+            raise ValueError(f"direction = {line.direction}, ok = {line.ok}")
+    except (TypeError, ValueError):
+        raise ValueError(f"{path}, line {number}: {','.join(row)[:200]!r} is no line of this table") from None
+    return line
 
 
 def order() -> list[Group]:
