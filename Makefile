@@ -73,6 +73,7 @@ sensitivity: build
 # when called again, as long as nothing was built anew.
 METRICS := tests/metrics.csv
 metrics: build
+	@mkdir -p target
 	$(BIN)/stillflux reproduce --sensitivity --beyond --metrics $(METRICS) --journal target/metrics.journal
 	$(BIN)/stillflux beyond tolerance --metrics $(METRICS) --journal target/tolerance.journal
 	$(BIN)/stillflux beyond tolerance --beyond-model --draws 12 --metrics $(METRICS) --journal target/effects.journal

@@ -6,8 +6,12 @@ fails. Slow: every target but the full planes, against the committed metrics.
 
 from __future__ import annotations
 
+import ast
 import json
 import math
+import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -33,7 +37,9 @@ from stillflux.evidence.table import Table, of_summary, order
 from stillflux.evidence.target import Case
 from stillflux.metrics import speed_error
 
-METRICS = Path(__file__).parent / "metrics.csv"
+ROOT = Path(__file__).resolve().parents[1]
+METRICS = ROOT / "tests" / "metrics.csv"
+PUMP = ROOT / "examples" / "machines" / "pump-4kW.toml"
 BOTH = pytest.mark.parametrize("scheme", SCHEMES)
 QUICK = ("2.2kW", LEAKY)
 """Machines of the quick tests; the slow ones have all."""
@@ -595,6 +601,53 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     html = (out / "beyond.html").read_text(encoding="utf-8")
     assert "stillflux beyond transient-load --machine 2.2kW" in html
     assert main(["beyond", "plain"]) == 2
+
+
+def test_what_cannot_be_written_or_is_no_table_or_journal_is_said_before_the_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(beyond, "run_all", lambda *_, **__: pytest.fail("ran"))
+    files = {"own.toml": PUMP.read_text(), "notes.txt": "notes\n", "bad/plane.csv": "t,i_a\n"}
+    Path("bad").mkdir()
+    for name, text in files.items():
+        Path(name).write_text(text)
+    own = ["--motor", "own.toml"]
+    for arguments, expected in (
+        (
+            [*own, "--journal", "own.toml"],
+            "--journal own.toml is the file of --motor: it would be overwritten",
+        ),
+        ([*own, "--json", "own.toml"], "--json own.toml is the file of --motor"),
+        (["--json", "s.txt", "--journal", "s.txt"], "--journal s.txt is the file of --json"),
+        (["--json", "r/beyond.html", "--out", "r"], "report r/beyond.html is the file of --json"),
+        (["--metrics", "m.csv", "--journal", "plane.csv"], "--journal plane.csv is the file of the plane of"),
+        (["--journal", "notes.txt"], "journal = notes.txt is no journal"),
+        (["--journal", "none/j"], "none/j: there is no folder none"),
+        (["--metrics", "notes.txt"], "notes.txt: columns notes, expected kind"),
+        (["--metrics", "bad/m.csv"], "bad/plane.csv: columns t, i_a, expected machine"),
+    ):
+        assert main(["beyond", "plane-ramps", *arguments]) == 2
+        assert expected in capsys.readouterr().err
+    assert {name: Path(name).read_text() for name in files} == files
+
+
+def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        'from stillflux.evidence import beyond\nbeyond.run_all(["transient-load"], ["2.2kW"], ["paper"])\n'
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert 'begin the campaign below `if __name__ == "__main__":`' in done.stderr
+
+
+def test_the_documented_script_has_the_guard() -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "beyond.md").read_text("utf-8"), re.S)
+    tree = ast.parse(code)
+    kinds = [type(x) for x in tree.body]
+    assert kinds[-1] is ast.If
+    assert set(kinds[:-1]) == {ast.ImportFrom}
 
 
 def test_report_of_the_figures_takes_the_section(

@@ -5,10 +5,12 @@ from __future__ import annotations
 import errno
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ import pytest
 import stillflux as sf
 from stillflux import plots
 from stillflux.cli import main
-from stillflux.evidence import demo
+from stillflux.evidence import beyond, demo
 from stillflux.evidence.claims import at_most
 from stillflux.evidence.report import page
 from stillflux.outputs import check_file, naming, whole, write_text
@@ -154,9 +156,93 @@ def test_a_result_is_kept_when_nothing_can_be_printed(
     path, record = tmp_path / "run.toml", tmp_path / "run.npz"
     path.write_text('motor = "2.2kW"\nduration = 0.01\n')
     monkeypatch.setattr("builtins.print", closed)
-    assert main(["simulate", str(path), "--save", str(record)]) == 2
+    assert main(["simulate", str(path), "--save", str(record)]) == 141
     monkeypatch.undo()
     assert sf.Result.load(record).t[-1] > 0.0
+
+
+def test_a_reader_that_has_seen_enough_ends_it_quietly(tmp_path: Path) -> None:
+    path, record = tmp_path / "run.toml", tmp_path / "run.npz"
+    path.write_text('motor = "2.2kW"\nduration = 0.01\n')
+    for command in (["simulate", str(path), "--save", str(record)], ["--help"]):
+        read, write = os.pipe()
+        os.close(read)
+        run = subprocess.run(
+            [sys.executable, "-m", "stillflux", *command], stdout=write, stderr=subprocess.PIPE, text=True
+        )
+        os.close(write)
+        # argparse leaves out by itself what cannot be printed.
+        assert run.returncode in (141, *([0] if command == ["--help"] else []))
+        assert run.stderr.replace("simulation: done\n", "") == ""
+    assert record.exists()
+
+
+def test_an_error_of_what_is_in_a_file_names_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for command, text, expected in (
+        ("simulate", 'motor = "2.2kW"\nduration = -1\n', "own.toml: duration = -1 s"),
+        ("simulate", 'motor = "2.2kW"\nduration = 1\nsettings = {psi_reff = 1}\n', "own.toml: the drive has"),
+        ("sweep", "[scenario]\n", "own.toml: a sweep file has [scenario] and one of"),
+        ("commission", "[motr]\n", "own.toml: motr is not known in a commissioning file"),
+        ("commission", f"{PLATE}[plant]\nadc_nois = 1.0\n", "own.toml: the plant has no setting 'adc_nois'"),
+        ("commission", f"{PLATE}[inverter]\nudc = 540.0\n", "own.toml: udc is not known"),
+    ):
+        Path("own.toml").write_text(text)
+        assert main([command, "own.toml"]) == 2
+        errors = [line for line in capsys.readouterr().err.splitlines() if "[plant.motor]" not in line]
+        assert errors[0].startswith(f"stillflux: {expected}")
+        assert errors[0].count("own.toml") == len(errors) == 1
+
+
+PLATE = "[nameplate]\nP_N = 4000.0\nU_N = 400.0\nI_N = 8.2\nf_N = 50.0\nn_N = 1435.0\ncos_phi = 0.82\n"
+
+
+def test_a_plant_that_is_the_guess_itself_is_called_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(beyond, "run_all", lambda *_, **__: [])
+    said = "stillflux: plate.toml has no [plant.motor]: the motor that follows from the plate is simulated\n"
+    Path("plate.toml").write_text(PLATE)
+    Path("whole.toml").write_text(f"{PLATE}[plant.motor]\npreset = '2.2kW'\n")
+    Path("run.toml").write_text('motor = "2.2kW"\nduration = 0.01\n')
+    Path("own.toml").write_text('motor = "plate.toml"\nduration = 0.01\n')
+    Path("truth.toml").write_text('motor = "plate.toml"\nplant_motor = "2.2kW"\nduration = 0.01\n')
+    Path("sweep.toml").write_text(
+        "[scenario]\nmotor = 'plate.toml'\nduration = 0.01\n[grid]\nload_torque = [0]\n"
+    )
+    for command, times in (
+        ("simulate run.toml --motor plate.toml", 1),
+        ("simulate own.toml", 1),
+        ("sweep sweep.toml", 1),
+        ("beyond plane-ramps --motor plate.toml", 1),
+        ("simulate run.toml", 0),
+        ("simulate run.toml --motor whole.toml", 0),
+        ("simulate truth.toml", 0),
+        ("beyond plane-ramps --motor whole.toml", 0),
+    ):
+        assert main(command.split()) == 0
+        assert capsys.readouterr().err.count(said) == times, command
+
+
+def test_a_mark_of_the_byte_order_is_no_error(tmp_path: Path) -> None:
+    path, motor = tmp_path / "run.toml", tmp_path / "motor.toml"
+    path.write_bytes(b'\xef\xbb\xbfmotor = "2.2kW"\r\nduration = 0.01\r\n')
+    motor.write_bytes(b'\xef\xbb\xbf[motor]\npreset = "2.2kW"\n')
+    assert main(["simulate", str(path), "--motor", str(motor)]) == 0
+
+
+def test_an_interruption_without_a_text_is_called_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demo, "run", interrupted)
+    assert main(["demo", "--machine", "2.2kW", "--out", str(tmp_path)]) == 130
+    assert capsys.readouterr().err == "\nstillflux: interrupted\n"
 
 
 def test_a_console_without_greek_letters_loses_nothing(tmp_path: Path) -> None:
@@ -199,7 +285,11 @@ def test_no_output_takes_the_place_of_an_input_or_of_another(
         ("replay log.csv --motor 2.2kW --out log.csv", "--out log.csv is the file of LOG"),
         ("replay log.csv --motor 2.2kW --out ./link.csv", "--out link.csv is the file of LOG"),
         ("commission own.toml --out own.toml", "--out own.toml is the file of MACHINE"),
-        ("commission 2.2kW --out same --report same", "--report same is the file of --out"),
+        ("commission 2.2kW --out s.html --report s.html", "--report s.html is the file of --out"),
+        ("commission 2.2kW --report x.pdf", "x.pdf: .pdf is not one of .html, .htm"),
+        ("commission 5.5kW", "motor = '5.5kW' is neither a preset (2.2kW, 11kW) nor a motor file"),
+        ("replay log.csv --column i_a=Iu --column i_a=Iv", "--column i_a=Iv: i_a is given twice"),
+        ("sweep sweep.toml --resume none/s.jsonl", "none/s.jsonl: there is no folder none"),
         ("sweep sweep.toml --resume s.csv --out s.csv", "--out s.csv is the file of --resume"),
     ):
         assert main(command.split()) == 2
@@ -246,7 +336,13 @@ def test_a_demo_that_is_interrupted_keeps_its_runs(
         yield page.Section(f"{machine}: first", "first", result, [at_most("x", 1.0, 2.0)])
         raise KeyboardInterrupt("interrupted at t = 3 s")
 
+    def pressed_again(*arguments: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+        write(*arguments)
+
+    write = page.write
     monkeypatch.setattr(demo, "_sections", sections)
+    monkeypatch.setattr(page, "write", pressed_again)
     assert main(["demo", "--machine", "2.2kW", "--out", str(tmp_path)]) == 130
     text = (tmp_path / "demo.html").read_text(encoding="utf-8")
     assert "2.2kW: first" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import math
 import pickle
 import re
@@ -12,11 +13,13 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 import stillflux as sf
-from stillflux.evidence import beyond, documents, figure, operate, registry, reproduce
+from stillflux.evidence import beyond, documents, figure, judge, operate, registry, reproduce
 from stillflux.evidence.claims import (
     Claim,
     at_least,
@@ -28,7 +31,8 @@ from stillflux.evidence.claims import (
     worst_of_runs,
 )
 from stillflux.evidence.conditions import SCHEMES
-from stillflux.evidence.journal import Journal
+from stillflux.evidence.journal import Journal, from_json, to_json
+from stillflux.evidence.machines import OwnMachine
 from stillflux.evidence.seeds import SEEDS
 from stillflux.evidence.table import DRAWN, Line, Table, agree
 from stillflux.parallel import Stopped
@@ -338,6 +342,26 @@ def test_table_reads_what_it_writes(tmp_path: Path) -> None:
         Table.read(tmp_path / "t.csv")
 
 
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("", "columns none, expected kind, name"),
+        ("t,i_a", "columns t, i_a, expected kind, name"),
+        ("{columns}\nfigure,9", "line 2: 'figure,9' is no line of this table"),
+        ("{columns}\nfigure,9,2.2kW,paper,x,many,1,at most,,,,yes", "line 2: 'figure,9,"),
+        ("{columns}\nfigure,9,2.2kW,paper,x,1,1,below,,,,yes", "line 2: 'figure,9,"),
+    ],
+)
+def test_what_is_no_table_is_named_with_its_line(tmp_path: Path, line: str, expected: str) -> None:
+    path = tmp_path / "metrics.csv"
+    path.write_text(line.replace("{columns}", Table().text().strip()))
+    with pytest.raises(ValueError, match=f"metrics.csv.*{expected}"):
+        Table.read(path)
+    path.write_bytes(b"\x80\x81")
+    with pytest.raises(ValueError, match=r"metrics\.csv"):
+        Table.read(path)
+
+
 def test_a_figure_without_control_leaves_no_line_of_one() -> None:
     control = replace(line(2.0), kind="control")
     assert Table([line(0.5), control]).updated([line(0.5)]).lines == [line(0.5)]
@@ -466,16 +490,99 @@ def test_journal_goes_on_where_it_was(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(Stopped):
-        Journal(path, "build").run(doubled, [(1,), (2,), (3,)], first=first, show=killed)
+        Journal(path, "beyond", "build").run(doubled, [(1,), (2,), (3,)], first=first, show=killed)
     with path.open("ab") as file:
-        file.write(pickle.dumps(("half a record", 0))[:-3])
-    again = Journal(path, "build")
+        file.write(b'["half a record", {"tup')
+    again = Journal(path, "beyond", "build")
     assert again.done == 2
     fresh: list[tuple[int, int, int]] = []
     found = again.run(doubled, [(1,), (2,), (3,)], first=first, show=lambda *x: fresh.append(x))
     assert found == [2, 4, 6]
     assert [(done, total) for done, total, _ in fresh] == [(3, 3)]
-    assert Journal(path, "build").done == 3
-    assert Journal(path, "another build").done == 0
+    assert Journal(path, "beyond", "build").done == 3
+    assert Journal(path, "beyond", "another build").done == 0
     again.remove()
     assert not path.exists()
+
+
+class Runs:
+    """A pickle of it runs code where it is read."""
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return exec, ("raise SystemExit('code of a journal was run')",)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"[motor]\nR_s = 3.7\n", "is no journal"),
+        (b"t,i_a\n0,1\n", "is no journal"),
+        (b'["key", {"status": "running", "error": ""}]\n', "is no journal"),
+        (pickle.dumps("build") + pickle.dumps(Runs()), "is no journal"),
+        (
+            b'{"stillflux": "journal", "campaign": "beyond tolerance", "build": "build"}\n["a", 1]\n',
+            "is of `stillflux beyond tolerance`, not of `stillflux beyond`",
+        ),
+    ],
+)
+def test_a_file_that_is_no_journal_of_the_campaign_is_refused_and_kept(
+    tmp_path: Path, content: bytes, expected: str
+) -> None:
+    path = tmp_path / "own.toml"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=f"journal = .*own.toml {expected}"):
+        Journal(path, "beyond", "build")
+    assert path.read_bytes() == content
+
+
+def test_a_journal_gives_back_exactly_what_was_written(tmp_path: Path) -> None:
+    own = OwnMachine(sf.load_machine(ROOT / "examples" / "machines" / "pump-4kW.toml"), "pump.toml")
+    calm = judge.Confidence(1.0, 0, 0, 0.0, 0, 0.0, 20.0)
+    numbers = [np.float64(1 / 3), np.float32(0.1), math.nan, -math.inf, 0.1] * 2
+    values: list[Any] = [math.inf, "ü", *numbers, calm]
+    measured = judge.Measured(*values)
+    claims = (at_most("x", 1 / 3, 0.0),)
+    course = {"angle": (np.array([0.0, math.nan, -0.0]), np.array([1j, 2.0]))}
+    row = beyond.Row("flying", own, "paper", "a", 3, "", (0.1, -1.0), measured, claims, course)
+    region = np.array([[1, 2], [3, -1]], np.int8)[:, ::-1]
+    for value in (
+        [row, {1: None, (2, "b"): True}, region, np.bool_(True), 1 + 2j, np.zeros((0, 3))],
+        0.1 + 0.2,
+    ):
+        again = from_json(json.loads(json.dumps(to_json(value))))
+        assert pickle.dumps(again) == pickle.dumps(from_json(to_json(value)))
+        assert repr(again) == repr(value)
+    again = from_json(json.loads(json.dumps(to_json(row))))
+    assert (again.machine.machine, again.machine.source) == (own.machine, "pump.toml")
+    assert [type(x) for x in (again.measured.angle_held, again.measured.angle_settled)] == [
+        np.float64,
+        np.float32,
+    ]
+    assert [x.dtype for x in again.trace["angle"]] == [float, complex]
+    assert again.trace["angle"][0].tobytes() == course["angle"][0].tobytes()
+    again.trace["angle"][0][0] = 1.0
+    with pytest.raises(TypeError, match="cannot be written into a journal"):
+        to_json(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"class": "os:_Environ", "fields": {}},
+        {"class": "stillflux.evidence.journal:Journal", "fields": {"path": "x", "campaign": "y"}},
+        {"class": "stillflux.nothing:Row", "fields": {}},
+        {"call": "print"},
+        {"array": "AAAA", "type": "|O", "shape": [1]},
+    ],
+)
+def test_a_journal_makes_nothing_but_dataclasses_of_this_package(
+    data: dict[str, object], tmp_path: Path
+) -> None:
+    with pytest.raises((ValueError, TypeError)):
+        from_json(data)
+    path = tmp_path / "journal"
+    Journal(path, "beyond", "build").run(doubled, [(1,)], first=lambda _: False)
+    head, line = path.read_text().splitlines()
+    path.write_text(f"{head}\n{json.dumps([json.loads(line)[0], data])}\n")
+    with pytest.raises(ValueError, match="a result cannot be read"):
+        Journal(path, "beyond", "build").run(doubled, [(1,)], first=lambda _: False)

@@ -6,6 +6,7 @@ import functools
 import os
 import pickle
 import runpy
+import select
 import signal
 import subprocess
 import sys
@@ -203,6 +204,11 @@ def test_a_killed_sweep_goes_on_and_loses_at_most_one_task(tmp_path: Path) -> No
     with pytest.raises(OSError, match="folder"):
         sf.sweep(points(), ["angle_max"], "serial", tmp_path / "folder", progress=lambda *x: run.append(x))
     assert len(run) == 2, "named before the first run"
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        sf.sweep(
+            points(), ["angle_max"], "serial", tmp_path / "none" / "x", progress=lambda *x: run.append(x)
+        )
+    assert not (tmp_path / "none").exists()
     journal.write_text("t,i_a\n")
     with pytest.raises(ValueError, match="holds no rows of a sweep"):
         sf.sweep(points(), ["angle_max"], "serial", journal)
@@ -305,7 +311,8 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         ('grid = 5\n[scenario]\nmotor = "2.2kW"\nduration = 0.1\n', "grid = 5 is not a table"),
         (text.replace("[0.85, 1.0, 1.15]", '"12"'), "neither a list"),
         (text.replace("{ factors = [0.85, 1.0, 1.15] }", "3"), "neither a list"),
-        (text.replace("R_s", "R_x"), "R_x is not a field"),
+        (text.replace("R_s", "R_x"), f"{file}: plant_motor.R_x: R_x is not a field"),
+        (text.replace('"plant_motor.R_s"', '"settings.psi_reff"'), "the drive has no setting 'psi_reff'"),
     ):
         file.write_text(wrong)
         assert main(["sweep", str(file)]) == 2
@@ -326,6 +333,12 @@ def test_what_is_no_sweep_is_refused_by_name() -> None:
     base = sf.Scenario(motor=MOTOR, inverter=sf.Inverter.preset("2.2kW"), duration=0.1)
     wrong: list[tuple[Any, str]] = [
         (lambda: sf.grid(base, {"plant_motor.Rs": [1.0]}), "Rs is not a field of plant_motor"),
+        (
+            lambda: sf.grid(base, {"settings.psi_reff": [1, 2]}),
+            "settings.psi_reff: the drive has no setting 'psi_reff'; 'psi_ref'",
+        ),
+        (lambda: sf.grid(base, {"plant.adc_nois": [0.0]}), "plant has no option 'adc_nois'; 'adc_noise'"),
+        (lambda: sf.grid(base, {"settings.nonsense": [0.0]}), "drive has no setting 'nonsense'$"),
         (lambda: sf.grid(base, {"load_torque": 3.0}), "load_torque = 3.0 is neither a list"),  # type: ignore[dict-item]
         (lambda: sf.grid(base, {"load_torque": []}), r"load_torque = \[\] has no value"),
         (lambda: sf.grid(base.replace(omega_ref=[(0, 1)]), {"omega_ref": sf.factors(2)}), "is not a number"),
@@ -353,7 +366,52 @@ def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120)
     assert done.returncode == 1
-    assert 'call sweep below `if __name__ == "__main__":`' in done.stderr
+    assert 'begin the sweep below `if __name__ == "__main__":`' in done.stderr
+
+
+def test_every_setting_of_either_scheme_is_an_axis() -> None:
+    motor, inverter = MOTOR, sf.Inverter.preset("2.2kW")
+    for scheme in ("enhanced", "paper"):
+        settings = sf.Drive(motor, inverter, scheme=scheme).settings
+        base = sf.Scenario(motor=motor, inverter=inverter, duration=0.1, scheme=scheme)
+        for name, value in settings.items():
+            (point,) = sf.grid(base, {f"settings.{name}": [value]})
+            assert point.scenario is not None, point.error
+
+
+INTERRUPTED = """
+import sys
+sys.path.insert(0, {tests!r})
+from test_sweep import BASE
+import stillflux as sf
+def show(done, total, row):
+    print("done", flush=True)
+if __name__ == "__main__":
+    try:
+        sf.sweep([BASE.replace(duration=x) for x in (0.1, 3000.0, 3001.0, 3002.0, 3003.0)], progress=show)
+    except sf.SweepInterrupted as stop:
+        print(stop, flush=True)
+"""
+
+
+def test_ctrl_c_pressed_again_and_again_is_quiet(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED.format(tests=str(Path(__file__).parent)))
+    run = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert run.stdout is not None
+    assert run.stdout.readline() == "done\n"
+    # As a terminal does it: to the whole group, to the processes that begin, run and end.
+    while run.poll() is None and not select.select([run.stdout], [], [], 0.01)[0]:
+        os.killpg(run.pid, signal.SIGINT)
+    said, errors = run.communicate(timeout=60)
+    assert said == "interrupted after 1 of 5 scenarios\n"
+    assert errors == ""
 
 
 def test_a_map_has_texts_on_its_axes_and_shows_in_a_notebook() -> None:

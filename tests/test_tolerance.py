@@ -236,8 +236,10 @@ def test_command_reruns_one_draw_and_counts_several(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one = ["beyond", "tolerance", "--machine", "2.2kW", "--course", "start", "--out", str(tmp_path)]
-    assert main([*one, "--draw", "0"]) == 0
+    single = tmp_path / "one.json"
+    assert main([*one, "--draw", "0", "--json", str(single)]) == 0
     assert "capacitance told" in capsys.readouterr().out
+    assert [run["draw"] for run in json.loads(single.read_text())] == [0]
     assert (tmp_path / "tolerance-2.2kW-start-0.png").exists()
     table, runs = tmp_path / "m.csv", tmp_path / "runs.json"
     assert main([*one, "--draws", "2", "--metrics", str(table), "--json", str(runs)]) == 0
@@ -275,7 +277,13 @@ def test_effects_beyond_the_model_are_added_to_the_same_installation(
     assert tolerance.rerun("2.2kW", "start", 3, "enhanced", True).endswith("--draw 3 --beyond-model")
 
 
-def test_command_names_what_it_does_not_take(capsys: pytest.CaptureFixture[str]) -> None:
+ONE = ["tolerance", "--machine", "2.2kW", "--course", "start"]
+
+
+def test_command_names_what_it_does_not_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     for arguments, text in (
         (["tolerance", "plane"], "tolerance stands alone"),
         (["plane", "--machine", "4kW"], "admissible here are 2.2kW, 11kW, 11kW-leaky"),
@@ -292,8 +300,18 @@ def test_command_names_what_it_does_not_take(capsys: pytest.CaptureFixture[str])
         (["guarantee", "--beyond-model"], "--beyond-model = True: admissible with tolerance, consistency"),
         (["tolerance", "--operation", "hoist"], "--operation = hoist: admissible with operations"),
         (["tolerance", "--draws", "3", "--draw", "1"], "give only one"),
+        ([*ONE, "--draws", "1", "--journal", "none.jsonl"], "--journal none.jsonl: not of a single run"),
+        ([*ONE, "--draw", "4", "--metrics", "none.csv"], "--metrics none.csv: not of a single run"),
     ):
         assert main(["beyond", *arguments]) == 2
+        assert text in capsys.readouterr().err
+    for arguments, text in (
+        (["tolerance", "--draws", "1.5"], "draws = 1.5: admissible are whole numbers from 1 to 100000"),
+        (["tolerance", "--draw", "-1"], "draw = -1: admissible are whole numbers from 0 to 99999"),
+        (["guarantee", "--scale", "large"], "scale = large: admissible are 0 to 5"),
+    ):
+        with pytest.raises(SystemExit):
+            main(["beyond", *arguments])
         assert text in capsys.readouterr().err
 
 

@@ -9,6 +9,7 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from stillflux import __version__, sweep_file
 from stillflux.machine_file import in_file, load_machine, read_toml, simulated_guess, with_machine
 from stillflux.outputs import apart, check_file, keep
-from stillflux.parallel import EndedEarlyError
+from stillflux.parallel import EndedEarlyError, undisturbed
 from stillflux.parameters import PRESETS
 from stillflux.replay import replay
 from stillflux.scenario import Scenario, ScenarioWarning
@@ -289,7 +290,8 @@ def _sweep(options: argparse.Namespace) -> int:
         print(f"stillflux: {stop}", file=sys.stderr)
     said = "\n".join([found.summary(), *(f"failed: {row['error']}" for row in found.failed[:5])])
     figure = partial(found.map, **asked.plot) if asked.plot else found.spread
-    keep(said, rows=(options.out, found.save), plot=(options.plot if len(found) else None, _plot(figure)))
+    with undisturbed() if status else nullcontext():
+        keep(said, rows=(options.out, found.save), plot=(options.plot if len(found) else None, _plot(figure)))
     return status
 
 

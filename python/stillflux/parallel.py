@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
-__all__ = ["EndedEarlyError", "Pool", "Stopped", "ended_early", "run_jobs"]
+__all__ = ["EndedEarlyError", "Pool", "Stopped", "ended_early", "run_jobs", "undisturbed"]
 
 T = TypeVar("T")
 
@@ -31,12 +31,12 @@ class EndedEarlyError(RuntimeError):
 
 def ended_early(what: str, some_done: bool, goes_on: str = "", otherwise: str = "") -> EndedEarlyError:
     """The error of processes that ended before their time. Those of which none has done a job were begun by
-    a script that begins them again in each; `what` is the call, `otherwise` what else helps, `goes_on` what
-    helps where one was killed."""
+    a script that begins them again in each; `otherwise` says what else helps, `goes_on` what helps where one
+    was killed."""
     if some_done:
         hint = "; ".join(filter(None, ("one was killed, perhaps for want of memory", goes_on)))
     else:
-        hint = f'in a script call {what} below `if __name__ == "__main__":`'
+        hint = f'in a script begin the {what} below `if __name__ == "__main__":`'
         hint += f", or {otherwise}" if otherwise else ""
     return EndedEarlyError(f"the processes of the {what} ended before their time: {hint}")
 
@@ -47,58 +47,69 @@ class Pool(ProcessPoolExecutor):
 
     def __init__(self, tasks: int) -> None:
         workers = max(1, min(os.cpu_count() or 1, tasks))
-        super().__init__(max_workers=workers, mp_context=get_context("spawn"), initializer=_deaf)
+        super().__init__(max_workers=workers, mp_context=get_context("spawn"), initializer=_begin)
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **named: Any) -> Future[T]:
         """As that of every executor."""
         with _held_back():
-            return super().submit(_hearing, function, *arguments, **named)
+            return super().submit(_task, function, *arguments, **named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """As that of every executor; another Ctrl-C meanwhile goes to the tasks alone."""
-        if threading.current_thread() is not threading.main_thread():
+        with undisturbed():
             super().shutdown(wait, cancel_futures=cancel_futures)
-            return
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        try:
-            super().shutdown(wait, cancel_futures=cancel_futures)
-        finally:
-            # None: that of a program in C, which cannot be set from here.
-            signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
 
 
-_interrupted = False
-"""In a process of a pool: a task of it was ended by Ctrl-C."""
-_handler: Any = signal.default_int_handler
-"""In a process of a pool: what Ctrl-C does to a task; nothing where the whole program ignores it."""
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Ctrl-C does nothing meanwhile: for the short work that is left after one."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        # None: that of a program in C, which cannot be set from here.
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
 
 
-def _deaf() -> None:
+_running = _interrupted = False
+"""In a process of a pool: a task is being run; one was ended by Ctrl-C."""
+
+
+def _begin() -> None:
     """Begins a process of a pool."""
-    global _handler
-    _handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Of a program that ignores Ctrl-C, as one in the background of a shell, the processes do as well.
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, _hear)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
-def _hearing(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
-    """A task, in a process of a pool. Those that are handed to it in advance cannot be taken back."""
-    global _interrupted
+def _hear(*_: Any) -> None:
+    """Ctrl-C in a process of a pool."""
+    global _running, _interrupted
+    if _running:
+        _running, _interrupted = False, True
+        raise KeyboardInterrupt
+
+
+def _task(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
+    """A task in a process of a pool. Those that are handed to it in advance cannot be taken back."""
+    global _running
     if _interrupted:
         raise KeyboardInterrupt
+    _running = True
     try:
-        signal.signal(signal.SIGINT, _handler)
         return function(*arguments, **named)
-    except KeyboardInterrupt:
-        _interrupted = True
-        raise
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _running = False
 
 
 @contextmanager
 def _held_back() -> Iterator[None]:
-    """Holds Ctrl-C back for a moment: a process that is begun within inherits that, up to `_deaf`."""
+    """Holds Ctrl-C back for a moment: a process that is begun within inherits that, up to `_begin`."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 from stillflux.evidence.claims import Claim, at_most, holds, reported
@@ -16,6 +17,7 @@ from stillflux.evidence.paper import paper_drive
 from stillflux.evidence.registry import experiments
 from stillflux.evidence.report import page
 from stillflux.evidence.report.page import Section
+from stillflux.parallel import undisturbed
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 from stillflux.simulation import simulate
@@ -40,7 +42,8 @@ def run(machines: Sequence[str], out: Path, command: str, arithmetic: str = "f32
     except KeyboardInterrupt as stop:
         stopped = str(stop) or "interrupted"
     path = out / "demo.html"
-    page.write(path, "Zero stator frequency without a speed sensor", command, sections, stopped)
+    with undisturbed() if stopped else nullcontext():
+        page.write(path, "Zero stator frequency without a speed sensor", command, sections, stopped)
     for section in sections:
         print(f"\n{section.title}\n{page.table(section)}")
     print(f"\nreport: {path}")
