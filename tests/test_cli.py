@@ -186,7 +186,7 @@ def test_an_error_of_what_is_in_a_file_names_the_file(
         ("simulate", 'motor = "2.2kW"\nduration = 1\nsettings = {psi_reff = 1}\n', "own.toml: the drive has"),
         ("sweep", "[scenario]\n", "own.toml: a sweep file has [scenario] and one of"),
         ("commission", "[motr]\n", "own.toml: motr is not known in a commissioning file"),
-        ("commission", f"{PLATE}[plant]\nadc_nois = 1.0\n", "own.toml: the plant has no setting 'adc_nois'"),
+        ("commission", f"{PLATE}[plant]\nadc_nois = 1.0\n", "own.toml: neither commission nor"),
         ("commission", f"{PLATE}[inverter]\nudc = 540.0\n", "own.toml: udc is not known"),
     ):
         Path("own.toml").write_text(text)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
+import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -48,6 +50,19 @@ def test_an_impossible_nameplate_names_the_value_and_its_range(change: dict[str,
         PLATE.replace(**change)
 
 
+@pytest.mark.parametrize(("change", "n_p"), [({"n_N": 150.3}, 19), ({"f_N": 314.16}, 13)])
+def test_a_plate_in_other_units_is_warned_of_by_its_pole_pairs(change: dict[str, float], n_p: int) -> None:
+    with pytest.warns(sf.MachineWarning, match=f"are those of {n_p} pole pairs, .* in r/min") as seen:
+        plate = PLATE.replace(**change)
+    assert plate.n_p == plate.motor().n_p == n_p
+    assert seen[0].filename == __file__
+    many = PLATE.motor().replace(n_p=8, T_N=4 * PLATE.motor().T_N)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sf.Nameplate.of(many).n_p == 8, "known, not derived"
+        assert PLATE.n_p == 2
+
+
 def _plant() -> dict[str, Any]:
     motor = sf.Motor.preset("2.2kW")
     return {
@@ -80,7 +95,10 @@ def test_a_plate_commissions_its_motor_and_the_drive_runs(tmp_path: Path) -> Non
     assert "magnetising" in stages
     path = tmp_path / "found.toml"
     path.write_text(found.to_toml(name="pump"))
-    machine = sf.load_machine(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        machine = sf.load_machine(path)
+    assert (machine.status, machine.cause, machine.warnings) == ("done", None, ())
     assert (machine.motor, machine.inverter) == (found.motor, found.inverter)
     assert machine.deviation == found.deviation
     assert machine.settings == found.settings
@@ -169,6 +187,35 @@ def test_a_procedure_alone_leaves_the_values_of_the_others_as_they_were_known(
             sf.Commissioning(plate, sheet, only=only)
 
 
+def test_an_inertia_far_from_that_of_the_plate_is_warned_of() -> None:
+    plant, sheet = _plant(), sf.Inverter.preset("2.2kW")
+    plate = sf.Nameplate.of(plant["plant_motor"])
+    for J, far in ((0.015, False), (1.5, True)):
+        of_plate = plate.replace(J=J)
+        found = sf.commission(of_plate, sheet, shaft="free", only="inertia", **plant)
+        said = [text for text in found.warnings if text.startswith("J = ")]
+        assert bool(said) == far
+    assert "is n_p = 2 right, which follows from n_N and f_N" in said[0]
+
+
+@pytest.mark.filterwarnings("ignore::stillflux.MachineWarning")
+def test_a_file_of_a_faulted_commissioning_says_so(tmp_path: Path) -> None:
+    plant = {**_plant(), "channels": (1, 0, 2)}
+    found = sf.commission(sf.Nameplate.of(plant["plant_motor"]), sf.Inverter.preset("2.2kW"), **plant)
+    path = tmp_path / "found.toml"
+    path.write_text(found.to_toml())
+    with pytest.warns(sf.MachineWarning) as seen:
+        machine = sf.load_machine(path)
+    assert (machine.status, machine.cause, machine.warnings) == (found.status, found.cause, found.warnings)
+    assert machine.cause == "swapped current channels"
+    texts = [str(one.message) for one in seen]
+    assert f"{path}: {found.warnings[0]}" in texts
+    assert any(f"the commissioning ended with '{found.status}': values" in text for text in texts)
+    assert seen[0].filename == __file__
+    with pytest.warns(sf.MachineWarning, match="swapped current channels"):
+        sf.Scenario.from_dict({"motor": str(path), "duration": 0.1})
+
+
 def test_two_current_sensors_commission_and_a_single_shunt_is_refused_by_name() -> None:
     plant = {**_plant(), "current_gain": (1.01, 0.99, 1.0), "channel_factor": (1.0, 1.0, 0.0)}
     motor = plant["plant_motor"]
@@ -229,6 +276,13 @@ def test_a_plant_that_a_commissioning_cannot_have_is_refused(option: dict[str, A
         sf.commission(PLATE, sf.Inverter.preset("2.2kW"), plant_motor=PLATE.motor(), **option)
 
 
+def test_an_option_that_there_is_not_is_named_with_the_one_that_is_meant() -> None:
+    for wrong, text in (("chanels", "'chanels'; 'channels'"), ("adc_nois", "'adc_nois'; 'adc_noise'")):
+        plant: dict[str, Any] = {"plant_motor": PLATE.motor(), wrong: 1}
+        with pytest.raises(TypeError, match=f"neither commission nor the plant has the setting {text}"):
+            sf.commission(PLATE, sf.Inverter.preset("2.2kW"), **plant)
+
+
 FILE = """
 [nameplate]
 P_N = 2110.0
@@ -254,6 +308,7 @@ dead_time = 2.1e-6
 """
 
 
+@pytest.mark.filterwarnings("ignore::stillflux.MachineWarning")
 def test_the_command_writes_a_motor_file_and_a_report(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -262,6 +317,7 @@ def test_the_command_writes_a_motor_file_and_a_report(
     assert main(["commission", str(file), "--out", str(out), "--report", str(page)]) == 0
     printed = capsys.readouterr().out
     assert "status: done" in printed
+    assert re.search(r"n_p, by the plate +2 ", printed)
     machine = sf.load_machine(out)
     assert machine.motor.R_s == pytest.approx(3.7, rel=0.02)
     assert machine.plant_motor == sf.Motor.preset("2.2kW")
@@ -294,6 +350,7 @@ def test_what_is_no_motor_is_named() -> None:
         sf.replay({"t": [0.0]}, motor, None)  # type: ignore[arg-type]
 
 
+@pytest.mark.filterwarnings("ignore::stillflux.MachineWarning")
 def test_a_motor_keeps_its_rating(tmp_path: Path) -> None:
     pump, out = Path(__file__).parents[1] / "examples" / "machines" / "pump-4kW.toml", tmp_path / "found.toml"
     assert main(["commission", "--motor", str(pump), "--only", "wiring", "--out", str(out)]) == 0
@@ -316,6 +373,9 @@ def test_a_file_takes_a_preset_and_refuses_a_motor_beside_its_plate(tmp_path: Pa
         _task(str(file))
     file.write_text(FILE.replace("r_d = 0.2", "r_dd = 0.2"))
     with pytest.raises(ValueError, match="r_dd is not known"):
+        _task(str(file))
+    file.write_text(FILE.replace("cos_phi = 0.8", ""))
+    with pytest.raises(ValueError, match=r"motor.toml: \[nameplate\] has no cos_phi: a plate has P_N, U_N"):
         _task(str(file))
 
 
@@ -452,6 +512,7 @@ def test_a_commissioning_shows_where_it_is(capsys: pytest.CaptureFixture[str]) -
     assert "commissioning: done" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore::stillflux.MachineWarning")
 def test_a_commissioning_that_is_interrupted_says_so_and_keeps_what_it_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -125,6 +129,19 @@ def test_sequence_and_estimate(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert other.memory()["u_off"] == pytest.approx(memory["u_off"], rel=1e-5)
     for key in ("loss_error", "L_sigma", "L_M"):
         assert other.memory()[key] == pytest.approx(memory[key], rel=1e-6)
+
+
+def test_a_memory_is_plain_data_too_and_has_no_value_that_there_is_not(motor: sf.Motor) -> None:
+    drive = sf.Drive(motor, sf.Inverter(), scheme="paper")
+    known = {**drive.memory(), "u_off": 0.5 - 0.25j}
+    drive.restore({**known, "u_off": [0.5, -0.25]})
+    assert drive.memory()["u_off"] == pytest.approx(0.5 - 0.25j)
+    with pytest.raises(TypeError, match=r"memory has no value 'R_S'; there are u_off, R_s, "):
+        drive.restore({**known, "R_S": 99.0})
+    with pytest.raises(TypeError, match="memory u_off = True is not a number"):
+        drive.restore({**known, "u_off": (True, 1.0)})
+    with pytest.raises(ValueError, match="memory has no 'R_s'"):
+        drive.restore({key: value for key, value in known.items() if key != "R_s"})
 
 
 def test_what_a_memory_does_not_know_of_the_legs_is_as_set(motor: sf.Motor) -> None:
@@ -251,13 +268,44 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
         drive.restore({**drive.memory(), "R_s": float("nan")})
 
 
-def test_status_behaves_as_its_string() -> None:
+def test_the_loop_of_the_first_page_runs_the_motor(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "index.md").read_text(encoding="utf-8")
+    code = re.search(r"<!-- run by test_drive.py -->\n```python\n(.*?)```", page, re.DOTALL)
+    assert code is not None
+    exec(code[1], {})
+    said = re.fullmatch(r"running: (\S+) rad/s, estimated (\S+)\n", capsys.readouterr().out)
+    assert said is not None
+    assert [float(x) for x in said.groups()] == pytest.approx([20.0, 20.0], abs=1.0)
+
+
+def test_a_status_equals_its_state_and_the_coarser_word() -> None:
     status = sf.Status("magnetising")
+    assert status == "magnetising"
     assert status == "starting"
     assert status != "running"
-    assert hash(status) == hash("starting")
-    assert status in {"starting"}
-    assert sf.Status("faulted", "over-current", 1.0) != sf.Status("faulted", "over-current", 2.0)
+    assert status != "reading offset"
+    fault = sf.Status("faulted", "over-current", 1.0)
+    assert fault == "faulted"
+    assert fault == "fault"
+    assert fault != sf.Status("faulted", "over-current", 2.0)
+    assert fault == pickle.loads(pickle.dumps(fault))
+    assert fault != 4
+    assert f"{status:>10}|" == "  starting|"
+
+
+def test_a_status_is_compared_with_no_word_that_there_is_not() -> None:
+    status = sf.Status("running")
+    with pytest.warns(sf.StatusWarning, match=r"no state is called 'runing'; there are 'stopped', ") as seen:
+        assert status != "runing"
+    assert seen[0].filename == __file__
+    with pytest.warns(sf.StatusWarning, match="called 'x'; there are 'stopped', 'reading offset', "):
+        assert not status == "x"  # noqa: SIM201
+
+
+def test_a_status_that_equals_two_words_has_no_hash() -> None:
+    with pytest.raises(TypeError, match=r"unhashable type: 'Status', .* take its state"):
+        hash(sf.Status("faulted"))
+    assert sf.Status("faulted").state in {"faulted"}
 
 
 @pytest.mark.parametrize("half_periods", [1, 2])
@@ -462,6 +510,13 @@ def test_a_status_is_one_that_a_drive_can_have() -> None:
         sf.StatusCode(9)
     with pytest.raises(ValueError, match="'on' is none of EncoderCode: SILENT = 0, "):
         sf.EncoderCode("on")  # type: ignore[arg-type]
+
+
+def test_an_estimate_and_a_true_state_can_be_copied(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
+    for one in (drive.estimate, plant.state):
+        kept = copy.deepcopy({"seen": one, "again": copy.copy(one)})
+        assert repr(kept["seen"]) == repr(kept["again"]) == repr(one)
 
 
 def test_what_a_drive_says_of_itself(motor: sf.Motor, inverter: sf.Inverter) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import pytest
 
 import stillflux as sf
@@ -58,6 +60,38 @@ def test_an_encoder_that_does_not_fit_is_refused_by_name(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         sf.Drive(MOTOR, INVERTER, **settings)
+
+
+@pytest.mark.parametrize(
+    ("plant", "warned", "summary"),
+    [
+        ({}, "plant.encoder_lines = None: there is no encoder to read", "encoder: silent for 100 %"),
+        (
+            {"encoder_lines": 1000},
+            "plant.encoder_lines = 1000: the drive reads 2 of",
+            "encoder: apart",
+        ),
+        ({"encoder_lines": 500}, None, None),
+    ],
+)
+def test_an_encoder_that_the_plant_does_not_have_is_warned_of(
+    plant: sf.options.PlantOptions, warned: str | None, summary: str | None
+) -> None:
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        scenario = sf.Scenario(
+            motor=MOTOR,
+            inverter=INVERTER,
+            duration=2.0,
+            settings={"encoder_lines": 500, "encoder_mode": "control"},
+            plant=plant,
+            omega_ref=[(0.0, 0.0), (1.6, 0.0), (1.8, 60.0)],
+            signals=["status", "encoder.state"],
+        )
+    assert [one.category for one in seen] == ([sf.ScenarioWarning] if warned else [])
+    assert warned is None or warned in str(seen[0].message)
+    said = sf.simulate(scenario).summary()
+    assert summary in said if summary else "encoder" not in said
 
 
 def test_a_scenario_has_its_signals_and_names_its_faults() -> None:

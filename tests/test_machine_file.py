@@ -43,13 +43,19 @@ def test_every_circuit_and_a_changed_preset(tmp_path: Path) -> None:
     path.write_text('[motor]\npreset = "11kW"\nR_s = 0.4\n[inverter]\nf_s = 4e3\n')
     found = sf.load_machine(path)
     assert found.motor == sf.Motor.preset("11kW").replace(R_s=0.4)
-    assert found.inverter.f_s == 4e3
+    assert found.inverter == sf.Inverter.preset("11kW").replace(f_s=4e3)
     assert sf.load_machine("11kW").motor == sf.Motor.preset("11kW")
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
+        (
+            "[motor]\nR_s = 3.7\nR_R = 2.1\nL_sigma = 0.021\nL_M = 0.2\n" + FIELDS.replace("J = 0.015\n", ""),
+            r"\[motor\] has no J: a motor has n_p, J, U_N",
+        ),
+        ("status = 3\n[motor]\npreset = '2.2kW'\n", "status = 3 is not a text"),
+        ("warnings = 'x'\n[motor]\npreset = '2.2kW'\n", "warnings = 'x' is not a list of texts"),
         ("[motor]\nR_s = 3.7\n", r"\[motor\] has no complete equivalent circuit"),
         ("[motor]\npreset = '2.2kW'\nR_s = -1.0\n", r"\[motor\] R_s = -1"),
         ("[motor]\npreset = '2.2kW'\nR_x = 1.0\n", r"\[motor\] R_x is not known; there are R_s, R_R,"),
@@ -79,6 +85,8 @@ def test_errors_name_file_table_and_field(tmp_path: Path, text: str, expected: s
     assert "bad.toml" in str(caught.value)
     with pytest.raises(ValueError, match="neither a preset"):
         sf.load_machine("3kW")
+    with pytest.raises(TypeError, match=r"motor = None is neither a preset \(2.2kW, 11kW\) nor a path"):
+        sf.load_machine(None)  # type: ignore[arg-type]
 
 
 def test_an_own_machine_goes_to_processes_with_its_parameters() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from typing import Any
 
 import numpy as np
 import pytest
 
 import stillflux as sf
+from stillflux.evidence.drives import DRIVES
 
 RATING: Any = {"n_p": 2, "J": 0.1, "U_N": 400.0, "I_N": 20.0, "f_N": 50.0, "T_N": 70.0}
 
@@ -82,6 +84,31 @@ def test_other_errors() -> None:
         with pytest.raises(ValueError, match=rf"half_periods = {half_periods} is {admitted}"):
             sf.Inverter(half_periods=half_periods)
     assert sf.Inverter(half_periods=1).f_c == 20e3
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"T_N": 14600.0}, r"T_N = 1.46e\+04 N·m does not fit .* 4\.41 to 44\.1 N·m"),
+        ({"T_N": 0.0146}, "T_N = 0.0146 N·m does not fit U_N, I_N, f_N and n_p"),
+        ({"R_s": 1000.0}, r"R_s = 1000 Ω takes more than the rated voltage .* up to 46\.2 Ω"),
+        ({"f_N": 314.16}, "T_N = 14.6 N·m does not fit"),
+    ],
+)
+def test_a_rating_whose_values_do_not_fit_each_other_is_warned_of(
+    change: dict[str, float], text: str
+) -> None:
+    with pytest.warns(sf.MachineWarning, match=text) as seen:
+        sf.Motor.preset("2.2kW").replace(**change)
+    assert seen[0].filename == __file__
+
+
+def test_the_motors_of_the_package_fit_their_rating() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for motor in (*(drive.motor for drive in DRIVES.values()), *map(sf.Motor.preset, ("2.2kW", "11kW"))):
+            assert motor.replace() == motor
+            assert sf.Nameplate.of(motor).n_p == motor.n_p
 
 
 def test_a_value_of_another_circuit_is_named_as_it_was_given() -> None:

@@ -375,7 +375,7 @@ def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -
     ):
         assert 1e-3 < abs(current(**option) - plain) < 1.0, option
     # These change what is read or called, not the plant.
-    calls = {"missed_calls": 0.1, "doubled_calls": 0.1}
+    calls = {"missed_calls": 0.0, "doubled_calls": 0.0}
     assert current(adc_skew=(0.0, 1e-6, 2e-6), **calls) == pytest.approx(plain, abs=1e-6)
     for name, value, text in (
         ("turn_off_delay", [(0.0, 4e-6)] * 3, "turn_off_delay = "),
@@ -385,7 +385,9 @@ def test_imperfections_reach_the_plant(motor: sf.Motor, inverter: sf.Inverter) -
         ("leakage_saturation", (0.7, 5.0), "leakage_saturation share = 0.7"),
         ("slot_ripple", (28, 0.3, 0.0), "slot_ripple permeance = 0.3"),
         ("grid", (50.0, 1e-3), "that is not given"),
-        ("missed_calls", 1.5, "missed_calls = "),
+        ("missed_calls", 1.5, "missed_calls = 1.5 is outside"),
+        ("missed_calls", 0.1, "missed_calls = 0.1 is an option of the plant of a scenario"),
+        ("doubled_calls", 0.1, "doubled_calls = 0.1 is an option of the plant of a scenario"),
     ):
         with pytest.raises(ValueError, match=text):
             sf.Plant(motor, inverter, **{name: value})  # type: ignore[arg-type]

@@ -562,6 +562,11 @@ def test_a_result_with_rows_left_out_is_no_log(run: sf.Result) -> None:
         sf.replay(run.select("measured.i_s"), MOTOR, INVERTER)
 
 
+def test_a_single_shunt_is_refused_where_currents_are_known(run: sf.Result) -> None:
+    with pytest.raises(ValueError, match=r"current_sensors = 1 is outside .*: a log holds phase currents"):
+        sf.replay(run, MOTOR, INVERTER, current_sensors=1)
+
+
 def test_masked_and_missing_numbers_are_no_numbers(run: sf.Result) -> None:
     pandas = pytest.importorskip("pandas")
     log = terminals(run)

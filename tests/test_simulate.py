@@ -12,6 +12,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,54 @@ import pytest
 import stillflux as sf
 from stillflux import metrics
 from stillflux._core import RecordEstimator
+from stillflux.machine_file import typical_inverter
+
+MEMORY: dict[str, Any] = {
+    "u_off": 0.1 + 0.2j,
+    "R_s": 3.9,
+    "i_off": (0.0, 0.1, 0.0),
+    "loss_error": 0.1,
+    "L_sigma": 0.02,
+    "L_M": 0.2,
+}
+
+
+def test_what_is_no_name_is_named(scenario: sf.Scenario) -> None:
+    result = sf.simulate(scenario.replace(duration=0.01, changes=[]))
+    for call, text in (
+        (lambda: scenario.with_values(3), "values = 3 is not a table of names and values"),  # type: ignore[arg-type]
+        (lambda: scenario.with_values({1: 3}), "values: 1 is not a name"),  # type: ignore[dict-item]
+        (lambda: result.plot(["omega_m"]), r"signal = \['omega_m'\] is not a name; give several"),  # type: ignore[arg-type]
+        (lambda: result.select(["omega_m"]), r"signal = \['omega_m'\] is no"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(TypeError, match=text):
+            call()
+
+
+def test_a_memory_may_be_plain_data(scenario: sf.Scenario) -> None:
+    made = scenario.replace(memory={**MEMORY, "u_off": [0.1, 0.2]})
+    assert made == scenario.replace(memory=MEMORY)
+    assert made.replace(memory=made.to_dict()["memory"]) == made
+
+
+def test_without_an_inverter_a_scenario_takes_that_of_the_motors_preset() -> None:
+    motor, inverter = sf.Motor.preset("11kW"), sf.Inverter.preset("11kW")
+    for given in ("11kW", {"preset": "11kW", "R_s": 0.4}):
+        assert sf.Scenario.from_dict({"motor": given, "duration": 0.1}).inverter == inverter
+        made = sf.Scenario.from_dict({"motor": given, "inverter": {"f_s": 8000.0}, "duration": 0.1})
+        assert made.inverter == inverter.replace(f_s=8000.0)
+    fields = {"motor": asdict(motor), "duration": 0.1}
+    assert sf.Scenario.from_dict({**fields, "inverter": {}}).inverter == typical_inverter(motor)
+    made = sf.Scenario.from_dict({"motor": "11kW", "duration": 0.1, "plant_inverter": {"dead_time": 2.1e-6}})
+    assert made.plant_inverter == inverter.replace(dead_time=2.1e-6)
+    assert sf.Scenario.from_dict(made.to_dict()) == made
+    for wrong, text in (
+        ({"preset": "2.2kW", "R_s": -1.0}, "motor: R_s = -1 ohm is outside the admissible range"),
+        ({"preset": "2.2kW", "Rs": 1.0}, "motor: Rs is not known; there are R_s"),
+        (asdict(motor), "inverter is missing: .* inverter = {} is one that suits the motor"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            sf.Scenario.from_dict({"motor": wrong, "duration": 0.1})
 
 
 def test_records_truth_and_estimate_apart(scenario: sf.Scenario) -> None:
@@ -64,15 +113,7 @@ def test_pickles(scenario: sf.Scenario) -> None:
 
 
 def test_save_and_load(scenario: sf.Scenario, tmp_path: Path) -> None:
-    memory = {
-        "u_off": 0.1 + 0.2j,
-        "R_s": 3.9,
-        "i_off": (0.0, 0.1, 0.0),
-        "loss_error": 0.1,
-        "L_sigma": 0.02,
-        "L_M": 0.2,
-    }
-    result = sf.simulate(scenario.replace(memory=memory))
+    result = sf.simulate(scenario.replace(memory=MEMORY))
     path = tmp_path / "run.npz"
     result.save(path)
     back = sf.Result.load(path)
@@ -133,6 +174,17 @@ def test_the_summary_names_a_speed_reference_that_is_cut(scenario: sf.Scenario) 
     result = sf.simulate(scenario.replace(omega_ref=1500.0, duration=1.8, changes=[]))
     assert "speed reference: 1500 … 1500 rad/s, cut to -345.6 … 345.6 rad/s (omega_max" in result.summary()
     assert "cut to" not in sf.simulate(scenario.replace(duration=1.8, changes=[])).summary()
+
+
+def test_the_summary_names_a_torque_reference_that_is_cut(scenario: sf.Scenario) -> None:
+    asked = scenario.replace(omega_ref=0.0, torque_ref=60.0, duration=1.8, plant={"speed": 0.0}, changes=[])
+    most = sf.Drive(asked.motor, asked.inverter).settings["torque_max"]
+    said = sf.simulate(asked).summary()
+    cut = f"torque reference: 60 … 60 N·m, cut to {-most:.4g} … {most:.4g} N·m (torque_max, torque_limits)"
+    assert cut in said
+    limited = asked.replace(torque_ref=10.0).with_settings(torque_limits=(-20.0, 5.0))
+    assert "10 … 10 N·m, cut to -20 … 5 N·m" in sf.simulate(limited).summary()
+    assert "cut to" not in sf.simulate(asked.replace(torque_ref=10.0)).summary()
 
 
 @pytest.mark.parametrize(
@@ -324,7 +376,16 @@ def test_plain_data_gives_an_equal_scenario(scenario: sf.Scenario, tmp_path: Pat
         ({"changes": [(0.1, {"speed": 1e5})]}, "speed = 100000"),
         ({"plant": {"seed": 1 << 64}}, "seed = "),
         ({"changes": 3}, "changes = 3 is not a list"),
-        ({"memory": {"x": 1}}, "memory has no 'u_off'"),
+        ({"settings": {1: 1}}, "settings: 1 is not a name"),
+        ({"plant": {1: 1}}, "plant: 1 is not a name"),
+        ({"memory": {"x": 1}}, "memory has no value 'x'; there are u_off, R_s, "),
+        ({"memory": {**MEMORY, "R_S": 99.0}}, "memory has no value 'R_S'; there are u_off, R_s, "),
+        ({"memory": {key: MEMORY[key] for key in ("R_s", "i_off")}}, "memory has no 'u_off'"),
+        ({"memory": {**MEMORY, "u_off": ["x", 1.0]}}, "memory u_off = 'x' is not a number"),
+        (
+            {"memory": {**MEMORY, "R_s": 9.0}},
+            r"memory R_s = 9 Ω is outside the admissible range 1\.56 to 7\.8 Ω, .* another machine's",
+        ),
     ],
 )
 def test_what_cannot_be_simulated_is_refused_by_name(

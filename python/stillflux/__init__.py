@@ -7,9 +7,19 @@ a `Scenario` of both.
 
 from importlib.metadata import version
 
-from stillflux._core import Drive, Estimate, FluxEstimator, Plant, PlantState, Status, Trace
+from stillflux._core import (
+    Drive,
+    Estimate,
+    FluxEstimator,
+    Plant,
+    PlantState,
+    Status,
+    StatusWarning,
+    Trace,
+)
 from stillflux.commissioning import Commissioned, Commissioning, CommissioningInterrupted, commission
 from stillflux.machine_file import Machine, load_machine
+from stillflux.messages import MachineWarning
 from stillflux.nameplate import Nameplate
 from stillflux.parameters import Inverter, Motor
 from stillflux.replay import Replay, replay
@@ -33,6 +43,7 @@ __all__ = [
     "Interrupted",
     "Inverter",
     "Machine",
+    "MachineWarning",
     "Motor",
     "Nameplate",
     "Plant",
@@ -43,6 +54,7 @@ __all__ = [
     "ScenarioWarning",
     "Status",
     "StatusCode",
+    "StatusWarning",
     "Sweep",
     "SweepInterrupted",
     "Trace",

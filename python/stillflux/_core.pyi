@@ -5,7 +5,7 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import Unpack
+from typing_extensions import Self, Unpack
 
 from stillflux.nameplate import Nameplate
 from stillflux.options import Arithmetic, DriveSettings, PlantOptions, Scheme
@@ -23,6 +23,7 @@ __all__ = [
     "RecordEstimator",
     "Run",
     "Status",
+    "StatusWarning",
     "Trace",
     "base",
     "from_gamma",
@@ -81,11 +82,16 @@ def priors(deviation: Mapping[str, float]) -> DriveSettings:
     """Settings with which a drive begins for relative standard deviations of R_s, R_R, L_sigma, L_M, J, of
     the loss of the bridge and of c_out."""
 
+class StatusWarning(UserWarning):
+    """A status is compared with a text that is the name of no state: the answer is always "unequal"."""
+
 @final
 class Status:
     """State of a drive's sequence, and the cause and time of a fault.
 
-    Compares equal to one of "stopped", "starting", "running", "fault"."""
+    Compares equal to its state ("stopped", "reading offset", "magnetising", "running", "faulted") and to the
+    coarser "starting" (reading offset or magnetising) and "fault" (faulted); a text that is none of these is
+    a `StatusWarning`. Since it equals several texts it has no hash: take `state` for a set."""
 
     def __new__(
         cls,
@@ -119,6 +125,7 @@ class Status:
     def __eq__(self, other: object, /) -> bool: ...
     def __ne__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
+    def __format__(self, spec: str, /) -> str: ...
     def __getnewargs__(
         self,
     ) -> tuple[str, str | None, float | None, float | None, float | None]: ...
@@ -194,6 +201,8 @@ class Estimate:
     @property
     def confidence(self) -> float:
         """Confidence in the field angle, 0 to 1."""
+    def __copy__(self) -> Self: ...
+    def __deepcopy__(self, memo: dict[int, Any], /) -> Self: ...
 
 @final
 class Drive:
@@ -285,9 +294,11 @@ class Drive:
         loss_error (of the inverter model's voltage, relative), knee (of its curve, relative to that of
         `c_out`), L_sigma and L_M (H), leg_delay (as of `Inverter`, s)."""
     def restore(self, memory: dict[str, Any]) -> None:
-        """Takes back what `memory` gave; values beyond their limits are limited.
+        """Takes back what `memory` gave; values beyond their limits are limited, `knee` and `leg_delay` may
+        be missing, `u_off` may be (re, im). The next start reads the offsets of the current sensors anew.
 
-        Raises RuntimeError while the bridge switches: an estimate that is in use stays as it is."""
+        Raises TypeError for a value that there is not, RuntimeError while the bridge switches: an estimate
+        that is in use stays as it is."""
     def reset(self) -> None:
         """Leaves a fault; the drive is stopped then."""
 
@@ -460,6 +471,8 @@ class PlantState:
     @property
     def u_dc(self) -> float:
         """dc-link voltage, V."""
+    def __copy__(self) -> Self: ...
+    def __deepcopy__(self, memo: dict[int, Any], /) -> Self: ...
 
 @final
 class Plant:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from stillflux import __version__, sweep_file
 from stillflux.machine_file import in_file, load_machine, read_toml, simulated_guess, with_machine
+from stillflux.messages import MachineWarning
 from stillflux.outputs import apart, check_file, keep
 from stillflux.parallel import EndedEarlyError, undisturbed
 from stillflux.parameters import PRESETS
@@ -84,8 +85,8 @@ def _unread() -> int:
 
 
 def _warned(otherwise: Callable[..., None], message: Warning | str, *where: Any, **how: Any) -> None:
-    """A warning of a scenario as one line, without the place in the code."""
-    if isinstance(message, ScenarioWarning):
+    """A warning of a scenario or a machine as one line, without the place in the code."""
+    if isinstance(message, ScenarioWarning | MachineWarning):
         print(f"stillflux: {message}", file=sys.stderr)
     else:
         otherwise(message, *where, **how)

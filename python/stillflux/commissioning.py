@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from stillflux._core import CommissioningCore, CommissioningRun
 from stillflux.machine_file import machine_to_toml, priors
+from stillflux.messages import meant
 from stillflux.nameplate import Nameplate
 from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import Inverter, Motor, instance
@@ -39,6 +41,10 @@ Procedure = Literal["wiring", "legs", "bridge", "leakage", "magnetising", "inert
 """A procedure that can be run alone, after the check of the wiring."""
 PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
 """All of them, in the order in which they are run."""
+
+
+_FAR_INERTIA = 8.0
+"""Factor from the inertia by the plate beyond which the one that is found is named."""
 
 
 def pulse_delay(options: Mapping[str, Any]) -> NDArray[np.float64]:
@@ -88,14 +94,16 @@ class Commissioned:
     def to_toml(
         self, name: str = "", plant_motor: Motor | None = None, plant_inverter: Inverter | None = None
     ) -> str:
-        """The text of a motor file: tables motor, inverter and deviation, and the warnings; with motor and
-        inverter that were simulated, if they are given."""
+        """The text of a motor file: status, cause and warnings, tables motor, inverter and deviation; with
+        motor and inverter that were simulated, if they are given."""
         return machine_to_toml(
             self.motor,
             self.inverter,
             name=name,
             deviation=self.deviation,
             warnings=self.warnings,
+            status=self.status,
+            cause=self.cause,
             plant_motor=plant_motor,
             plant_inverter=plant_inverter,
         )
@@ -154,6 +162,7 @@ class Commissioning:
     ) -> None:
         instance("plate", plate, Nameplate)
         instance("inverter", inverter, Inverter)
+        self._plate = plate
         self._core = CommissioningCore(plate, inverter, shaft, arithmetic, only, current_sensors)
 
     def step(self, i_abc: Iterable[float], u_dc: float) -> NDArray[np.float64]:
@@ -204,7 +213,7 @@ class Commissioning:
         """What has been found so far.
 
         Raises ValueError if that is no motor or inverter that a drive accepts."""
-        return _result(self._core)
+        return _result(self._core, self._plate)
 
 
 def commission(
@@ -247,6 +256,12 @@ def commission(
     instance("plant_motor", plant_motor, Motor)
     for name, bridge in (("inverter", inverter), ("plant_inverter", real)):
         instance(name, bridge, Inverter)
+    for key in plant:
+        if key not in PlantOptions.__annotations__:
+            known = [*PlantOptions.__annotations__, *inspect.signature(commission).parameters]
+            raise TypeError(
+                f"neither commission nor the plant has the setting {key!r}{meant(key, known[:-1])}"
+            )
     run = CommissioningRun(
         plate,
         inverter,
@@ -272,12 +287,26 @@ def commission(
     try:
         in_pieces(run.advance, show)
     except KeyboardInterrupt:
-        raise CommissioningInterrupted(_result(run, run.time, run.extremes)) from None
-    return _result(run, run.time, run.extremes)
+        raise CommissioningInterrupted(_result(run, plate, run.time, run.extremes)) from None
+    return _result(run, plate, run.time, run.extremes)
+
+
+def _doubts(plate: Nameplate, J: float) -> Iterator[str]:
+    """What speaks against the plate, in words."""
+    if text := plate.doubt:
+        yield text
+    expected = plate.motor().J
+    if not expected / _FAR_INERTIA < J < expected * _FAR_INERTIA:
+        known = "of the plate" if plate.J is not None else "that a motor of this torque has"
+        yield (
+            f"J = {J:.3g} kg·m² is not within a factor of {_FAR_INERTIA:g} of the {expected:.3g} kg·m² "
+            f"{known}: is n_p = {plate.n_p} right, which follows from n_N and f_N, or is a load coupled?"
+        )
 
 
 def _result(
     source: CommissioningCore | CommissioningRun,
+    plate: Nameplate,
     duration: float = 0.0,
     extremes: tuple[float, float] | None = None,
 ) -> Commissioned:
@@ -286,7 +315,7 @@ def _result(
         motor=Motor(**found["motor"]),
         inverter=Inverter(**found["inverter"]),
         deviation=found["deviation"],
-        warnings=tuple(found["warnings"]),
+        warnings=(*found["warnings"], *_doubts(plate, found["motor"]["J"])),
         status=source.status,
         cause=source.cause,
         duration=duration,

@@ -44,12 +44,15 @@ from stillflux.commissioning import PROCEDURES, Commissioned, CommissioningInter
 from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
 from stillflux.machine_file import (
+    NOTES,
+    checked,
     checked_name,
     in_file,
     inverter_of,
     load_machine,
     motor_file,
     part,
+    plate_of,
     read_toml,
     simulated_guess,
 )
@@ -168,7 +171,7 @@ def _task(source: str) -> _Task:
 
 def _of_file(path: Path, data: Mapping[str, Any]) -> _Task:
     """What the tables of a file say. Raises ValueError, TypeError."""
-    unknown = set(data) - {"name", "nameplate", "motor", "inverter", "plant", "deviation", "warnings"}
+    unknown = set(data) - {"name", "nameplate", "motor", "inverter", "plant", "deviation", *NOTES}
     if unknown:
         raise ValueError(f"{', '.join(sorted(unknown))} is not known in a commissioning file")
     plant = dict(data.get("plant", {}))
@@ -181,7 +184,7 @@ def _of_file(path: Path, data: Mapping[str, Any]) -> _Task:
         )
     told = None
     if "nameplate" in data:
-        plate = Nameplate(**data["nameplate"])
+        plate = checked(path, "nameplate", plate_of, data["nameplate"])
         if motor is None:
             print(simulated_guess(path))
             motor = plate.motor()
@@ -210,6 +213,13 @@ def _rows(task: _Task, found: Commissioned) -> Iterator[tuple[str, str, str, str
     values = {name: getattr(found.motor, name) for name in _UNITS}
     truth["R_s"] += task.inverter.r_d
     values["R_s"] += found.inverter.r_d
+    pairs = found.motor.n_p
+    yield (
+        "n_p, by the plate",
+        f"{pairs}",
+        "–",
+        "–" if pairs == task.motor.n_p else f"{task.motor.n_p} simulated",
+    )
     for name, unit in _UNITS.items():
         scale = 1e3 if unit == "mH" else 1.0
         yield (

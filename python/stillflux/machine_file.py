@@ -2,6 +2,9 @@
 
 ```toml
 name = "pump 3"                # optional, the file's name otherwise
+status = "fault: aborted at 3 s"    # optional, as commissioning writes them: "done" or a fault,
+cause = "aborted"              # its cause, none if it is done,
+warnings = ["…"]               # what should be looked at; these and a fault are warnings when it is read
 
 [motor]                        # inverse-Γ: R_s, R_R, L_sigma, L_M in Ω and H;
 R_s = 3.7                      # or Γ: R_s, R_r, L_l, L_s; or T: R_s, R_r, L_ls, L_lr, L_m
@@ -16,7 +19,7 @@ f_N = 50.0
 T_N = 14.6
 saturation = [0.25, 0.7, 6.0]  # optional
 
-[inverter]                     # fields of stillflux.Inverter; optional
+[inverter]                     # fields of stillflux.Inverter; optional, the rest suits the motor
 u_dc = 540.0
 
 [deviation]                    # optional: relative standard deviation of single values
@@ -30,9 +33,10 @@ R_s = 3.65                     # from what the drive is told, as `stillflux comm
 dead_time = 2.1e-6
 ```
 
-`preset = "2.2kW"` in a table names a preset whose fields the others change. A file with a `[nameplate]`
-table (`P_N`, `U_N`, `I_N`, `f_N`, `n_N`, `cos_phi`; W, V, A, Hz, r/min) instead of `[motor]` gets the
-parameters that follow from the rated point.
+`preset = "2.2kW"` in a table names a preset whose fields the others change. What `[inverter]` does not say is
+that of the inverter of the motor's preset, or for a motor without one what suits it (`typical_inverter`). A
+file with a `[nameplate]` table (`P_N`, `U_N`, `I_N`, `f_N`, `n_N`, `cos_phi`; W, V, A, Hz, r/min) instead of
+`[motor]` gets the parameters that follow from the rated point.
 """
 
 from __future__ import annotations
@@ -42,6 +46,7 @@ import json
 import os
 import re
 import sys
+import warnings as python_warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -49,6 +54,7 @@ from pathlib import Path
 from typing import Any
 
 from stillflux import _core
+from stillflux.messages import MachineWarning, outside
 from stillflux.nameplate import Nameplate
 from stillflux.options import DriveSettings
 from stillflux.parameters import PRESETS, Inverter, Motor
@@ -59,13 +65,18 @@ else:
     import tomli as tomllib
 
 __all__ = [
+    "NOTES",
     "Machine",
+    "checked",
+    "checked_name",
     "in_file",
+    "inverter_beside",
     "inverter_of",
     "load_machine",
     "machine_to_toml",
     "motor_file",
     "part",
+    "plate_of",
     "priors",
     "read_toml",
     "simulated_guess",
@@ -73,6 +84,8 @@ __all__ = [
 ]
 
 _TABLES = ("motor", "inverter", "deviation", "nameplate", "plant")
+NOTES = ("status", "cause", "warnings")
+"""What commissioning writes about itself."""
 _DEVIATIONS = ("R_s", "R_R", "L_sigma", "L_M", "J", "loss", "c_out", "leg_delay")
 _CIRCUITS = (
     (Motor.inverse_gamma, ("R_s", "R_R", "L_sigma", "L_M")),
@@ -97,6 +110,12 @@ class Machine:
     """The inverter that is simulated; None: `inverter`."""
     of_plate: bool = False
     """The motor's parameters follow from a nameplate."""
+    status: str | None = None
+    """How the commissioning ended that has written the file, "done" or a fault; None: it was none."""
+    cause: str | None = None
+    """Cause of that fault, None without one."""
+    warnings: tuple[str, ...] = ()
+    """What commissioning has warned of."""
 
     @property
     def settings(self) -> DriveSettings:
@@ -128,17 +147,21 @@ def with_machine(scenario: Mapping[str, Any], machine: Machine) -> dict[str, Any
 def load_machine(source: str | os.PathLike[str]) -> Machine:
     """The machine of a preset's name ("2.2kW", "11kW") or of a motor file.
 
-    Raises ValueError naming file, table, field, value and admissible range; OSError if the file cannot be
-    read.
+    What the commissioning that has written the file warned of, and a fault by which it ended, is a
+    `MachineWarning`. Raises ValueError naming file, table, field, value and admissible range; OSError if the
+    file cannot be read, TypeError for what is no path.
     """
+    if not isinstance(source, str | os.PathLike):
+        raise TypeError(f"motor = {source!r} is neither a preset ({', '.join(PRESETS)}) nor a path")
     if isinstance(source, str) and source in PRESETS:
         return Machine(name=source, motor=Motor.preset(source), inverter=Inverter.preset(source))
     path = motor_file(source)
     data = read_toml(path)
     for key, value in data.items():
-        if key not in ("name", *_TABLES, "warnings"):
+        if key not in (*_TABLES, "name", *NOTES):
             raise ValueError(
-                f"{path}: {key} is not known in a motor file; there are {', '.join(_TABLES)}, name"
+                f"{path}: {key} is not known in a motor file; there are "
+                f"{', '.join((*_TABLES, 'name', *NOTES))}"
             )
         if key in _TABLES and not isinstance(value, dict):
             raise ValueError(f"{path}: {key} is not a table: write [{key}] and its fields below it")
@@ -151,17 +174,19 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 10.0:
             raise ValueError(f"{path}: [deviation] {key} = {value!r} is outside 0 … 10")
     if "motor" in data:
-        motor = _checked(path, "motor", _motor, data["motor"])
+        motor = checked(path, "motor", _motor, data["motor"])
     else:
-        motor, assumed = _checked(path, "nameplate", _of_nameplate, data["nameplate"])
+        motor, assumed = checked(path, "nameplate", _of_nameplate, data["nameplate"])
         deviation = {**assumed, **deviation}
-    inverter = _checked(path, "inverter", lambda t: inverter_of(t, motor), data.get("inverter"))
+    inverter = checked(
+        path, "inverter", lambda t: inverter_of(t, motor, data.get("motor")), data.get("inverter")
+    )
     name = checked_name(path, data.get("name", path.stem))
     real = dict(data.get("plant", {}))
-    plant_motor = _checked(path, "plant.motor", _motor, real.pop("motor")) if "motor" in real else None
+    plant_motor = checked(path, "plant.motor", _motor, real.pop("motor")) if "motor" in real else None
     plant_inverter = None
     if "inverter" in real:
-        plant_inverter = _checked(
+        plant_inverter = checked(
             path,
             "plant.inverter",
             lambda t: Inverter(**{**asdict(inverter), **_inverter_fields(t)}),
@@ -169,7 +194,18 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         )
     if real:
         raise ValueError(f"{path}: [plant] {next(iter(real))}: there are motor and inverter")
+    notes = _notes(path, data)
+    for text in notes["warnings"]:
+        python_warnings.warn(f"{path}: {text}", MachineWarning, stacklevel=outside())
+    if notes["cause"] is not None:
+        python_warnings.warn(
+            f"{path}: the commissioning ended with {notes['status'] or notes['cause']!r}: values of "
+            f"procedures that were not completed are the nameplate's",
+            MachineWarning,
+            stacklevel=outside(),
+        )
     return Machine(
+        **notes,
         name=name,
         motor=motor,
         inverter=inverter,
@@ -205,6 +241,18 @@ def in_file(path: str | os.PathLike[str]) -> Iterator[None]:
         raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
+def _notes(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
+    """What commissioning has written about itself."""
+    notes: dict[str, Any] = {name: data.get(name) for name in ("status", "cause")}
+    for name, value in notes.items():
+        if value is not None and not isinstance(value, str):
+            raise ValueError(f"{path}: {name} = {value!r} is not a text")
+    texts = data.get("warnings", [])
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+        raise ValueError(f"{path}: warnings = {texts!r} is not a list of texts")
+    return {**notes, "warnings": tuple(texts)}
+
+
 def checked_name(path: Path, name: Any) -> str:
     """The name of a machine; ValueError naming the file if reports cannot be named by it."""
     if not isinstance(name, str) or not re.fullmatch(r"[^\x00-\x1f/\\:*?\"<>|]{1,80}", name):
@@ -232,11 +280,16 @@ def machine_to_toml(
     name: str = "",
     deviation: Mapping[str, float] | None = None,
     warnings: Sequence[str] = (),
+    status: str | None = None,
+    cause: str | None = None,
     plant_motor: Motor | None = None,
     plant_inverter: Inverter | None = None,
 ) -> str:
     """The text of a motor file, which `load_machine` reads back to equal objects."""
     lines = [f"name = {_toml(name)}"] if name else []
+    lines += [
+        f"{key} = {_toml(text)}" for key, text in (("status", status), ("cause", cause)) if text is not None
+    ]
     if warnings:
         lines.append(f"warnings = {_toml(list(warnings))}")
     tables: list[tuple[str, Mapping[str, Any]]] = [("motor", asdict(motor))]
@@ -261,17 +314,28 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)
 
 
-def part(cls: type[Motor] | type[Inverter], value: Any) -> Any:
-    """A `Motor` or `Inverter` of plain data: a preset's name, a motor file, or a table of fields."""
+def part(cls: type[Motor] | type[Inverter], value: Any, otherwise: Inverter | None = None) -> Any:
+    """A `Motor` or `Inverter` of plain data: a preset's name, a motor file, or a table of fields; those of an
+    inverter change the preset that the table names, or else the given inverter."""
     if isinstance(value, str):
         machine = load_machine(value)
         return machine.motor if cls is Motor else machine.inverter
     if cls is Motor:
         return _motor(value)
-    return Inverter(**_inverter_fields(value))
+    fields = _inverter_fields(value)
+    return Inverter(**fields) if otherwise is None or "preset" in value else otherwise.replace(**fields)
 
 
-def _checked(path: Path, table: str, build: Any, fields: Any) -> Any:
+def inverter_beside(motor: Motor, given: Any) -> Inverter:
+    """The inverter of a motor that is given as a preset's name, a motor file or a table of fields: that of
+    the preset, also of one that the table names, or of the file, or one that suits the motor."""
+    if isinstance(given, str):
+        return load_machine(given).inverter
+    preset = given.get("preset") if isinstance(given, Mapping) else None
+    return typical_inverter(motor) if preset is None else Inverter.preset(preset)
+
+
+def checked(path: Path, table: str, build: Any, fields: Any) -> Any:
     """What `build` makes of a table; errors name file and table."""
     try:
         return build(fields)
@@ -283,23 +347,23 @@ def _motor(table: Mapping[str, Any]) -> Motor:
     fields = _with_preset(Motor, table)
     for build, names in _CIRCUITS:
         if all(name in fields for name in names):
-            rating = (one.name for one in dataclasses.fields(Motor) if one.name not in _CIRCUITS[0][1])
-            _only(fields, (*names, *rating))
+            others = [one for one in dataclasses.fields(Motor) if one.name not in _CIRCUITS[0][1]]
+            _only(fields, (*names, *(one.name for one in others)))
+            needed = [one.name for one in others if one.default is dataclasses.MISSING]
+            if missing := [name for name in needed if name not in fields]:
+                raise ValueError(f"has no {', '.join(missing)}: a motor has {', '.join(needed)}")
             motor: Motor = build(**fields)
             return motor
     known = "; ".join(", ".join(names) for _, names in _CIRCUITS)
     raise ValueError(f"has no complete equivalent circuit, which is one of: {known}")
 
 
-def inverter_of(table: Mapping[str, Any] | None, motor: Motor) -> Inverter:
-    """The inverter of a table, whose fields change a preset's or those that suit the motor. Raises
-    ValueError, TypeError."""
-    if table is None:
-        return typical_inverter(motor)
-    fields = _inverter_fields(table)
-    return (
-        Inverter(**fields) if "preset" in table else Inverter(**{**asdict(typical_inverter(motor)), **fields})
-    )
+def inverter_of(table: Mapping[str, Any] | None, motor: Motor, given: Any = None) -> Inverter:
+    """The inverter of a table, whose fields change those of the preset that it names, or else those of the
+    inverter beside the motor as it is given. Raises ValueError, TypeError."""
+    otherwise = inverter_beside(motor, given)
+    inverter: Inverter = otherwise if table is None else part(Inverter, table, otherwise)
+    return inverter
 
 
 def typical_inverter(motor: Motor) -> Inverter:
@@ -330,11 +394,18 @@ def _only(table: Mapping[str, Any], known: Sequence[str]) -> None:
             raise ValueError(f"{name} is not known; there are {', '.join(known)}")
 
 
-def _of_nameplate(table: Mapping[str, Any]) -> tuple[Motor, Mapping[str, float]]:
+def plate_of(table: Mapping[str, Any]) -> Nameplate:
+    """The nameplate of a table. Raises ValueError naming what is missing or not known, TypeError."""
+    if not isinstance(table, Mapping):
+        raise TypeError(f"{table!r} is not a table of fields")
     known = [one.name for one in dataclasses.fields(Nameplate)]
     _only(table, known)
     needed = [x.name for x in dataclasses.fields(Nameplate) if x.default is dataclasses.MISSING]
     if missing := [name for name in needed if name not in table]:
         raise ValueError(f"has no {', '.join(missing)}: a plate has {', '.join(needed)}")
-    plate = Nameplate(**table)
+    return Nameplate(**table)
+
+
+def _of_nameplate(table: Mapping[str, Any]) -> tuple[Motor, Mapping[str, float]]:
+    plate = plate_of(table)
     return plate.motor(), dict(plate.deviation)

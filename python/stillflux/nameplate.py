@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import MISSING, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from stillflux import _core
+from stillflux.messages import MachineWarning, outside
 from stillflux.parameters import Motor, instance, number
 
 if TYPE_CHECKING:
@@ -13,13 +15,15 @@ if TYPE_CHECKING:
 
 __all__ = ["Nameplate"]
 
+_MOST_PAIRS = 6
+
 
 @dataclass(frozen=True, kw_only=True)
 class Nameplate:
     """Nameplate of a three-phase cage induction motor.
 
     Raises ValueError naming field, value and admissible range, also where no motor can have these values
-    together.
+    together. More than six pole pairs, as a speed in rad/s has them, are a `MachineWarning`.
     """
 
     P_N: float
@@ -46,6 +50,23 @@ class Nameplate:
             if value is not None or one.default is MISSING:
                 object.__setattr__(self, one.name, number(one.name, value))
         _core.nameplate_motor(self)
+        if text := self.doubt:
+            warnings.warn(text, MachineWarning, stacklevel=outside())
+
+    @property
+    def n_p(self) -> int:
+        """Pole pairs: those of the synchronous speed next above n_N."""
+        return int(_core.nameplate_motor(self)[0]["n_p"])
+
+    @property
+    def doubt(self) -> str | None:
+        """What can hardly be meant, in words, else None."""
+        if self.n_p <= _MOST_PAIRS:
+            return None
+        return (
+            f"n_N = {self.n_N:g} r/min at f_N = {self.f_N:g} Hz are those of {self.n_p} pole pairs, motors "
+            f"have 1 to {_MOST_PAIRS}: is n_N in r/min, not rad/s, and f_N in Hz?"
+        )
 
     @classmethod
     def of(cls, motor: Motor) -> Self:
@@ -55,7 +76,10 @@ class Nameplate:
         exact = _core.nameplate_of(motor)
         printed = {name: float(f"{exact[name]:.3g}") for name in ("P_N", "I_N")}
         speed, cos_phi = round(exact["n_N"]), round(exact["cos_phi"], 2)
-        return cls(**{**exact, **printed, "n_N": float(speed), "cos_phi": cos_phi})
+        with warnings.catch_warnings():
+            # The pole pairs are those of the motor.
+            warnings.simplefilter("ignore", MachineWarning)
+            return cls(**{**exact, **printed, "n_N": float(speed), "cos_phi": cos_phi})
 
     def motor(self) -> Motor:
         """The motor of the rated point, without a saturation curve.

@@ -257,9 +257,11 @@ class PlantOptions(TypedDict, total=False):
     """Number of rotor slots, relative ripple of the air gap's permeance as they pass (up to 0.2) and of the
     inverse leakage inductance (up to 0.3)."""
     missed_calls: float
-    """Probability that the control is not called in a period: duties stay. Only in a scenario."""
+    """Probability that the control is not called in a period: duties stay. Only in a scenario,
+    refused by `Plant`."""
     doubled_calls: float
-    """Probability that the control is called twice with the same sample. Only in a scenario."""
+    """Probability that the control is called twice with the same sample. Only in a scenario,
+    refused by `Plant`."""
     dc_link: tuple[float, float, float | None] | None
     """Capacitance in F, resistance of the supply in Ω, resistor of the brake chopper in Ω or None: the link
     is fed by a diode rectifier of ideal mean voltage `u_dc`. None: the link has the voltage that is set."""

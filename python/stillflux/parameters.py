@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+import warnings
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
 from stillflux import _core
+from stillflux.messages import MachineWarning, outside
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -17,6 +20,11 @@ __all__ = ["PRESETS", "Inverter", "Motor", "Rating", "instance", "number", "trut
 
 PRESETS = ("2.2kW", "11kW")
 """Names of the motors and inverters that `preset` knows."""
+
+
+_TORQUE = (0.2, 2.0)
+"""Rated torque that fits the other rated values, of √3 U_N I_N n_p/(2π f_N): efficiency times power factor,
+0.4 to 0.9, and a factor of two or more for a rating that is rounded or reduced."""
 
 
 def number(name: str, value: Any) -> float:
@@ -86,7 +94,8 @@ class Rating(TypedDict):
 class Motor:
     """Induction motor: inverse-Γ parameters and rating.
 
-    Raises ValueError naming field, value and admissible range.
+    Raises ValueError naming field, value and admissible range. Values that cannot be those of one machine
+    together, as a rated torque in another unit, are a `MachineWarning`.
     """
 
     R_s: float
@@ -122,6 +131,25 @@ class Motor:
             object.__setattr__(self, "saturation", curve)
         _plain_numbers(self)
         _core.validate_motor(self)
+        if doubts := list(self._doubts()):
+            warnings.warn("; ".join(doubts), MachineWarning, stacklevel=outside())
+
+    def _doubts(self) -> Iterator[str]:
+        """Values that do not fit the rating, in words."""
+        torque = math.sqrt(3.0) * self.U_N * self.I_N * self.n_p / (2.0 * math.pi * self.f_N)
+        least, most = (part * torque for part in _TORQUE)
+        if not least <= self.T_N <= most:
+            yield (
+                f"T_N = {self.T_N:.4g} N·m does not fit U_N, I_N, f_N and n_p, by which it is {least:.3g} to "
+                f"{most:.3g} N·m: are all in V, A, Hz, N·m, and n_p pairs of poles?"
+            )
+        impedance = self.U_N / (math.sqrt(3.0) * self.I_N)
+        for name in ("R_s", "R_R"):
+            if (value := getattr(self, name)) > impedance:
+                yield (
+                    f"{name} = {value:.4g} Ω takes more than the rated voltage at rated current: "
+                    f"up to {impedance:.3g} Ω fit U_N and I_N"
+                )
 
     @classmethod
     def preset(cls, name: str) -> Self:

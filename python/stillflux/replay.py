@@ -250,13 +250,19 @@ def replay(
     check
         Whether to look for wrong units and swapped phases.
     **settings
-        Of the drive, see `stillflux.options.DriveSettings`.
+        Of the drive, see `stillflux.options.DriveSettings`; those about estimators act. A single shunt
+        (`current_sensors=1`) is refused: a log holds phase currents.
 
     Raises ValueError naming file, line and column of what is wrong, ImportError's text included where a
     format needs a package that is not installed.
     """
     instance("motor", motor, Motor)
     instance("inverter", inverter, Inverter)
+    if settings.get("current_sensors") == 1:
+        raise ValueError(
+            "current_sensors = 1 is outside the admissible range 2 to 3: a log holds phase currents, not the "
+            "readings of a shunt; give the currents that follow from them"
+        )
     sampled, check = truth("sampled", sampled), truth("check", check)
     run_name = ""
     if isinstance(log, Result):

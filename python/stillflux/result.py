@@ -20,6 +20,7 @@ from stillflux._core import Status
 from stillflux.outputs import whole
 from stillflux.parameters import number
 from stillflux.scenario import Scenario, ScenarioWarning, plain, rich
+from stillflux.status import EncoderCode
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,6 +76,10 @@ class Result:
         return list(self.data)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
+        if not isinstance(name, str):
+            raise TypeError(
+                f"signal = {name!r} is not a name; give several one by one: plot('omega_m', 'torque')"
+            )
         try:
             return self.data[name]
         except KeyError:
@@ -166,24 +171,42 @@ class Result:
             facts.append(("field angle error", worst))
         if "omega_m" in self and "reference" in self and self.scenario.torque_ref is None:
             facts.append(("speed error at the end", f"{metrics.last_speed_error(self):.2g} pu"))
+        if "reference" in self:
             facts.extend(self._cut())
+        facts.extend(self._encoder())
         if "estimate.confidence" in self:
             facts.append(("confidence", f"{metrics.least_confidence(self):.2f} at least"))
         if "estimate.R_s" in self and "R_s" in self:
             facts.append(("R_s at the end", f"{100 * metrics.last_resistance_error(self):+.2g} %"))
         return facts
 
+    def _encoder(self) -> list[tuple[str, str]]:
+        """For how much of the running time the encoder of the drive was silent or not believed."""
+        if not self.scenario.settings.get("encoder_lines") or "encoder.state" not in self:
+            return []
+        state = self["encoder.state"][metrics.running(self)]
+        shares = {code: float(np.mean(state == code)) for code in EncoderCode if code != EncoderCode.AGREES}
+        texts = [
+            f"{code.name.lower().replace('_', ' ')} for {100 * share:.3g} % of the running time"
+            for code, share in shares.items()
+            if share
+        ]
+        return [("encoder", ", ".join(texts))] if texts else []
+
     def _cut(self) -> list[tuple[str, str]]:
-        """The limits to which the drive has cut the reference of the speed, if it was beyond them."""
+        """The limits to which the drive has cut its reference, of speed or torque, if it was beyond them."""
         s, asked = self.scenario, self["reference"]
         options: dict[str, Any] = {"scheme": s.scheme, "arithmetic": s.arithmetic, **s.settings}
-        settings = _core.Drive(s.motor, s.inverter, **options).settings
-        low, high = settings["speed_limits"] or (-settings["omega_max"], settings["omega_max"])
+        settings: Any = _core.Drive(s.motor, s.inverter, **options).settings
+        what, unit, most, limits = ("speed", "rad/s", "omega_max", "speed_limits")
+        if s.torque_ref is not None:
+            what, unit, most, limits = ("torque", "N·m", "torque_max", "torque_limits")
+        low, high = settings[limits] or (-settings[most], settings[most])
         # A ulp of single precision is no excess.
         if asked.min() >= 1.000001 * low and asked.max() <= 1.000001 * high:
             return []
-        text = f"{asked.min():.4g} … {asked.max():.4g} rad/s, cut to {low:.4g} … {high:.4g} rad/s"
-        return [("speed reference", f"{text} (omega_max, speed_limits)")]
+        text = f"{asked.min():.4g} … {asked.max():.4g} {unit}, cut to {low:.4g} … {high:.4g} {unit}"
+        return [(f"{what} reference", f"{text} ({most}, {limits})")]
 
     def __repr__(self) -> str:
         name = f" {self.scenario.name!r}" if self.scenario.name else ""

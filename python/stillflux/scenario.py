@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import os
-import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,7 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from stillflux import _core
-from stillflux.machine_file import load_machine, part, with_machine
+from stillflux.machine_file import inverter_beside, load_machine, part, with_machine
+from stillflux.memory import check_machine
+from stillflux.messages import outside
 from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import Inverter, Motor, instance, number, truth
 
@@ -43,7 +42,7 @@ _OFFSETS = ("current_offset", "current_offset_drift", "u_off")
 
 
 class ScenarioWarning(UserWarning):
-    """Something of a scenario that has no effect, though nothing forbids it."""
+    """Something of a scenario that has no effect, or not the one that is meant, though nothing forbids it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +51,7 @@ class Scenario:
 
     Raises ValueError naming field, value and admissible range, TypeError for unknown names. What only comes
     after the end of the run, a change or points of a profile, is a `ScenarioWarning`: a scenario may be cut
-    short.
+    short; and so is an encoder of the drive that the plant does not have, or has with other lines.
     """
 
     motor: Motor
@@ -92,7 +91,8 @@ class Scenario:
     signals: Sequence[str] | None = None
     """Names of the signals to record; None: all."""
     memory: dict[str, Any] | None = None
-    """What an earlier run left in `Result.memory`."""
+    """What an earlier run of this motor left in `Result.memory`; `R_s` from 0.4 to 2 times that of motor and
+    inverter, with r_d. `knee` and `leg_delay` may be missing: they are those of the parameters then."""
     cycle_stamps: bool = False
     """Every call of the drive carries the stamp of its PWM period."""
     name: str = ""
@@ -114,9 +114,23 @@ class Scenario:
                 f"{_RECORD_LIMIT:.0e}: raise record_every or choose signals"
             )
         _core.Run(self)
+        if self.memory is not None:
+            check_machine(self.memory, self.motor, self.inverter)
+        said = [self._encoder()]
         if texts := self.unreached():
-            text = f"{'; '.join(texts)}: duration = {self.duration:g} s"
-            warnings.warn(text, ScenarioWarning, stacklevel=_outside())
+            said.append(f"{'; '.join(texts)}: duration = {self.duration:g} s")
+        for text in filter(None, said):
+            warnings.warn(text, ScenarioWarning, stacklevel=outside())
+
+    def _encoder(self) -> str | None:
+        """Where the drive is told of an encoder that the plant does not have."""
+        told, real = self.settings.get("encoder_lines") or 0, self.plant.get("encoder_lines") or 0
+        if not told or told == real:
+            return None
+        text = f"settings.encoder_lines = {told}, plant.encoder_lines = {real or None}: "
+        if not real:
+            return f"{text}there is no encoder to read, the drive is sensorless"
+        return f"{text}the drive reads {real / told:.3g} of the speed"
 
     def unreached(self) -> list[str]:
         """What would only come after the end of the run, in words: changes, and points of a profile with
@@ -187,7 +201,15 @@ class Scenario:
                 continue
             if not isinstance(table, Mapping):
                 raise TypeError(f"{name} = {table!r} is not {what}")
-            set_field(name, {key: _immutable(value) for key, value in table.items()})
+            for key in table:
+                if not isinstance(key, str):
+                    raise TypeError(f"{name}: {key!r} is not a name")
+            values = {key: _immutable(value) for key, value in table.items()}
+            pair = values.get("u_off")
+            # As plain data have it.
+            if name == "memory" and isinstance(pair, tuple) and [type(x) for x in pair] == [float, float]:
+                values["u_off"] = complex(*pair)
+            set_field(name, values)
         if not isinstance(self.changes, Iterable):
             raise TypeError(f"changes = {self.changes!r} is not a list of (t, {{name: value}})")
         set_field("changes", tuple(_change(k, change) for k, change in enumerate(self.changes)))
@@ -266,9 +288,13 @@ class Scenario:
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """A copy with changed fields, named as in `value`. Raises ValueError as the scenario does."""
+        if not isinstance(values, Mapping):
+            raise TypeError(f"values = {values!r} is not a table of names and values")
         changes: dict[str, Any] = {}
         parts: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
+            if not isinstance(name, str):
+                raise TypeError(f"values: {name!r} is not a name")
             part, dot, field_name = name.partition(".")
             if part not in {f.name for f in fields(self)}:
                 raise ValueError(f"{name}: {part} is not a field of a scenario")
@@ -301,8 +327,10 @@ class Scenario:
 
         Motors and inverters are a preset's name, a motor file (see `stillflux.machine_file`), or a table of
         fields, in which `preset` may name a preset to change. Without an inverter, that of the motor's
-        preset or file is taken, and with it what the file simulates and the settings that follow from how
-        well it knows its values, unless they are given.
+        preset or file is taken, and of a file also what it simulates and the settings that follow from how
+        well it knows its values, unless they are given. A table of an inverter that names no preset changes
+        that inverter, or for a motor without preset and file the one that suits it
+        (`machine_file.typical_inverter`); that of `plant_inverter` changes the one that the drive knows.
         """
         known = {f.name for f in fields(cls)}
         if not isinstance(data, Mapping):
@@ -313,30 +341,39 @@ class Scenario:
         if "inverter" not in data and isinstance(data.get("motor"), str):
             with _naming_field("motor"):
                 data = with_machine(data, load_machine(data["motor"]))
-        for key in ("motor", "inverter", "duration"):
+        least = "a scenario has motor, inverter and duration at least"
+        for key in ("motor", "duration"):
             if key not in data:
-                raise ValueError(f"{key} is missing: a scenario has motor, inverter and duration at least")
-        kinds = {"motor": Motor, "plant_motor": Motor, "inverter": Inverter, "plant_inverter": Inverter}
-        rest = {key: rich(value, key) for key, value in data.items() if key not in kinds}
-        parts = {key: _part(kind, key, data[key]) for key, kind in kinds.items() if key in data}
+                raise ValueError(f"{key} is missing: {least}")
+        motor = _part(Motor, "motor", data["motor"])
+        if "inverter" not in data and "preset" not in data["motor"]:
+            raise ValueError(f"inverter is missing: {least}; inverter = {{}} is one that suits the motor")
+        given, beside = data.get("inverter", {}), None
+        if isinstance(given, Mapping) and "preset" not in given:
+            with _naming_field("motor"):
+                beside = inverter_beside(motor, data["motor"])
+        inverter = _part(Inverter, "inverter", given, beside)
+        parts = {"motor": motor, "inverter": inverter}
+        if "plant_motor" in data:
+            parts["plant_motor"] = _part(Motor, "plant_motor", data["plant_motor"])
+        if "plant_inverter" in data:
+            parts["plant_inverter"] = _part(Inverter, "plant_inverter", data["plant_inverter"], inverter)
+        rest = {
+            key: rich(value, key)
+            for key, value in data.items()
+            if key.removeprefix("plant_") not in ("motor", "inverter")
+        }
         return cls(**rest, **parts)
 
 
-def _outside() -> int:
-    """How many calls away the code is that uses this package: a warning points there."""
-    depth, frame = 1, sys._getframe(1)
-    inside = (os.path.dirname(__file__) + os.sep, dataclasses.__file__, "<string>")
-    while frame.f_code.co_filename.startswith(inside) and frame.f_back is not None:
-        depth, frame = depth + 1, frame.f_back
-    return depth
-
-
-def _part(kind: type[Motor] | type[Inverter], name: str, value: Any) -> Any:
+def _part(
+    kind: type[Motor] | type[Inverter], name: str, value: Any, otherwise: Inverter | None = None
+) -> Any:
     """A motor or an inverter of plain data; errors name the field."""
     if not isinstance(value, str | Mapping):
         raise TypeError(f"{name} = {value!r} is neither a preset, nor a motor file, nor a table of fields")
     with _naming_field(name):
-        return part(kind, value)
+        return part(kind, value, otherwise)
 
 
 @contextmanager

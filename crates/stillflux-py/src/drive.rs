@@ -1,7 +1,10 @@
 //! `Drive`, what it estimates, and its status.
 
+use std::ffi::CString;
+
 use numpy::{Complex64, PyArray1};
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::create_exception;
+use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use stillflux::drive::{self as core, Fault};
@@ -11,11 +14,22 @@ use stillflux::si::{MeasurementSi, MemorySi, ReferenceSi, SiDrive};
 use crate::convert::{
     Given, complex, extract, extract_some, fields, finite, finite_parts, is_not, pair, three, value_error,
 };
-use crate::parameters::{arithmetic, drive_params, inverter_of, leg_delay_tuple, machine_of, one_of, settings_dict};
+use crate::parameters::{
+    arithmetic, drive_params, found, inverter_of, leg_delay_tuple, machine_of, names_of, one_of, settings_dict,
+};
+
+create_exception!(
+    stillflux,
+    StatusWarning,
+    PyUserWarning,
+    "A status is compared with a text that is the name of no state: the answer is always \"unequal\"."
+);
 
 /// State of a drive's sequence, and the cause and time of a fault.
 ///
-/// Compares equal to one of "stopped", "starting", "running", "fault".
+/// Compares equal to its state ("stopped", "reading offset", "magnetising", "running", "faulted") and to the coarser
+/// "starting" (reading offset or magnetising) and "fault" (faulted); a text that is none of these is a `StatusWarning`. Since
+/// it equals several texts it has no hash: take `state` for a set.
 #[pyclass(frozen, get_all, module = "stillflux", from_py_object)]
 #[derive(Clone)]
 pub struct Status {
@@ -31,8 +45,14 @@ pub struct Status {
     limit: Option<f64>,
 }
 
-/// States of a drive's sequence by name.
-const STATES: [&str; 5] = ["stopped", "reading offset", "magnetising", "running", "faulted"];
+/// States of a drive's sequence by name, and what each is called more coarsely.
+const STATES: [(&str, &str); 5] = [
+    ("stopped", "stopped"),
+    ("reading offset", "starting"),
+    ("magnetising", "starting"),
+    ("running", "running"),
+    ("faulted", "fault"),
+];
 
 impl Status {
     /// Of a drive with control frequency `f_s`.
@@ -60,11 +80,7 @@ impl Status {
     }
 
     fn coarse(&self) -> &str {
-        match self.state.as_str() {
-            "reading offset" | "magnetising" => "starting",
-            "faulted" => "fault",
-            other => other,
-        }
+        found(&self.state, &STATES).unwrap_or(&self.state)
     }
 }
 
@@ -79,8 +95,12 @@ impl Status {
         value: Option<&Bound<'_, PyAny>>,
         limit: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let state: String = extract("state", state)?;
-        one_of("state", &state, &STATES.map(|known| (known, ())))?;
+        let mut state: String = extract("state", state)?;
+        // The one coarser word that is one state.
+        if state == "fault" {
+            "faulted".clone_into(&mut state);
+        }
+        one_of("state", &state, &STATES)?;
         let fault: Option<String> = extract_some("fault", fault)?;
         if let Some(cause) = &fault {
             let known: Vec<_> = Fault::ALL.iter().map(|fault| (fault.text(), ())).collect();
@@ -127,16 +147,25 @@ impl Status {
         format!("<Status {}>", self.__str__())
     }
 
-    fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
-        if let Ok(text) = other.extract::<&str>() {
-            return text == self.coarse();
+    fn __eq__(&self, other: &Bound<'_, PyAny>) -> PyResult<bool> {
+        let Ok(text) = other.extract::<&str>() else {
+            return Ok(other.cast::<Self>().is_ok_and(|s| s.get().__getnewargs__() == self.__getnewargs__()));
+        };
+        if !STATES.iter().any(|&(state, coarse)| text == state || text == coarse) {
+            let known = names_of(&STATES);
+            let said = format!("no state is called '{text}'; there are {known}, 'starting', 'fault'");
+            let py = other.py();
+            PyErr::warn(py, &py.get_type::<StatusWarning>(), &CString::new(said.replace('\0', "?"))?, 1)?;
         }
-        other.cast::<Self>().is_ok_and(|s| s.get().__getnewargs__() == self.__getnewargs__())
+        Ok(text == self.state || text == self.coarse())
     }
 
-    /// That of the string it equals.
-    fn __hash__(&self, py: Python<'_>) -> PyResult<isize> {
-        PyString::new(py, self.coarse()).hash()
+    fn __hash__(&self) -> PyResult<isize> {
+        Err(PyTypeError::new_err("unhashable type: 'Status', which equals several texts: take its state, a text"))
+    }
+
+    fn __format__<'py>(&self, py: Python<'py>, spec: &str) -> PyResult<Bound<'py, PyAny>> {
+        PyString::new(py, &self.__str__()).call_method1("__format__", (spec,))
     }
 }
 
@@ -155,6 +184,15 @@ macro_rules! estimate {
                 let complex = [$((stringify!($z), self.$z)),*];
                 let real = [$((stringify!($x), self.$x)),*];
                 format!("<Estimate {}>", fields(&complex, &real))
+            }
+
+            // Nothing of it changes: it is its own copy.
+            fn __copy__(slf: Py<Self>) -> Py<Self> {
+                slf
+            }
+
+            fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+                slf
             }
         }
 
@@ -231,13 +269,22 @@ pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, Py
     Ok(dict)
 }
 
+/// Names of the values of a memory.
+const VALUES: [&str; 8] = ["u_off", "R_s", "i_off", "loss_error", "knee", "L_sigma", "L_M", "leg_delay"];
+
 /// What `memory_dict` gave; what it does not know is that of the parameters.
 pub fn memory_from(dict: &Bound<'_, PyDict>, leg_delay: [[f64; 2]; 3]) -> PyResult<MemorySi> {
+    for name in dict.keys() {
+        if !name.extract::<&str>().is_ok_and(|name| VALUES.contains(&name)) {
+            let known = VALUES.join(", ");
+            return Err(PyTypeError::new_err(format!("memory has no value {}; there are {known}", name.repr()?)));
+        }
+    }
     let item = |name: &'static str| {
         dict.get_item(name)?.ok_or_else(|| PyValueError::new_err(format!("memory has no '{name}'")))
     };
     let memory = MemorySi {
-        u_off: pair(extract("memory u_off", &item("u_off")?)?),
+        u_off: pair(u_off(&item("u_off")?)?),
         R_s: extract("memory R_s", &item("R_s")?)?,
         i_off: three("memory i_off", &item("i_off")?)?,
         loss_error: extract("memory loss_error", &item("loss_error")?)?,
@@ -265,6 +312,15 @@ pub fn memory_from(dict: &Bound<'_, PyDict>, leg_delay: [[f64; 2]; 3]) -> PyResu
         check(name, x, 1e-9, 1e9, unit).map_err(|e| value_error(e.with_note("finite and positive")))?;
     }
     Ok(memory)
+}
+
+/// A complex number, or its parts as plain data have them.
+fn u_off(value: &Bound<'_, PyAny>) -> PyResult<Complex64> {
+    if let Ok([re, im]) = value.extract::<[Bound<'_, PyAny>; 2]>() {
+        let part = |x| extract("memory u_off", x);
+        return Ok(Complex64::new(part(&re)?, part(&im)?));
+    }
+    extract("memory u_off", value)
 }
 
 /// A sensorless induction motor drive: currents and dc-link voltage in, duties out.
@@ -429,9 +485,10 @@ impl Drive {
         memory_dict(py, &self.drive.memory())
     }
 
-    /// Takes back what `memory` gave; values beyond their limits are limited.
+    /// Takes back what `memory` gave; values beyond their limits are limited, `knee` and `leg_delay` may be missing, `u_off` may
+    /// be (re, im). The next start reads the offsets of the current sensors anew.
     ///
-    /// Raises RuntimeError while the bridge switches: an estimate that is in use stays as it is.
+    /// Raises TypeError for a value that there is not, RuntimeError while the bridge switches: an estimate that is in use stays as it is.
     fn restore(&mut self, memory: &Bound<'_, PyAny>) -> PyResult<()> {
         let Ok(memory) = memory.cast::<PyDict>() else {
             return Err(is_not("memory", memory, "not a dict, as Drive.memory() gives it"));

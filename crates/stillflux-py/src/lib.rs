@@ -23,7 +23,7 @@ mod core_module {
     #[pymodule_export]
     use crate::commission::{CommissioningCore, CommissioningRun, nameplate_motor, nameplate_of, priors};
     #[pymodule_export]
-    use crate::drive::{Drive, Estimate, Status};
+    use crate::drive::{Drive, Estimate, Status, StatusWarning};
     #[pymodule_export]
     use crate::flux::{FluxEstimator, Trace};
     #[pymodule_export]

@@ -189,6 +189,15 @@ macro_rules! plant_state {
                 let real = [$((stringify!($x), self.$x)),*];
                 format!("<PlantState {}>", fields(&complex, &real))
             }
+
+            // Nothing of it changes: it is its own copy.
+            fn __copy__(slf: Py<Self>) -> Py<Self> {
+                slf
+            }
+
+            fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+                slf
+            }
         }
 
         impl From<&Truth> for PlantState {
@@ -276,6 +285,14 @@ impl Plant {
         let (load_max, u_max) = (LOAD_MAX * machine.T_N, VOLTAGE_MAX * machine.U_N);
         let params = plant_params(machine, inverter, options)?;
         let plant = stillflux_sim::Plant::new(params).map_err(value_error)?;
+        for (name, chance) in [("missed_calls", params.calls.missed), ("doubled_calls", params.calls.doubled)] {
+            if chance > 0.0 {
+                return Err(PyValueError::new_err(format!(
+                    "{name} = {chance} is an option of the plant of a scenario: who calls Plant.step leaves out or doubles calls \
+                     of Drive.step"
+                )));
+            }
+        }
         Ok(Self { plant, speed: params.mechanics.speed, current_offset: params.adc.offset, load_max, u_max })
     }
 
