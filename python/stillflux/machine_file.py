@@ -189,7 +189,7 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         plant_inverter = checked(
             path,
             "plant.inverter",
-            lambda t: Inverter(**{**asdict(inverter), **_inverter_fields(t)}),
+            lambda t: part(Inverter, t, inverter),
             real.pop("inverter"),
         )
     if real:

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Iterable
 
-__all__ = ["MachineWarning", "meant", "outside"]
+__all__ = ["MachineWarning", "meant", "near", "outside"]
 
 
 class MachineWarning(UserWarning):
@@ -25,13 +25,18 @@ def outside() -> int:
     return depth
 
 
-def meant(name: object, known: Iterable[str]) -> str:
-    """The end of a message about a name that there is not: "; 'R_s'?" where it is spelt nearly so, else what
-    there is."""
+def near(name: object, known: Iterable[str]) -> str:
+    """The end of a message about a name that there is not: "; 'R_s'?" where it is spelt nearly so."""
     names = list(known)
     lower = {one.lower(): one for one in reversed(names)}
     text = str(name)
     close = difflib.get_close_matches(text, names, 1) or [
         lower[one] for one in difflib.get_close_matches(text.lower(), lower, 1)
     ]
-    return f"; {close[0]!r}?" if close else f"; there are {', '.join(names)}"
+    return f"; {close[0]!r}?" if close else ""
+
+
+def meant(name: object, known: Iterable[str]) -> str:
+    """The same; where none is spelt nearly so, all that there are."""
+    names = list(known)
+    return near(name, names) or f"; there are {', '.join(names)}"

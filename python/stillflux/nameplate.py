@@ -61,10 +61,11 @@ class Nameplate:
     @property
     def doubt(self) -> str | None:
         """What can hardly be meant, in words, else None."""
-        if self.n_p <= _MOST_PAIRS:
+        pairs = self.n_p
+        if pairs <= _MOST_PAIRS:
             return None
         return (
-            f"n_N = {self.n_N:g} r/min at f_N = {self.f_N:g} Hz are those of {self.n_p} pole pairs, motors "
+            f"n_N = {self.n_N:g} r/min at f_N = {self.f_N:g} Hz are those of {pairs} pole pairs, motors "
             f"have 1 to {_MOST_PAIRS}: is n_N in r/min, not rad/s, and f_N in Hz?"
         )
 

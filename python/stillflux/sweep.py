@@ -25,7 +25,6 @@ import queue
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -37,6 +36,7 @@ import numpy as np
 from stillflux import json_lines
 from stillflux import metrics as of_results
 from stillflux.build import fingerprint
+from stillflux.messages import near
 from stillflux.options import DriveSettings, PlantOptions
 from stillflux.outputs import write_text
 from stillflux.parallel import Pool, ended_early
@@ -183,8 +183,7 @@ def _known(base: Scenario, name: str) -> None:
     if dot and part in _OPTIONS:
         text, known = _OPTIONS[part]
         if field_name not in known:
-            like = get_close_matches(field_name, known, 1)
-            raise ValueError(f"{name}: {text} {field_name!r}" + (f"; {like[0]!r}?" if like else ""))
+            raise ValueError(f"{name}: {text} {field_name!r}{near(field_name, known)}")
     elif not dot or part != "memory":
         base.value(name)
 

@@ -419,7 +419,7 @@ pub struct stillflux_error {
 ///
 /// `bytes` is `sizeof *drive`. Returns STILLFLUX_OK, STILLFLUX_ERROR_PAGE or STILLFLUX_ERROR_SIZE. After
 /// STILLFLUX_ERROR_PAGE the state holds no drive, and blocks the bridge; with a size that is not that of the library's state
-/// nothing is written. Takes no floating-point division and no memory but
+/// nothing is written. Takes no double precision and no memory but
 /// `drive`. Not to be called while the control interrupt may run with the same state.
 ///
 /// # Safety

@@ -102,7 +102,7 @@ impl Real for Counted {
     type Sum = f64;
     type Quick = f64;
 
-    const SHORT_REACH: bool = false;
+    const FLOATING: bool = false;
 
     const ZERO: Self = Self(0.0);
     const HALF: Self = Self(0.5);

@@ -19,6 +19,19 @@ struct Restart {
     error: f64,
 }
 
+impl Restart {
+    /// Of a drive that has run for a second or two since a restart that took a `time`, at a speed in per unit.
+    fn of(rig: &Rig, (machine, inverter): (Machine, Inverter), time: f64, omega: f64) -> Self {
+        let running = rig.drive.status() == Status::Running;
+        Self {
+            time: if running { time } else { f64::INFINITY },
+            current: rig.i_max / DriveParams::new(&machine, &inverter).i_trip,
+            angle: rig.angle,
+            error: (rig.plant.truth().omega_m / rig.base.omega_m - omega).abs(),
+        }
+    }
+}
+
 /// Runs at a speed and 0.3 of rated torque, stops for a pause, and restarts.
 fn restart(m: (Machine, Inverter), omega: f64, pause: f64, change: impl FnOnce(&mut DriveParams)) -> Restart {
     restart_after(m, omega, (pause, 0.0), change)
@@ -41,13 +54,7 @@ fn restart_after(
     (rig.i_max, rig.angle) = (0.0, 0.0);
     let time = rig.run(3.0, at, 0.0, |drive| matches!(drive.status(), Status::Running | Status::Faulted { .. }));
     rig.run(1.0, at, load, |_| false);
-    let running = rig.drive.status() == Status::Running;
-    Restart {
-        time: if running { time } else { f64::INFINITY },
-        current: rig.i_max / DriveParams::new(&m.0, &m.1).i_trip,
-        angle: rig.angle,
-        error: (rig.plant.truth().omega_m / rig.base.omega_m - omega).abs(),
-    }
+    Restart::of(&rig, m, time, omega)
 }
 
 #[test]
@@ -95,18 +102,11 @@ fn restart_at_rest(m: (Machine, Inverter), fresh_time: f64, between: impl FnOnce
     let time = rig.run(20.0, rest, 0.0, up);
     let delays = rig.drive.memory().leg_delay;
     rig.run(2.0, rest, m.0.T_N, |_| false);
-    let running = rig.drive.status() == Status::Running;
-    let restart = Restart {
-        time: if running { time } else { f64::INFINITY },
-        current: rig.i_max / DriveParams::new(&m.0, &m.1).i_trip,
-        angle: rig.angle,
-        error: (rig.plant.truth().omega_m / rig.base.omega_m).abs(),
-    };
-    (delays.iter().flatten().map(|x| x.abs()).largest(), restart)
+    (delays.iter().flatten().map(|x| x.abs()).largest(), Restart::of(&rig, m, time, 0.0))
 }
 
-/// What its data are worth after a fault is not known, nor where the flux is; the comparison of the legs took the voltage that
-/// it induces for delays of 0.3 µs, with which the field was lost under load.
+/// What its data are worth after a fault is not known, nor where the flux is. The comparison of the legs took the voltage that
+/// it induces for delays of 0.3 µs: under rated load the angle was off by 10° at 2.2 kW, at the others the field was lost.
 #[test]
 fn a_start_after_a_fault_waits_until_the_flux_that_it_left_has_decayed() {
     for m in machines().into_iter().chain(large_machines()) {

@@ -105,8 +105,7 @@ impl<R: Real> Drive<R> {
         // Loads into the FPU reach 1 KiB from an address (VLDR). The configuration lies behind the state: beyond 1 KiB each of
         // its constants would cost an addition. With an address that the compiler knows nothing of it has a base register of
         // its own. The state of the published scheme alone is short enough.
-        let config =
-            if R::SHORT_REACH && cfg!(feature = "enhanced") { core::hint::black_box(&*config) } else { &*config };
+        let config = if R::FLOATING && cfg!(feature = "enhanced") { core::hint::black_box(&*config) } else { &*config };
         with_estimators!(estimators, e => common.step(config, e, measured, reference))
     }
 
@@ -345,7 +344,7 @@ impl<R: Real> Common<R> {
             return Some(StartUp { stage: self.sequence.stage() });
         }
         if action == Action::Ready {
-            estimators.begin(c, self.sequence.pause(c), self.sequence.blocked());
+            estimators.begin(c, self.sequence.pause(c), self.sequence.periods_blocked());
             self.control.begin(c);
             self.supervision.begin();
         }

@@ -12,8 +12,8 @@
 //! | 383 | CRC-32 (IEEE 802.3) of all before it |
 //!
 //! A host computes a page ([`Ready::new`], [`Page::seal`]): validated, in double precision. [`Page::open`] on the
-//! target computes the inverter's curve from its constants, no more, and refuses a page that is torn, of another arithmetic, of other schemes, or of another
-//! version of this crate whose fields lie differently. [`Page::with_memory`] is what a target stores after a stop.
+//! target computes the inverter's curve from its constants, no more, and refuses a page that is torn, of another arithmetic,
+//! of other schemes, or of another version of this crate whose fields lie differently. [`Page::with_memory`] is what a target stores after a stop.
 
 use crate::config::{DriveConfig, DriveParams, Scheme};
 use crate::counts::Scale;

@@ -7,14 +7,13 @@ map only.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
+from stillflux.evidence import csv_file
 from stillflux.evidence.beyond import Row
 from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.machines import ALL_MACHINES
@@ -63,32 +62,15 @@ def points_of(rows: Iterable[Row]) -> list[PlanePoint]:
 def read(path: Path) -> list[PlanePoint]:
     """From a file; none if there is no file. Raises ValueError naming file and line for one that is none of
     this kind."""
-    if not path.exists():
-        return []
-    try:
-        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"), newline="")))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path}: {error}") from None
-    columns = tuple(lines[0]) if lines else ()
-    if columns != _COLUMNS:
-        raise ValueError(
-            f"{path}: columns {', '.join(columns)[:200] or 'none'}, expected {', '.join(_COLUMNS)}"
-        )
-    return [_point(path, k, line) for k, line in enumerate(lines[1:], 2)]
+    return csv_file.read(path, _COLUMNS, "point of the plane", _point)
 
 
-def _point(path: Path, number: int, line: Sequence[str]) -> PlanePoint:
-    """A line of a file. Raises ValueError naming both for what is none."""
-    try:
-        machine, scheme, omega, torque, angle, met, lost = line
-        point = PlanePoint(machine, scheme, float(omega), float(torque), float(angle), met == "yes", lost)
-        if machine not in ALL_MACHINES or scheme not in SCHEMES:
-            raise ValueError(f"{machine}, {scheme}")
-    except ValueError:
-        raise ValueError(
-            f"{path}, line {number}: {','.join(line)[:200]!r} is no point of the plane"
-        ) from None
-    return point
+def _point(line: Sequence[str]) -> PlanePoint:
+    """Of a line of a file. Raises ValueError for what is none."""
+    machine, scheme, omega, torque, angle, met, lost = line
+    if machine not in ALL_MACHINES or scheme not in SCHEMES:
+        raise ValueError(f"{machine}, {scheme}")
+    return PlanePoint(machine, scheme, float(omega), float(torque), float(angle), met == "yes", lost)
 
 
 def update(path: Path, rows: Sequence[Row]) -> None:
@@ -100,14 +82,14 @@ def update(path: Path, rows: Sequence[Row]) -> None:
     measured = {(point.machine, point.scheme) for point in fresh}
     kept = [point for point in read(path) if (point.machine, point.scheme) not in measured]
     order = sorted([*kept, *fresh], key=_order)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
-    for point in order:
-        machine, scheme, omega, torque, angle, met, lost = astuple(point)
-        shown = f"{float(f'{angle:.3g}'):g}" if math.isfinite(angle) else "inf"
-        writer.writerow([machine, scheme, f"{omega:g}", f"{torque:g}", shown, "yes" if met else "no", lost])
-    write_text(path, text.getvalue())
+    write_text(path, csv_file.text(_COLUMNS, map(_texts, order)))
+
+
+def _texts(point: PlanePoint) -> list[str]:
+    """As a line of a file."""
+    machine, scheme, omega, torque, angle, met, lost = astuple(point)
+    shown = f"{float(f'{angle:.3g}'):g}" if math.isfinite(angle) else "inf"
+    return [machine, scheme, f"{omega:g}", f"{torque:g}", shown, "yes" if met else "no", lost]
 
 
 def digest(path: Path) -> str:

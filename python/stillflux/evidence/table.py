@@ -16,14 +16,13 @@ real changes show in a diff, and none is better in the table than it was measure
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
+from stillflux.evidence import csv_file
 from stillflux.evidence.beyond import Summary
 from stillflux.evidence.claims import Claim, Direction, at_least
 from stillflux.evidence.conditions import SCHEMES
@@ -237,18 +236,7 @@ class Table:
     def read(cls, path: Path) -> Table:
         """From a file; empty if there is none. Raises ValueError naming file and line for one that is none of
         this kind."""
-        if not path.exists():
-            return cls()
-        try:
-            rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"), newline="")))
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise ValueError(f"{path}: {error}") from None
-        columns = tuple(rows[0]) if rows else ()
-        if columns != _COLUMNS:
-            raise ValueError(
-                f"{path}: columns {', '.join(columns)[:200] or 'none'}, expected {', '.join(_COLUMNS)}"
-            )
-        return cls(_line(path, k, row) for k, row in enumerate(rows[1:], 2))
+        return cls(csv_file.read(path, _COLUMNS, "line of this table", _line))
 
     def write(self, path: Path) -> None:
         """To a file, whole or not at all."""
@@ -256,11 +244,7 @@ class Table:
 
     def text(self) -> str:
         """As CSV."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        writer.writerows([getattr(line, name) for name in _COLUMNS] for line in self.lines)
-        return text.getvalue()
+        return csv_file.text(_COLUMNS, ([getattr(line, name) for name in _COLUMNS] for line in self.lines))
 
     def updated(self, fresh: Sequence[Line]) -> Table:
         """With groups that were measured anew in place of theirs; a group that no longer exists goes."""
@@ -302,15 +286,12 @@ def update(path: Path, fresh: Iterable[Sequence[Line]]) -> None:
 _COLUMNS = tuple(column.name for column in fields(Line))
 
 
-def _line(path: Path, number: int, row: Sequence[str]) -> Line:
-    """A line of a file. Raises ValueError naming both for what is none."""
-    try:
-        line = Line(*row)  # type: ignore[arg-type]
-        float(line.value), float(line.bound or 0.0)
-        if line.direction not in get_args(Direction) or line.ok not in ("yes", "no"):
-            raise ValueError(f"direction = {line.direction}, ok = {line.ok}")
-    except (TypeError, ValueError):
-        raise ValueError(f"{path}, line {number}: {','.join(row)[:200]!r} is no line of this table") from None
+def _line(row: Sequence[str]) -> Line:
+    """Of a line of a file. Raises ValueError or TypeError for what is none."""
+    line = Line(*row)  # type: ignore[arg-type]
+    float(line.value), float(line.bound or 0.0)
+    if line.direction not in get_args(Direction) or line.ok not in ("yes", "no"):
+        raise ValueError(f"direction = {line.direction}, ok = {line.ok}")
     return line
 
 

@@ -102,7 +102,7 @@ impl<R: Real> Control<R> {
     pub fn begin(&mut self, c: &DriveConfig<R>) {
         self.current.start();
         self.weakening.begin(c.flux_control.psi_rated);
-        // Of the run before.
+        // Those of the run before are not the estimate of this one.
         (self.i_dq, self.i_dq_ref, self.voltage.u_s) = (Dq::default(), Dq::default(), AlphaBeta::default());
     }
 
@@ -409,7 +409,7 @@ mod tests {
     use super::*;
     use crate::scalar::Q;
 
-    /// With a limit that heat has lowered the direct current alone was up to 1.4 times it.
+    /// Heat may lower the limit below the direct current that the flux controller asks for.
     fn limits<R: Real>(rounding: f64) {
         let i = |x: f64| R::from_f64(x);
         for most in [0.3, 0.9, 2.5] {

@@ -43,8 +43,8 @@ const CROSSING: f64 = 0.0025;
 enum Start<R: Real> {
     /// Nothing.
     Unknown,
-    /// Nothing of a flux that the last run, or start, may have left; from this period of the start-up on it has decayed.
-    Left(u32),
+    /// Nothing, and the last run, or start, may have left a flux. It has decayed in this period of the start-up.
+    Decaying(u32),
     /// Its parameters are fresh; the rotor flux that it has if its speed is that of the stop, and whether that tells its
     /// direction.
     Fresh(AlphaBeta<R>, bool),
@@ -145,11 +145,11 @@ impl<R: Real> EnhancedEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
-    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>, blocked: u32) {
+    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>, periods_blocked: u32) {
         let r = R::from_f64;
-        let unknown = match c.enhanced.decay_periods.saturating_sub(blocked) {
+        let unknown = match c.enhanced.decay_periods.saturating_sub(periods_blocked) {
             0 => Start::Unknown,
-            left => Start::Left(left),
+            until => Start::Decaying(until),
         };
         self.start = pause.map_or(unknown, |pause| {
             // A free rotor flux decays, by e⁻ˣ.

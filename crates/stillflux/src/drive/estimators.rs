@@ -98,8 +98,8 @@ pub(super) struct Estimated<R: Real> {
 /// Estimators of a scheme, with its start-up sequence.
 pub(super) trait Estimators<R: Real> {
     /// A start-up begins with the next period; `pause`: periods since the drive ran last, if what it learned then is
-    /// fresh; `blocked`: periods since the bridge switched last.
-    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>, blocked: u32);
+    /// fresh; `periods_blocked`: those since the bridge switched last.
+    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>, periods_blocked: u32);
 
     /// One period, of the start-up or under control, with the current reference `i_dq_ref` in field coordinates. A
     /// start-up sets its own.

@@ -43,7 +43,7 @@ pub(super) struct Sequence<R: Real> {
     /// Period in which the drive ran last, if what it learned then still holds, and the filter the flux that it had.
     ran: Option<u32>,
     /// Periods since the bridge switched last. At power-up the machine is taken to be without flux.
-    blocked: u32,
+    periods_blocked: u32,
     /// Period of the latest sample that could not be used.
     #[cfg(feature = "bridging")]
     last_bad: u32,
@@ -61,7 +61,7 @@ impl<R: Real> Sequence<R> {
             period: 0,
             stage: 0,
             ran: None,
-            blocked: u32::MAX,
+            periods_blocked: u32::MAX,
             #[cfg(feature = "bridging")]
             last_bad: u32::MAX / 2,
             trip: (R::ZERO, R::ZERO),
@@ -205,7 +205,7 @@ impl<R: Real> Sequence<R> {
     pub fn advance(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, reference: &Reference<R>) -> Action {
         self.stage = self.stage.saturating_add(1);
         if !self.is_switching() {
-            self.blocked = self.blocked.saturating_add(1);
+            self.periods_blocked = self.periods_blocked.saturating_add(1);
         }
         if self.pause(c).is_none() {
             // For good: the number of periods wraps.
@@ -242,8 +242,8 @@ impl<R: Real> Sequence<R> {
     }
 
     /// Periods since the bridge switched last, in which the flux that it left decays.
-    pub fn blocked(&self) -> u32 {
-        self.blocked
+    pub fn periods_blocked(&self) -> u32 {
+        self.periods_blocked
     }
 
     /// Mean of the current samples while no current can flow.
@@ -291,7 +291,7 @@ impl<R: Real> Sequence<R> {
             self.ran = None;
         }
         if self.is_switching() {
-            self.blocked = 0;
+            self.periods_blocked = 0;
         }
         self.status = status;
         self.stage = 0;

@@ -26,7 +26,7 @@ macro_rules! impl_real {
             // Its square, and that times the square of a signal, are finite.
             const LARGEST: f64 = 1e9;
             const LEAST_GAIN: f64 = 1e-20;
-            const SHORT_REACH: bool = true;
+            const FLOATING: bool = true;
 
             #[inline]
             #[allow(clippy::cast_possible_truncation)]

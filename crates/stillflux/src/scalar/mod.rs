@@ -81,8 +81,9 @@ pub trait Real:
     const LARGEST: f64;
     /// Smallest gain of a configuration: smaller ones are resolved to less than 3 %.
     const LEAST_GAIN: f64;
-    /// Loads of this arithmetic have offsets of up to 1 KiB only, as those of the FPU of a Cortex-M4 (VLDR).
-    const SHORT_REACH: bool = false;
+    /// Floating point: values are in the registers of the FPU, into which loads reach 1 KiB from an address (VLDR of a
+    /// Cortex-M4).
+    const FLOATING: bool = false;
 
     /// Nearest representable value; saturates. NaN stays what it is where there is one, and is zero
     /// in fixed point. Folds to a constant for literals.

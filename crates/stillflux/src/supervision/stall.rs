@@ -6,8 +6,8 @@
 //! ```
 //!
 //! Every approach empties the counter and begins anew, so that neither an acceleration at the torque limit nor the way back
-//! of a shaft that a load has driven away counts as a stall; a swing of the estimate within the admissible deviation is no approach. A
-//! fault after some calls without one (leaky, [`super::leaky`]). While the field is realigned ([`crate::control::realign`])
+//! of a shaft that a load has driven away counts as a stall; a swing of the estimate within the admissible deviation is no
+//! approach. A fault after some calls without one (leaky, [`super::leaky`]). While the field is realigned ([`crate::control::realign`])
 //! nothing counts, and `ω_0` is the speed at its end.
 //!
 //! Besides a blocked shaft and a load beyond the limit this is how a field that is lost at low speed shows: the speed

@@ -48,7 +48,7 @@ impl Timing {
         let level = self.level.saturating_add(RISE.saturating_mul(n));
         self.level = if level > FULL { 0 } else { level };
         (level > FULL).then(|| {
-            // In calls that are missed at once; without double precision: this runs in the control interrupt.
+            // As a number of irregular calls. Without double precision: this runs in the control interrupt.
             let count = |level: u32| R::ONE.periods(64 * level.div_ceil(RISE).min(100));
             Trip::new(Fault::Timing, count(level), count(FULL))
         })

@@ -7,7 +7,9 @@
 //! what was identified is fresh. A flux of the stop that induces nothing has the direction of the stop, turned by the speed
 //! then, after a pause within which a slow shaft cannot have turned it elsewhere, or where the shaft stood. Else the current
 //! turns until the flux shows, or has decayed. Without the feature `restart` the current stays at zero until then.
-//! Otherwise:
+//!
+//! Without data that are fresh (after a fault, after a start that was stopped, beyond `fresh_time`) a flux at rest is not found:
+//! the current stays at zero until what the bridge may have left has decayed ([`Start::Decaying`]). Otherwise:
 //!
 //! 1. The current alternates along the three axes, 0.2 s at 10 kHz, which shows how the legs of the bridge differ
 //!    ([`crate::estimate::legs`]), and whether the machine is at rest. In a machine that certainly rotates it ends
@@ -206,11 +208,11 @@ impl<R: Real> EnhancedEstimators<R> {
             _ => None,
         };
         let flux = match self.remaining_flux(c, stage, kept, above) {
-            // Neither the comparison of the legs nor the search may find a flux: what is left decays without current.
-            Ok(None) if self.decayed() > stage => {
+            // A flux at rest induces too little to be found, but would falsify the comparison of the legs and the search.
+            Ok(None) if stage < self.decayed_at() => {
                 #[cfg(feature = "restart")]
                 self.catch.set_turning(false);
-                self.catch_periods = self.decayed();
+                self.catch_periods = self.decayed_at();
                 return;
             }
             Ok(flux) => flux,
@@ -241,9 +243,9 @@ impl<R: Real> EnhancedEstimators<R> {
         };
     }
 
-    /// Period of the start-up from which on a flux of before has decayed.
-    fn decayed(&self) -> u32 {
-        if let Start::Left(until) = self.start { until } else { 0 }
+    /// Period of the start-up in which a flux that may be left has decayed.
+    fn decayed_at(&self) -> u32 {
+        if let Start::Decaying(until) = self.start { until } else { 0 }
     }
 
     /// Rotor flux and speed, if there is a flux, or the periods that it takes to know.
