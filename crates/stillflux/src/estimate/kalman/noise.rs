@@ -42,7 +42,7 @@
 //! | second-order term of `\|ψ_R\|` | `SECOND_ORDER` 2 | `S` |
 //! | distance from the steady state | `TRANSIENT` 0.1 (of [`super::model`]) | `S` |
 //! | the same, by `r_R` | `LAG` 3 | `m` |
-//! | product of the errors of the angle, as it acts on `i·n`, and of `r_R` | `LAG` 3, up to `SIGMA_TURN` 0.03 rad | `m` |
+//! | product of the errors of the angle, as it acts on `i·n`, and of `r_R` | `LAG` 3, up to `SIGMA_TURN` 0.03 rad, from `OMEGA_TURN` 0.002 on in full | `m` |
 //! | voltage error that grows with frequency | `INDUCED` 0.05 pu per √s and pu of `ω_s` | `ψ_s` |
 //! | voltage near a current zero | `ZERO_PU` 5e-3 pu a block, up to `ω_s` = 1/`INV_OMEGA_ZERO` = 0.1, at least `ZERO_MIN` 2e-3 pu of current | `ψ_s` along the phase's axis |
 //! | step assumed from the NIS, a block, times √excess | `STEP_PSI` 0.01 pu, `STEP_B` 2e-3 pu, `STEP_R_S` 0.02 relative | `ψ_s`, `b`, `r_s` |
@@ -100,6 +100,10 @@ const LAG: f64 = 3.0;
 /// product is largest, is found within a second in 11 of 30 runs, with 0.05 to 0.2 rad in 24 to 28, with 0.03 in all. Allowance,
 /// measured, not derived.
 const SIGMA_TURN: f64 = 0.03;
+/// Stator frequency, per unit, below which [`Noise::by_turn`] falls in proportion to it. The product is taken for white; it
+/// changes its sign as the field turns, and at 50 Hz a turn at this frequency takes ten seconds. Kept slower than that it is
+/// a constant, which `m` has followed: as noise it would only let `m` be carried away.
+const OMEGA_TURN: f64 = 0.002;
 /// Flux error that a block adds along the axis of a phase whose current is near zero, per unit. Allowance for some
 /// tenths of the dead-time voltage over the fifth of a second that a slow field stays there.
 const ZERO_PU: f64 = 5e-3;
@@ -305,11 +309,13 @@ impl<R: Real> Noise<R> {
 
     /// Variance added to `m` for an error of the angle with the standard deviation `sigma`, rad: by it `i·n` differs by
     /// `i_q σ`, and what the filter expects `m` to make of that has the error of `r_R`, a product of two errors that the
-    /// derivatives do not have. `turn` of [`super::model::OperatingPoint`].
+    /// derivatives do not have. `turn` of [`super::model::OperatingPoint`]; `omega`: magnitude of the stator frequency.
     #[inline(always)]
-    pub fn by_turn(&self, turn: R, m: R, sigma: R) -> R {
+    pub fn by_turn(&self, turn: R, m: R, sigma: R, omega: R) -> R {
         let by_turn = turn * m * sigma.min(R::from_f64(SIGMA_TURN)) * R::from_f64(LAG / SCALE_PSI);
-        by_turn * by_turn * self.part
+        // In two factors: 1/0.002 is beyond the range of fixed point.
+        let turning = omega.min(R::from_f64(OMEGA_TURN)) * R::from_f64(100.0) * R::from_f64(0.01 / OMEGA_TURN);
+        by_turn * by_turn * self.part * turning
     }
 
     /// Variance added along the axis of a phase whose current is near zero ([`Noise::near_zero`]).

@@ -407,7 +407,7 @@ impl Reference {
             }
         }
         q[(M, M)] += self.c.noise.lag(model.decay, at.transient);
-        q[(M, M)] += self.c.noise.by_turn(at.turn, self.x[M], self.sigma);
+        q[(M, M)] += self.c.noise.by_turn(at.turn, self.x[M], self.sigma, omega);
         for k in 0..2 {
             q[(PSI + k, PSI + k)] += self.c.noise.induced(omega);
         }

@@ -242,7 +242,7 @@ impl<R: Real> Filter<R> {
             self.p.fade::<LEAKAGE>(c.noise.remembered);
         }
         walk[M] += c.noise.lag(c.model.decay, q.transient);
-        walk[M] += c.noise.by_turn(q.turn, self.m.value(), self.sigma);
+        walk[M] += c.noise.by_turn(q.turn, self.m.value(), self.sigma, omega);
         let induced = c.noise.induced(omega);
         walk[PSI] += induced;
         walk[PSI + 1] += induced;
