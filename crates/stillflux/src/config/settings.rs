@@ -121,8 +121,14 @@ const LINES_A_POLE_PAIR: f64 = 16.0;
 /// Difference of measured and estimated speed that an estimate may have: three quarters of the rated slip, for a rotor
 /// resistance that is wrong by half at one and a half times rated torque, and 0.01 pu for the rest.
 fn encoder_deviation(machine: &Machine) -> f64 {
-    0.75 * rated_slip(machine) + 0.01 * Base::new(machine).omega_m
+    0.75 * rated_slip(machine) + SLACK * Base::new(machine).omega_m
 }
+
+/// Part of `encoder_deviation` that does not follow from the slip, per unit.
+const SLACK: f64 = 0.01;
+/// What a rated torque has to fit where the setting that follows from it is out of range.
+const SLIP: &str = "with R_R, U_N, f_N and n_p it gives the rated slip, which encoder_deviation follows from and \
+    which must stay below 13 pu";
 
 /// Slip at rated torque with the base flux in the rotor, mechanical rad/s. The rotor's own flux is `L_M/L_s` of that without load,
 /// and the slip more.
@@ -639,7 +645,23 @@ impl DriveParams {
         .map_err(|e| {
             e.with_note("at least 16 times the counts between two runs of the speed estimator at omega_max")
         })?;
-        check("encoder_deviation", self.encoder_deviation, 0.005 * omega_n, 10.0 * omega_n, "rad/s")
+        let (least, most) = (0.005 * omega_n, 10.0 * omega_n);
+        check("encoder_deviation", self.encoder_deviation, least, most, "rad/s").map_err(|e| {
+            let derived = encoder_deviation(machine);
+            if self.encoder_deviation.to_bits() != derived.to_bits() {
+                return e.with_note("0.005 to 10 times the speed of f_N and n_p");
+            }
+            // Nobody gave it: it follows from the rated slip, which is in proportion to the torque.
+            let of_slip = |deviation: f64| machine.T_N * (deviation - SLACK * omega_n) / (derived - SLACK * omega_n);
+            ParamError {
+                field: "T_N",
+                value: machine.T_N,
+                min: of_slip(least).max(0.0),
+                max: of_slip(most),
+                unit: "N m",
+                note: SLIP,
+            }
+        })
     }
 
     /// Voltages of the link's control.
@@ -688,5 +710,28 @@ mod tests {
         }
         let immovable = Machine { J: 1e5, ..machine };
         assert_eq!(DriveParams::new(&immovable, &inverter).speed_bandwidth, SPEED_BANDWIDTH.0, "admissible");
+    }
+
+    #[test]
+    fn a_rated_torque_that_no_slip_fits_is_named_in_place_of_what_follows_from_it() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let refused = |machine: &Machine, change: fn(&mut DriveParams)| {
+            let mut params = DriveParams::new(machine, &inverter);
+            change(&mut params);
+            params.validate_encoder(machine, &inverter).unwrap_err()
+        };
+        let wrong = Machine { T_N: 1000.0 * machine.T_N, ..machine };
+        let error = refused(&wrong, |_| {});
+        assert_eq!((error.field, error.value, error.min), ("T_N", wrong.T_N, 0.0));
+        assert!(error.note.contains("encoder_deviation"), "{error}");
+        // The range is that of the torque itself.
+        for (part, fits) in [(0.999, true), (1.001, false)] {
+            let machine = Machine { T_N: part * error.max, ..machine };
+            assert_eq!(DriveParams::new(&machine, &inverter).validate_encoder(&machine, &inverter).is_ok(), fits);
+        }
+        // What was given is named itself.
+        let error = refused(&machine, |params| params.encoder_deviation = 1e5);
+        assert_eq!((error.field, error.value), ("encoder_deviation", 1e5));
+        assert!(error.note.contains("f_N and n_p"), "{error}");
     }
 }

@@ -1,6 +1,7 @@
 //! Settings of the enhanced scheme.
 
 use crate::base::Base;
+use crate::error::refuse;
 use crate::estimate::priors::Priors;
 use crate::estimate::temperature::ALUMINIUM;
 #[cfg(feature = "enhanced")]
@@ -122,7 +123,7 @@ impl EnhancedParams {
 
     fn validate_temperature(&self) -> Result<(), ParamError> {
         let Some(winding) = self.winding_temperature else {
-            return self.same_temperature(&self.without_temperature(), "with a winding_temperature only");
+            return self.no_temperature();
         };
         check("winding_temperature", winding, -40.0, 120.0, "°C")?;
         check("cage_constant", self.cage_constant, 200.0, 260.0, "K")?;
@@ -134,9 +135,17 @@ impl EnhancedParams {
         Ok(())
     }
 
-    /// The same without temperatures.
-    fn without_temperature(self) -> Self {
-        Self { winding_temperature: None, cage_constant: ALUMINIUM, rotor_rise: 1.0, winding_heat: None, ..self }
+    /// An error for the first setting that needs a `winding_temperature`, which is not given.
+    fn no_temperature(&self) -> Result<(), ParamError> {
+        let same = |field, value, default, unit, note| {
+            check(field, value, default, default, "").map_err(|_| refuse(field, value, unit, note))
+        };
+        same("cage_constant", self.cage_constant, ALUMINIUM, "K", "200 to 260 K, with a winding_temperature only")?;
+        same("rotor_rise", self.rotor_rise, 1.0, "", "0.3 to 2, with a winding_temperature only")?;
+        self.winding_heat.map_or(Ok(()), |(rise, _)| {
+            const NOTE: &str = "5 to 200 K, and 1 to 7200 s, with a winding_temperature only";
+            Err(refuse("winding_heat[0]", rise, "K", NOTE))
+        })
     }
 
     /// An error for the first setting of the temperatures that is not that of `d`.
@@ -185,5 +194,36 @@ impl EnhancedParams {
         let mut priors = self.priors().into_iter().zip(d.priors());
         priors.try_for_each(|((name, value, _), (_, default, _))| same(name, value, default))?;
         self.same_temperature(&d, OTHER)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn a_setting_that_needs_a_temperature_says_so_and_what_it_can_be() {
+        let machine = Machine::preset_2k2();
+        let given = EnhancedParams::new(&machine);
+        assert!(given.validate(&machine).is_ok());
+        for (alone, text) in [
+            (
+                EnhancedParams { cage_constant: 235.0, ..given },
+                "cage_constant = 235 K is not admissible: 200 to 260 K, with a winding_temperature only",
+            ),
+            (
+                EnhancedParams { rotor_rise: 1.2, ..given },
+                "rotor_rise = 1.2 is not admissible: 0.3 to 2, with a winding_temperature only",
+            ),
+            (
+                EnhancedParams { winding_heat: Some((80.0, 600.0)), ..given },
+                "winding_heat[0] = 80 K is not admissible: 5 to 200 K, and 1 to 7200 s, with a winding_temperature only",
+            ),
+        ] {
+            assert_eq!(alone.validate(&machine).unwrap_err().to_string(), text);
+            assert!(EnhancedParams { winding_temperature: Some(20.0), ..alone }.validate(&machine).is_ok());
+        }
+        assert!(EnhancedParams { rotor_rise: f64::NAN, ..given }.validate(&machine).is_err());
     }
 }

@@ -1,5 +1,6 @@
 //! Settings of the published scheme.
 
+use crate::error::refuse;
 use crate::params::{ParamError, check};
 
 /// Settings of the published scheme.
@@ -67,7 +68,10 @@ impl PaperParams {
         for (name, x) in ["initial_flux[0]", "initial_flux[1]"].into_iter().zip(self.initial()) {
             check(name, x, -2.0, 2.0, "p.u.")?;
         }
-        check("low_pass", self.low_pass, 0.0, if self.limiter { 0.0 } else { 10.0 }, "Hz")?;
+        check("low_pass", self.low_pass, 0.0, 10.0, "Hz")?;
+        if self.limiter && self.low_pass > 0.0 {
+            return Err(refuse("low_pass", self.low_pass, "Hz", "0 with limiter: each is in place of Fig. 7"));
+        }
         if cfg!(feature = "variants") {
             return Ok(());
         }
@@ -105,5 +109,31 @@ impl PaperParams {
         switch("resistance_adaptation", self.resistance_adaptation, d.resistance_adaptation)?;
         same("resistance_gain", self.resistance_gain, d.resistance_gain)?;
         self.refuse_variants(WHY)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn what_excludes_another_setting_names_it() {
+        let both = PaperParams { low_pass: 0.5, limiter: true, ..PaperParams::default() };
+        let text = "low_pass = 0.5 Hz is not admissible: 0 with limiter: each is in place of Fig. 7";
+        assert_eq!(both.validate().unwrap_err().to_string(), text);
+        let large = PaperParams { low_pass: 20.0, ..both };
+        assert_eq!(
+            large.validate().unwrap_err().to_string(),
+            "low_pass = 20 Hz is outside the admissible range 0 to 10 Hz"
+        );
+    }
+
+    #[cfg(feature = "variants")]
+    #[test]
+    fn each_of_them_is_admissible() {
+        let both = PaperParams { low_pass: 0.5, limiter: true, ..PaperParams::default() };
+        assert!(PaperParams { low_pass: 0.0, ..both }.validate().is_ok());
+        assert!(PaperParams { limiter: false, ..both }.validate().is_ok());
     }
 }
