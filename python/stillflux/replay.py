@@ -30,7 +30,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from stillflux._core import RecordEstimator
+from stillflux.logs.identified import identified_doubts
 from stillflux.logs.read import Columns, read_log
+from stillflux.logs.scale import scale_of
 from stillflux.logs.signals import (
     Rows,
     check_units,
@@ -248,7 +250,9 @@ def replay(
         Longest gap (missing rows or NaN) in s that is bridged by a straight line. After a longer gap of the
         rows the estimators begin anew; a longer stretch of NaN is an error.
     check
-        Whether to look for wrong units and swapped phases.
+        Whether to look for wrong units, scales and swapped phases, and at what was identified: a voltage,
+        current or dc link that is wrong by √2, √3 or 2 is a note with what was measured and what may be the
+        cause.
     **settings
         Of the drive, see `stillflux.options.DriveSettings`; those about estimators act. A single shunt
         (`current_sensors=1`) is refused: a log holds phase currents.
@@ -303,13 +307,16 @@ def replay(
     for begin, end in pieces:
         rows = resampled(signals, slice(begin, end), many, step)
         if check and not found:
-            check_wiring(table, rows, motor, model, notes)
+            scale = scale_of(rows, motor, model, signals.voltages[0] == "d_a")
+            check_wiring(table, rows, motor, model, scale, notes)
         parts, offset = starts(rows, motor, model, scheme, notes if not found else [])
         if estimator is None:
             own: DriveSettings = {**settings, "calibrate_offset": calibrated and offset is not None}
             estimator = RecordEstimator(motor, model, scheme, **own)
         found.append(_run(estimator, rows, parts, offset or 0j, motor.R_s + model.r_d))
     whole = {name: np.concatenate([part[name] for part in found]) for name in found[0]}
+    if check:
+        notes += identified_doubts(whole, whole["angle_deviation"] < math.pi, motor.R_s + model.r_d)
     return Replay(
         t=whole.pop("t"),
         **whole,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stillflux.logs.read import Log
+from stillflux.logs.scale import Scale
 from stillflux.logs.signals import TURN, Rows, space
 from stillflux.logs.start import bridge_loss, fit_flux
 from stillflux.parameters import Inverter, Motor
@@ -24,11 +25,16 @@ _JUMP = 0.125  # turns within a millisecond by which a field does not change its
 _FLUX = (0.5, 1.6)  # of rated, the same: field weakening and saturation lie between
 
 
-def check_wiring(log: Log, rows: Rows, motor: Motor, inverter: Inverter, notes: list[str]) -> None:
+def check_wiring(
+    log: Log, rows: Rows, motor: Motor, inverter: Inverter, scale: Scale | None, notes: list[str]
+) -> None:
     """Currents and voltages of the same phases, by the fit of the flux over the fastest two turns.
 
-    A misfit that no other wiring explains is a note: the motor, a unit, the angle or the rate may be another.
+    A misfit that no other wiring explains is a note: what is wrong with the scale, or where that is not known
+    that motor, unit, angle or rate may be another.
     """
+    if scale is not None and scale.text:
+        notes.append(scale.text)
     i, step = rows.i, rows.step
     total = np.sqrt(np.mean(rows.i_sum**2))
     if len(rows.currents) == 3 and total > 0.3 * np.sqrt(np.mean(np.abs(i) ** 2)):
@@ -64,8 +70,10 @@ def check_wiring(log: Log, rows: Rows, motor: Motor, inverter: Inverter, notes: 
 
     given, flux = fitted(i)
     if given >= 0.3:
-        _check_other_wirings(log, rows.currents, i, given, lambda current: fitted(current)[0])
-    if given > _MISFIT or not _FLUX[0] < flux < _FLUX[1]:
+        # Another scale may explain the log, too; a third of a turn hardly differs from a load.
+        other = f"; or {scale.text}" if scale and scale.text and scale.explained else ""
+        _check_other_wirings(log, rows.currents, i, given, other, lambda current: fitted(current)[0])
+    if scale is None and (given > _MISFIT or not _FLUX[0] < flux < _FLUX[1]):
         notes.append(
             f"currents and voltages hardly fit this motor (flux {flux:.2g} of rated, relative misfit "
             f"{given:.2g}): are the motor, the units, the angle and the sampling rate right?"
@@ -77,6 +85,7 @@ def _check_other_wirings(
     names: tuple[str, ...],
     i: NDArray[np.complex128],
     given: float,
+    other: str,
     misfit: Callable[[NDArray[np.complex128]], float],
 ) -> None:
     best, text = min(((misfit(current), text) for text, current in _rewired(i, names)), key=lambda x: x[0])
@@ -84,7 +93,7 @@ def _check_other_wirings(
     if best < min(0.15, 0.5 * given):
         raise ValueError(
             f"{log.place(names)}: currents and voltages are not those of the same phases; they fit with "
-            f"{text} (relative misfit {best:.2f} instead of {given:.2f}); "
+            f"{text} (relative misfit {best:.2f} instead of {given:.2f}){other}; "
             f"check=False accepts the log as it is"
         )
 
