@@ -360,6 +360,33 @@ def test_cells_are_named_by_file_line_and_column(run: sf.Result, tmp_path: Path)
         sf.replay(path, MOTOR, INVERTER, columns={"i_a": "Iu"})
 
 
+def test_decimal_commas_are_read_wherever_the_first_one_stands(run: sf.Result, tmp_path: Path) -> None:
+    log = {k: v[:300].copy() for k, v in terminals(run).items()}
+    rate = 1.0 / (log["t"][1] - log["t"][0])
+    still = {k: np.concatenate((np.zeros(20), np.round(v, 6))) for k, v in log.items() if k != "t"}
+    expected = sf.replay(still, MOTOR, INVERTER, rate=rate, check=False)
+
+    def written(delimiter: str, cell: str, number: str) -> Path:
+        path = tmp_path / "log.csv"
+        text = [[cell % (number % x).replace(".", ",") for x in values] for values in still.values()]
+        rows = zip(*text, strict=True)
+        head = ["Gerät, Kanal", delimiter.join(still)]
+        path.write_text("\n".join([*head, *map(delimiter.join, rows)]), encoding="utf-8")
+        return path
+
+    # Whole numbers while the bridge is blocked; more commas than delimiters in each row; quotation marks.
+    for how in ((";", "%s", "%.9g"), (";", "%s", "%.6f"), ("\t", "%s", "%.6f"), (",", '"%s"', "%.6f")):
+        found = sf.replay(written(*how), MOTOR, INVERTER, rate=rate, check=False)
+        assert np.array_equal(found.omega_m, expected.omega_m), how
+        assert np.array_equal(found.i_s, expected.i_s), how
+    path = written(",", "%s", "%.6f")
+    path.write_text(path.read_text(encoding="utf-8").partition("\n")[2])
+    with pytest.raises(
+        ValueError, match=r"line 2: 12 values, the header has 6; numbers with a decimal comma"
+    ):
+        sf.replay(path, MOTOR, INVERTER, rate=rate)
+
+
 def test_gaps_are_found_bridged_or_begun_anew(run: sf.Result) -> None:
     log = terminals(run)
     keep = np.ones(len(log["t"]), bool)

@@ -326,9 +326,9 @@ def _optional(module: str, path: Path, extra: str) -> Any:
 
 
 def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
-    """Delimiter and decimal comma by the header and the first row. The header is the line before the first
-    row of numbers, between which a row of units may stand, also where it begins with #; other lines before it
-    and comments are passed over. An empty cell is NaN."""
+    """Delimiter by the first row of numbers, decimal comma by all rows. The header is the line before the
+    first row of numbers, between which a row of units may stand, also where it begins with #; other lines
+    before it and comments are passed over. An empty cell is NaN."""
     content = io.StringIO(_decoded(path.read_bytes()), newline="")
     lines = [(number, line.rstrip("\r\n")) for number, line in enumerate(content, 1) if line.strip()]
     if not lines:
@@ -346,14 +346,20 @@ def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
         if len(units) == len(header):
             header = [f"{name} [{unit}]" if unit else name for name, unit in zip(header, units, strict=True)]
             body = body[1:]
-    comma = delimiter != "," and any("," in line for _, line in body[:5])
+    # The rows before the bridge switches may be whole numbers, without any decimal comma. Beside points a
+    # comma that comes later is none.
+    begin = body if not any("." in line for _, line in body) else body[:5]
+    comma = delimiter != "," and any("," in line for _, line in begin)
     rows = np.empty((len(body), len(header)))
     for k, (number, line) in enumerate(body):
-        # A quoted number is a number; no number has a quotation mark within.
-        text = (line.replace(",", ".") if comma else line).replace('"', "")
-        cells = text.split(delimiter)
+        cells = _values(line, delimiter, comma)
         if len(cells) != len(header):
-            raise ValueError(f"{path}, line {number}: {len(cells)} values, the header has {len(header)}")
+            hint = ""
+            if delimiter == "," and len(cells) > len(header):
+                hint = "; numbers with a decimal comma need another delimiter, such as ;, or quotation marks"
+            raise ValueError(
+                f"{path}, line {number}: {len(cells)} values, the header has {len(header)}{hint}"
+            )
         try:
             rows[k] = [float(cell) if cell.strip() else np.nan for cell in cells]
         except ValueError:
@@ -369,7 +375,9 @@ def _header_line(lines: Sequence[tuple[int, str]]) -> tuple[int, str | None]:
     """Place of the header among the lines, and the delimiter; None: white space."""
     plain = next((k for k, (_, line) in enumerate(lines) if not line.lstrip().startswith("#")), 0)
     for k, (_, line) in enumerate(lines[:_PREAMBLE]):
-        delimiter = _delimiter(line)
+        # Of decimal commas there may be more than of delimiters: the one that leaves numbers.
+        signs: list[str | None] = [sign for sign in ";\t," if sign in line] or [None]
+        delimiter = next((sign for sign in signs if all(map(_is_value, _cells(line, sign)))), signs[0])
         cells = _cells(line, delimiter)
         if len(cells) < 2 or not all(_is_value(cell) for cell in cells):
             continue
@@ -394,6 +402,15 @@ def _delimiter(line: str) -> str | None:
 def _cells(line: str, delimiter: str | None) -> list[str]:
     """Cells of a line, without quotation marks."""
     return next(csv.reader([line], delimiter=delimiter), []) if delimiter else line.split()
+
+
+def _values(line: str, delimiter: str | None, comma: bool) -> list[str]:
+    """Cells of a row of numbers, with a decimal point where they have a comma."""
+    if delimiter == "," and '"' in line:
+        # Within quotation marks a comma is that of a number.
+        return [cell.replace(",", ".") for cell in _cells(line, delimiter)]
+    # A quoted number is a number; no number has a quotation mark within.
+    return (line.replace(",", ".") if comma else line).replace('"', "").split(delimiter)
 
 
 def _is_value(cell: str) -> bool:
