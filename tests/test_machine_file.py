@@ -89,6 +89,15 @@ def test_errors_name_file_table_and_field(tmp_path: Path, text: str, expected: s
         sf.load_machine(None)  # type: ignore[arg-type]
 
 
+def test_a_file_that_is_not_in_utf_8_is_told_so_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "m.toml"
+    path.write_bytes('# 4 kW\nname = "Lüfter"\n'.encode("latin-1"))
+    with pytest.raises(
+        ValueError, match=r"m\.toml, line 2: no text in UTF-8, as TOML has to be \(byte 0xfc\)"
+    ):
+        sf.load_machine(path)
+
+
 def test_an_own_machine_goes_to_processes_with_its_parameters() -> None:
     name = OwnMachine.load(PUMP)
     assert name == "pump-4kW"

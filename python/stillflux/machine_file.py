@@ -263,12 +263,18 @@ def checked_name(path: Path, name: Any) -> str:
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The tables of a TOML file. Raises ValueError with file and line for bad syntax."""
+    """The tables of a TOML file. Raises ValueError with file and line for bad syntax and for bytes
+    that are not UTF-8."""
     try:
         # Editors of one system begin a file with a mark of the byte order.
         return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: {error}") from None
+    except UnicodeDecodeError as error:
+        line, byte = error.object.count(b"\n", 0, error.start) + 1, error.object[error.start]
+        raise ValueError(
+            f"{path}, line {line}: no text in UTF-8, as TOML has to be (byte 0x{byte:02x})"
+        ) from None
     except RecursionError:
         raise ValueError(f"{path}: nested too deeply") from None
 
