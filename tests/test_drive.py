@@ -268,11 +268,22 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
         drive.restore({**drive.memory(), "R_s": float("nan")})
 
 
-def test_the_loop_of_the_first_page_runs_the_motor(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_loop_of_the_first_page_runs_the_motor_and_its_memory_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     page = (Path(__file__).parents[1] / "docs" / "index.md").read_text(encoding="utf-8")
-    code = re.search(r"<!-- run by test_drive.py -->\n```python\n(.*?)```", page, re.DOTALL)
-    assert code is not None
-    exec(code[1], {})
+    loop, keep = re.findall(r"<!-- run by test_drive.py.*? -->\n```python\n(.*?)```", page, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(loop, names)
+    before = names["drive"].memory()
+    exec(keep, names)
+    after = names["drive"].memory()
+    for name in ("R_s", "i_off", "loss_error", "knee", "L_sigma", "L_M"):
+        assert after[name] == pytest.approx(before[name], rel=1e-5)
+    # As the page on firmware says: the next start reads the offsets.
+    assert abs(before["u_off"]) > 0.0
+    assert after["u_off"] == 0j
     said = re.fullmatch(r"running: (\S+) rad/s, estimated (\S+)\n", capsys.readouterr().out)
     assert said is not None
     assert [float(x) for x in said.groups()] == pytest.approx([20.0, 20.0], abs=1.0)
