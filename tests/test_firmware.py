@@ -160,6 +160,21 @@ def test_a_planted_violation_is_noticed(planted: Any, root: str, kinds: set[str]
     assert set(planted.violations(f"plant_{root}")) == kinds
 
 
+@pytest.mark.parametrize(
+    ("op", "call"),
+    [("bl", True), ("blx", True), ("blne", True), ("b.w", False), ("bls", False), ("ble.n", False)],
+)
+def test_a_call_with_a_condition_is_a_call(op: str, call: bool) -> None:
+    function = image.Function("caller", 0)
+    jumps: list[Any] = []
+    image._note(function, op, "10 <callee>", jumps)
+    assert jumps == [(function, 0x10, call)]
+    image._note(function, "bxeq", "lr", jumps)
+    assert not function.opaque
+    image._note(function, "blxne", "r3", jumps)
+    assert function.opaque == ["blxne r3"]
+
+
 def test_an_image_holds_the_code_of_its_scheme_alone(built: tuple[str, Path]) -> None:
     name, elf = built
     code = " ".join(f.name for f in image.Image(elf).functions.values())
@@ -269,19 +284,19 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: 16 KiB of flash, 1024 bytes of RAM and 512 of stack, which the published scheme meets. The enhanced one,
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (13_400, 15_740), "ram_drive": (888, 908), "stack_step": (368, 400)},
-    "enhanced": {"flash_library": (29_400, 38_680), "ram_drive": (1548, 1572), "stack_step": (480, 480)},
+    "paper": {"flash_library": (13_460, 15_840), "ram_drive": (868, 888), "stack_step": (376, 408)},
+    "enhanced": {"flash_library": (29_400, 39_600), "ram_drive": (1548, 1572), "stack_step": (472, 504)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
-WITH_ADDITIONS = {"flash_library": (17_650, 20_520), "ram_drive": (1024, 1048), "stack_step": (408, 424)}
+WITH_ADDITIONS = {"flash_library": (17_630, 20_670), "ram_drive": (1004, 1028), "stack_step": (400, 432)}
 
 #: Instructions a call, mean and worst case, of the same images. The design asks for 150 of the flux
 #: estimator in f32, 480 / 680 of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the
-#: enhanced one. Met are all but those of the published step.
+#: enhanced one. All are met.
 BUDGET = {
-    "flux_estimator": {"f32": 140, "q": 182},
-    "drive_step": {"f32": 506, "q": 836, "f32_worst": 696, "q_worst": 1112},
-    "drive_step_enhanced": {"f32": 600, "q": 990, "f32_worst": 780, "q_worst": 1332},
+    "flux_estimator": {"f32": 138, "q": 182},
+    "drive_step": {"f32": 475, "q": 808, "f32_worst": 664, "q_worst": 1096},
+    "drive_step_enhanced": {"f32": 584, "q": 955, "f32_worst": 752, "q_worst": 1300},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }

@@ -10,7 +10,11 @@ from pathlib import Path
 
 _HEAD = re.compile(r"^([0-9a-f]+) <(.*)>:$")
 _LINE = re.compile(r"^\s+([0-9a-f]+):\t(\S+)(?:\t(.*))?$")
-_BRANCH = re.compile(r"^(b|bl|blx|b[a-z]{2}|cbn?z)(\.[nw])?$")
+#: Condition of an instruction in an IT block.
+_IF = "(eq|ne|cs|hs|cc|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?"
+_BRANCH = re.compile(rf"^(blx?{_IF}|b{_IF}|cbn?z)(\.[nw])?$")
+_CALL = re.compile(rf"^blx?{_IF}(\.[nw])?$")
+_TO_REGISTER = re.compile(rf"^bl?x{_IF}$")
 _ADDRESS = re.compile(r"(?:^|, )([0-9a-f]+) <")
 
 #: What a name tells of a function that must not be reached.
@@ -120,16 +124,16 @@ class Image:
 
 def _note(function: Function, op: str, operands: str, jumps: list[tuple[Function, int, bool]]) -> None:
     """Books a line's calls and its use of the stack."""
-    if op in ("blx", "bx") and not re.match(r"[0-9a-f]+ <", operands):
+    if _TO_REGISTER.match(op) and not re.match(r"[0-9a-f]+ <", operands):
         if operands != "lr":
             function.opaque.append(f"{op} {operands}")
     elif _BRANCH.match(op) and (to := _ADDRESS.search(operands)):
-        jumps.append((function, int(to[1], 16), op.startswith("bl") and op[2:3] in ("", "x", ".")))
+        jumps.append((function, int(to[1], 16), bool(_CALL.match(op))))
     elif op in ("tbb", "tbh"):
         pass  # A jump table stays within its function.
     elif op.startswith("push") or (op.startswith("stmdb") and operands.startswith("sp!")):
         function.stack += 4 * _registers(operands)
-    elif op == "vpush":
+    elif op.startswith("vpush"):
         function.stack += (8 if "{d" in operands else 4) * _registers(operands)
     elif re.match(r"sub(w|\.w|s)?$", op) and operands.startswith("sp,"):
         immediate = re.search(r"#(\d+)", operands)

@@ -282,12 +282,10 @@ impl<R: Real> DriveConfig<R> {
     }
 
     /// Whether the duties are updated at both extremes of the carrier.
+    #[cfg(feature = "modes")]
     #[inline(always)]
     pub(crate) fn double_update(&self) -> bool {
-        #[cfg(feature = "modes")]
-        return self.double_update;
-        #[cfg(not(feature = "modes"))]
-        false
+        self.double_update
     }
 
     /// Square of the voltage, over the dc link, from which a leg is held at a rail.

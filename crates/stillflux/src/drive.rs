@@ -254,9 +254,9 @@ impl<R: Real> Common<R> {
         measured: &Measurement<R>,
         reference: &Reference<R>,
     ) -> Output<R> {
-        self.sequence.count();
+        let period = self.sequence.count();
         #[cfg(feature = "encoder")]
-        self.control.track(c, self.sequence.period());
+        self.control.track(c, period);
         #[cfg(feature = "shunt")]
         let seen;
         #[cfg(feature = "shunt")]
@@ -276,7 +276,10 @@ impl<R: Real> Common<R> {
             bridged = instead;
             &bridged
         };
+        let u_dc = measured.u_dc;
         let (i_abc, i_s) = self.sequence.currents(c, measured, estimators);
+        // Before the state of the sequence is asked for: with nothing between the questions about it the compiler asks once.
+        let u_s = self.control.voltage.applied(period, u_dc);
         let mut start_up = None;
         if likely(matches!(self.sequence.status(), Status::Running)) {
             if !likely(reference.is_admissible()) {
@@ -290,8 +293,7 @@ impl<R: Real> Common<R> {
                 return self.blocked();
             }
         }
-        let (period, u_dc) = (self.sequence.period(), measured.u_dc);
-        let field = self.estimate(c, estimators, (i_abc, i_s), u_dc, start_up);
+        let field = self.estimate(c, estimators, (i_abc, i_s), (period, u_dc, u_s), start_up);
         let ripple = period & 3 == 2;
         let duty = self.control.duties(c, &field, (period, ripple), u_dc, estimators.inverter(c));
         let running = start_up.is_none();
@@ -359,13 +361,12 @@ impl<R: Real> Common<R> {
         c: &DriveConfig<R>,
         estimators: &mut E,
         (i_abc, i_s): ([R; 3], AlphaBeta<R>),
-        u_dc: R,
+        (period, u_dc, u_s): (u32, R, AlphaBeta<R>),
         start_up: Option<StartUp>,
     ) -> FieldQuantities<R> {
-        let period = self.sequence.period();
         let Control { voltage, i_dq_ref, psi_ref, .. } = &mut self.control;
-        let u_s = voltage.applied(period, u_dc);
-        let x = PeriodInput { i_abc, i_s, u_s, u_loss: &voltage.loss, u_dc, psi_ref: *psi_ref, period };
+        voltage.u_s = u_s;
+        let x = PeriodInput { i_abc, i_s, u_s, voltage, u_dc, psi_ref: *psi_ref, period };
         let PeriodOutput { field, complete, current_control } = estimators.period(c, &x, i_dq_ref, start_up);
         match current_control {
             CurrentControl::Continues => {}
@@ -447,7 +448,8 @@ impl<R: Real> Common<R> {
     }
 
     /// Supervision while the bridge switches, every fourth period. `false`: a monitor has found a fault.
-    #[inline(never)]
+    // Inlined: most of what it costs as a call is the call, and its answer.
+    #[inline(always)]
     fn supervise<E: Estimators<R>>(
         &mut self,
         c: &DriveConfig<R>,

@@ -223,7 +223,7 @@ pub struct Knee<R: Real> {
     width: R,
     /// Its slope, over `SCALE`.
     slope: R,
-    /// `SCALE I_k/2`.
+    /// [`Real::dividend`] of `SCALE I_k/2`.
     tail: R,
     /// `1/(SCALE width)`.
     inv_width: R,
@@ -250,9 +250,11 @@ impl<R: Real> Knee<R> {
         self.width = knee.max(band);
         // Where the tail begins the loss is 1 - I_k/(2 width) of the whole.
         let inv_width = (self.width * scale).recip();
-        self.tail = knee.half() * scale;
+        let tail = knee.half() * scale;
+        // Here, and not in every period: the dividend of a product is that of one factor times the other.
+        self.tail = tail.dividend();
         self.inv_width = inv_width;
-        self.slope = inv_width * (R::ONE - self.tail * inv_width);
+        self.slope = inv_width * (R::ONE - tail * inv_width);
     }
 
     /// Loss of a leg by its delays, for a positive (0) and for a negative current (1). Without the feature a negative zero,
@@ -287,7 +289,7 @@ impl<R: Real> Knee<R> {
     /// The same for a positive current.
     #[inline(always)]
     fn part_of(&self, i: R) -> R {
-        if i > self.width { R::ONE - self.tail.dividend().over_64(i) } else { i * self.slope * R::from_f64(SCALE) }
+        if i > self.width { R::ONE - self.tail.over_64(i) } else { i * self.slope * R::from_f64(SCALE) }
     }
 
     /// Other differences of the legs, at a dc link.
@@ -464,7 +466,7 @@ impl<R: Real> InverterModel<R> {
     fn loss(&self, knee: &Knee<R>, i_s: &AlphaBeta<R>, u_dc: R, gain: R) -> Distortion<R> {
         let (least, dead) = (self.parameters.u_th * gain, self.parameters.dead_time * u_dc * gain);
         let full = least + dead;
-        let tail = (dead * knee.tail).dividend();
+        let tail = dead * knee.tail;
         // A branch for each sign costs less than magnitude and sign apart.
         let (negative_width, negative_full) = (-knee.width, -full);
         let leg = |i: R, k: usize| {

@@ -70,6 +70,12 @@ impl<R: Real> CurrentController<R> {
         self.x[1].add(c.k_i, error.im());
         let (n2, most) = (u.norm_sq(), u_max * u_max);
         self.u_sq = n2;
+        let held = Dq::new(self.x[0].value(), self.x[1].value());
+        // One comparison where reference and integrators are far within the limit: a sum of two squares is below it only
+        // if each of them is. What the integrators hold is small beside what is fed forward.
+        if likely(n2 + held.norm_sq() <= most) {
+            return u;
+        }
         let u_limited = if likely(n2 <= most) {
             u
         } else {
@@ -80,7 +86,7 @@ impl<R: Real> CurrentController<R> {
             self.x[1].add(c.k_i, cut.im());
             limited
         };
-        // One comparison for both, where both are far within.
+        // One comparison for both.
         let held = Dq::new(self.x[0].value(), self.x[1].value());
         if !likely(held.norm_sq() <= most) {
             self.x[0].limit(u_max);

@@ -220,8 +220,35 @@ impl<R: Real> Control<R> {
     }
 
     /// References: flux, torque, i_q* within current limit and pull-out, i_d* of (12).
-    #[inline(never)]
+    // Inlined in floating point, where a call saves and restores registers of the FPU. In fixed point a call takes less flash.
+    #[inline(always)]
     pub fn set_references<E: Estimators<R>>(
+        &mut self,
+        c: &DriveConfig<R>,
+        estimators: &mut E,
+        reference: &Reference<R>,
+        u_dc: R,
+    ) {
+        if R::FLOATING {
+            self.follow_reference(c, estimators, reference, u_dc);
+        } else {
+            self.follow_reference_by_call(c, estimators, reference, u_dc);
+        }
+    }
+
+    #[inline(never)]
+    fn follow_reference_by_call<E: Estimators<R>>(
+        &mut self,
+        c: &DriveConfig<R>,
+        estimators: &mut E,
+        reference: &Reference<R>,
+        u_dc: R,
+    ) {
+        self.follow_reference(c, estimators, reference, u_dc);
+    }
+
+    #[inline(always)]
+    fn follow_reference<E: Estimators<R>>(
         &mut self,
         c: &DriveConfig<R>,
         estimators: &mut E,

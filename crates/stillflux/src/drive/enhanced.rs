@@ -218,7 +218,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         }
         let i_m = self.balance.remove(&x.i_s);
         let mut omega_s = self.speed.omega_s;
-        let input = Input { u_s: x.u_s, loss: x.u_loss, i_m, i_ref: i_dq_ref, omega_s };
+        let input = Input { u_s: x.u_s, loss: &x.voltage.loss, i_m, i_ref: i_dq_ref, omega_s };
         let (mut field, mut psi_s, mut i_dq) = self.filter.step(&c.enhanced.filter, &input, integrate_only);
         // What follows from quantities that change slowly takes its turn.
         match x.period % BALANCE_PERIODS {

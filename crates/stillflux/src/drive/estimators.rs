@@ -2,10 +2,11 @@
 //! angles in rad.
 
 use super::interface::Memory;
+use super::voltage::Voltage;
 use crate::config::DriveConfig;
 use crate::estimate::flux::FluxEstimate;
 use crate::estimate::speed::SpeedEstimate;
-use crate::inverter::{Distortion, Knee};
+use crate::inverter::Knee;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -19,9 +20,9 @@ pub(super) struct PeriodInput<'a, R: Real> {
     /// Phase currents less the offsets read at standstill, and their space vector.
     pub i_abc: [R; 3],
     pub i_s: AlphaBeta<R>,
-    /// Voltage applied between the last two samples, and the loss of the inverter model that was commanded last.
+    /// Voltage applied between the last two samples, and what was commanded last.
     pub u_s: AlphaBeta<R>,
-    pub u_loss: &'a Distortion<R>,
+    pub voltage: &'a Voltage<R>,
     /// dc-link voltage.
     pub u_dc: R,
     /// Flux reference in this interval.

@@ -188,7 +188,8 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         self.i_s = *i_s;
     }
 
-    #[inline(never)]
+    // Inlined: a call saves and restores registers, and loads addresses and constants once more.
+    #[inline(always)]
     fn update_speed(&mut self, c: &DriveConfig<R>) {
         self.speed = self.speed_estimator.step(&c.speed, &c.speed.rotor_flux(&self.flux.value(), &self.i_s), &self.i_s);
         self.flux.set_stator_frequency(&c.paper.flux, self.speed.omega_s);

@@ -124,10 +124,11 @@ impl<R: Real> Sequence<R> {
         self.i_off = [mean.add_limited(R::from_f64(RATE), deviation, R::from_f64(I_OFF_MAX)); 3];
     }
 
-    /// Begins a period.
+    /// Begins a period; its number.
     #[inline(always)]
-    pub fn count(&mut self) {
+    pub fn count(&mut self) -> u32 {
         self.period = self.period.wrapping_add(1);
+        self.period
     }
 
     /// Phase currents less their offsets; with two sensors, whose gains differ by twice `half`, the third is computed from

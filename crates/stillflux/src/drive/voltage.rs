@@ -11,12 +11,14 @@
 
 use super::ripple::Ripple;
 use crate::config::DriveConfig;
+use crate::control::modulator::{Duty, modulate_lines};
 #[cfg(feature = "modes")]
-use crate::control::modulator::clamped_leg;
-use crate::control::modulator::{Duty, modulate_clamped, modulate_lines};
+use crate::control::modulator::{clamped_leg, modulate_clamped};
 #[cfg(feature = "shunt")]
 use crate::control::shunt::{Pulses, Shunt, ShuntConfig};
-use crate::inverter::{Distortion, Knee};
+#[cfg(any(feature = "enhanced", feature = "modes"))]
+use crate::inverter::Distortion;
+use crate::inverter::Knee;
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 
@@ -41,7 +43,8 @@ struct Commanded<R: Real> {
 pub(super) struct Voltage<R: Real> {
     /// The last two periods, by the lowest bit of their number.
     commanded: [Commanded<R>; 2],
-    /// Loss of the inverter model in the latest of them.
+    /// Loss of the inverter model in the latest of them, for those who ask for more of it than what is in `commanded`.
+    #[cfg(any(feature = "enhanced", feature = "modes"))]
     pub loss: Distortion<R>,
     /// What the ripple of the currents adds to it near current zero.
     ripple: Ripple<R>,
@@ -62,6 +65,7 @@ impl<R: Real> Voltage<R> {
     pub fn new() -> Self {
         Self {
             commanded: [Commanded::default(); 2],
+            #[cfg(any(feature = "enhanced", feature = "modes"))]
             loss: Distortion::default(),
             ripple: Ripple::new(),
             inv_u_dc: R::ZERO,
@@ -76,7 +80,10 @@ impl<R: Real> Voltage<R> {
     /// The bridge is blocked.
     pub fn block(&mut self) {
         self.commanded = [Commanded::default(); 2];
-        self.loss = Distortion::default();
+        #[cfg(any(feature = "enhanced", feature = "modes"))]
+        {
+            self.loss = Distortion::default();
+        }
         self.ripple.block();
         #[cfg(feature = "shunt")]
         self.shunt.block();
@@ -104,12 +111,10 @@ impl<R: Real> Voltage<R> {
 
     /// Voltage applied between the last two samples.
     #[inline(always)]
-    pub fn applied(&mut self, period: u32, u_dc: R) -> AlphaBeta<R> {
-        self.inv_u_dc = u_dc.recip_near(self.inv_u_dc);
+    pub fn applied(&self, period: u32, u_dc: R) -> AlphaBeta<R> {
         // Commanded two calls ago; this call's command overwrites it.
         let last = &self.commanded[(period & 1) as usize];
-        self.u_s = AlphaBeta::from_lines([0, 1].map(|k| last.ideal[k] * u_dc - last.loss[k]));
-        self.u_s
+        AlphaBeta::from_lines([0, 1].map(|k| last.ideal[k] * u_dc - last.loss[k]))
     }
 
     /// Leg that discontinuous modulation holds at a rail, if the voltage is large enough for it; it has no dead time then.
@@ -128,10 +133,36 @@ impl<R: Real> Voltage<R> {
         })
     }
 
-    /// None without the feature `modes`.
-    #[cfg(not(feature = "modes"))]
-    fn clamp(&mut self, _: &DriveConfig<R>, _: &AlphaBeta<R>) -> Option<(usize, bool)> {
-        None
+    /// Duties, and loss of legs a and b less leg c, with an update at each extreme of the carrier or with discontinuous
+    /// modulation.
+    #[cfg(feature = "modes")]
+    #[cold]
+    #[inline(never)]
+    fn command_in_mode(&mut self, c: &DriveConfig<R>, period: u32, u_ref: &AlphaBeta<R>) -> (Duty<R>, [R; 2]) {
+        let clamped = self.clamp(c, u_ref);
+        // With an update at each extreme of the carrier: the first call is in the lower zero vector, its duties act in the
+        // falling half.
+        let e = if likely(!c.double_update()) {
+            self.loss.phases
+        } else {
+            self.loss.of_half(period & 1 == 0, clamped.map(|(leg, _)| leg))
+        };
+        let loss = lines(&e);
+        let duty = match clamped {
+            None => self.modulate(c, u_ref, loss),
+            Some(leg) => {
+                let u = u_ref.to_phases();
+                modulate_clamped([0, 1, 2].map(|k| u[k] + e[k]), leg, self.inv_u_dc, c.timer.as_ref())
+            }
+        };
+        (duty, loss)
+    }
+
+    /// Duties of continuous modulation.
+    #[inline(always)]
+    fn modulate(&self, c: &DriveConfig<R>, u_ref: &AlphaBeta<R>, loss: [R; 2]) -> Duty<R> {
+        let u = u_ref.to_lines();
+        modulate_lines([u[0] + loss[0], u[1] + loss[1]], self.inv_u_dc, c.timer.as_ref())
     }
 
     /// Duties for a voltage reference. The inverter model takes the current reference in place of the current that
@@ -149,46 +180,51 @@ impl<R: Real> Voltage<R> {
         u_dc: R,
         (gain, knee): (R, &Knee<R>),
     ) -> Duty<R> {
-        let mut clamped = None;
+        // Here and not with the voltage applied: until now it would take a register, or be loaded again.
+        self.inv_u_dc = u_dc.recip_near(self.inv_u_dc);
         // A leg that is held at a rail changes the loss that is kept.
-        if period & (c.slow_mask >> 2) == 0 || !likely(c.discontinuous_sq().is_none()) {
+        let loss = if period & (c.slow_mask >> 2) == 0 || !likely(c.discontinuous_sq().is_none()) {
             let i_ref = i_ref();
-            self.loss = c.inverter.distortion(knee, &i_ref, u_dc, gain);
+            let mut loss = c.inverter.distortion(knee, &i_ref, u_dc, gain);
             if ripple {
-                self.ripple.follow(&c.inverter, u_ref, &i_ref, knee, &self.loss);
+                self.ripple.follow(&c.inverter, u_ref, &i_ref, knee, &loss);
             }
-            self.ripple.add_to(&mut self.loss.phases);
-        }
-        if !likely(c.discontinuous_sq().is_none()) {
-            clamped = self.clamp(c, u_ref);
-        }
-        // With an update at each extreme of the carrier: the first call is in the lower zero vector, its duties act in the
-        // falling half.
-        let e = if likely(!c.double_update()) {
-            self.loss.phases
+            self.ripple.add_to(&mut loss.phases);
+            #[cfg(any(feature = "enhanced", feature = "modes"))]
+            {
+                self.loss = loss;
+            }
+            lines(&loss.phases)
         } else {
-            self.loss.of_half(period & 1 == 0, clamped.map(|(leg, _)| leg))
+            // That of the period before, an even one.
+            self.commanded[0].loss
         };
-        let (u, loss) = (u_ref.to_lines(), [e[0] - e[2], e[1] - e[2]]);
-        let timer = c.timer.as_ref();
-        #[cfg_attr(not(feature = "shunt"), allow(unused_mut))]
-        let mut duty = match clamped {
-            None => modulate_lines([u[0] + loss[0], u[1] + loss[1]], self.inv_u_dc, timer),
-            Some(leg) => {
-                let u = u_ref.to_phases();
-                modulate_clamped([0, 1, 2].map(|k| u[k] + e[k]), leg, self.inv_u_dc, timer)
-            }
+        #[cfg(feature = "modes")]
+        let (duty, loss) = if likely(c.discontinuous_sq().is_none() && !c.double_update()) {
+            (self.modulate(c, u_ref, loss), loss)
+        } else {
+            self.command_in_mode(c, period, u_ref)
         };
+        #[cfg(not(feature = "modes"))]
+        let duty = self.modulate(c, u_ref, loss);
+        #[cfg(feature = "shunt")]
+        let mut duty = duty;
         #[cfg(feature = "shunt")]
         if !likely(c.shunt.is_none())
             && let Some(shunt) = &c.shunt
         {
             self.shape(shunt, period, &mut duty, u_dc);
         }
-        let ideal = [duty[0] - duty[2], duty[1] - duty[2]];
-        self.commanded[(period & 1) as usize] = Commanded { ideal, loss };
+        let next = &mut self.commanded[(period & 1) as usize];
+        (next.ideal, next.loss) = (lines(&duty), loss);
         duty
     }
+}
+
+/// Values of legs a and b less that of leg c.
+#[inline(always)]
+fn lines<R: Real>([a, b, c]: &[R; 3]) -> [R; 2] {
+    [*a - *c, *b - *c]
 }
 
 #[cfg(test)]
@@ -210,14 +246,18 @@ mod tests {
             for period in 0..60 {
                 let at = |period: u32| AlphaBeta::new(if period < step { 0.0 } else { 0.5 }, 0.0);
                 let i_ref = at(period);
-                voltage.applied(period, u_dc);
                 voltage.command(&c, (period, period % 4 == 2), &AlphaBeta::default(), || i_ref, u_dc, (1.0, &knee));
                 // The loss of an even period holds for two.
                 let first = c.inverter.distortion(&knee, &at(period & !1), u_dc, 1.0);
-                let added = (voltage.loss.vector() - first.vector()).norm_sq().sqrt();
+                let loss = AlphaBeta::from_lines(voltage.commanded[(period & 1) as usize].loss);
+                let added = (loss - first.vector()).norm_sq().sqrt();
                 assert!(added < 1e-12 || period < 12, "step in {step}, period {period}: {added}");
-                let there = !cfg!(feature = "ripple") || voltage.loss.phases != first.phases;
-                assert!(there || period < 12 || period >= step, "none at zero current");
+                // At zero current it is the same in all legs, so that their differences do not show it.
+                #[cfg(all(feature = "ripple", any(feature = "enhanced", feature = "modes")))]
+                {
+                    let there = voltage.loss.phases != first.phases;
+                    assert!(there || period < 12 || period >= step, "none at zero current");
+                }
             }
         }
     }

@@ -196,10 +196,16 @@ impl<R: Real> OffsetEstimator<R> {
     /// One call, with the mean of `û_i` since the last one.
     #[inline(always)]
     pub fn step(&mut self, c: &OffsetConfig<R>, u_i: &AlphaBeta<R>, psi_ref: R) {
-        let a = self.axes[0].step(c, u_i.re(), psi_ref);
-        let b = self.axes[1].step(c, u_i.im(), psi_ref);
-        if !likely(!(a | b)) {
-            self.crossing(c, [a, b]);
+        // A number that only a crossing changes: two answers would have to be made values in every call.
+        let mut crossed = 0_u8;
+        if !likely(!self.axes[0].step(c, u_i.re(), psi_ref)) {
+            crossed = 1;
+        }
+        if !likely(!self.axes[1].step(c, u_i.im(), psi_ref)) {
+            crossed += 2;
+        }
+        if !likely(crossed == 0) {
+            self.crossing(c, [crossed & 1 != 0, crossed & 2 != 0]);
         }
     }
 

@@ -470,7 +470,7 @@ impl<R: Real> EnhancedEstimators<R> {
             self.pair = Pair::default();
             return false;
         }
-        let by_knee = x.u_loss.by_knee();
+        let by_knee = x.voltage.loss.by_knee();
         let u = x.u_s.re() + by_knee[1].abs() + by_knee[2].abs();
         self.pair.add(c.enhanced.pair_weight, [i_ref, u, x.u_s.im()], stage > begin);
         // Once in a start: what the repetition identifies is right for this difference.
