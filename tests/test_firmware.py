@@ -229,15 +229,17 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
         assert report["drive_step"][f"{arithmetic}_worst"] <= 1.5 * report["drive_step"][arithmetic]
     # What the enhanced scheme may cost: 1.6 times the published one, where there is an FPU.
     assert report["drive_step_enhanced"]["f32_worst"] <= 1.6 * report["drive_step"]["f32_worst"]
+    # The bytes are those of one compiler, which builds `core` as well; another release takes up to 5 % more.
+    room = 1.0 if chain.build_std else 1.05
     for scheme, sizes in SIZES.items():
         for key, most in sizes.items():
             measured = report[cost.size_key(key, scheme)]
             for k, arithmetic in enumerate(cost.ARITHMETICS):
-                assert measured[arithmetic] <= most[k], (scheme, key, arithmetic)
+                assert measured[arithmetic] <= room * most[k], (scheme, key, arithmetic)
     for k, arithmetic in enumerate(cost.ARITHMETICS):
         sizes = cost.sizes(toolchain.build(chain, "drive", "paper", *([] if arithmetic == "f32" else ["q"])))
         for key, limits in WITH_ADDITIONS.items():
-            assert sizes[key] <= limits[k], ("additions", key, arithmetic)
+            assert sizes[key] <= room * limits[k], ("additions", key, arithmetic)
     for arithmetic in cost.ARITHMETICS:
         exact = report["accuracy"]["f64"]
         assert report["accuracy"][arithmetic]["angle_worst_deg"] < exact["angle_worst_deg"] + 0.5
