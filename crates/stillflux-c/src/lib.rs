@@ -97,8 +97,9 @@ pub const STILLFLUX_ENCODER_ESTIMATE_APART: u32 = 3;
 /// bridge.
 #[repr(C, align(8))]
 pub struct stillflux_drive {
-    open: u32,
+    // First: with something before it more of its fields lie beyond the reach of one instruction.
     drive: MaybeUninit<CountsDrive<Arithmetic>>,
+    open: u32,
 }
 
 /// `open` of a state that holds a drive: four equal bytes, which a comparison takes as its own constant.
