@@ -7,16 +7,16 @@ from typing import Any
 
 from stillflux.parameters import Inverter, Motor
 
-__all__ = ["check_machine"]
+__all__ = ["RESISTANCE_RANGE", "check_machine"]
 
-_RESISTANCE = (0.4, 2.0)
+RESISTANCE_RANGE = (0.4, 2.0)
 """Range to which a drive limits R_s, relative to R_s + r_d of its parameters."""
 
 
 def check_machine(memory: Mapping[str, Any], motor: Motor, inverter: Inverter) -> None:
     """Raises ValueError for a resistance that this motor cannot have: the memory is another one's."""
     told, value = motor.R_s + inverter.r_d, memory.get("R_s")
-    low, high = _RESISTANCE
+    low, high = RESISTANCE_RANGE
     # What a drive has limited comes back rounded.
     if isinstance(value, int | float) and not 0.999 * low * told <= value <= 1.001 * high * told:
         raise ValueError(

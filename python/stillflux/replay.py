@@ -308,6 +308,8 @@ def replay(
         rows = resampled(signals, slice(begin, end), many, step)
         if check and not found:
             scale = scale_of(rows, motor, model, signals.voltages[0] == "d_a")
+            if scale is not None and scale.text:
+                notes.append(scale.text)
             check_wiring(table, rows, motor, model, scale, notes)
         parts, offset = starts(rows, motor, model, scheme, notes if not found else [])
         if estimator is None:

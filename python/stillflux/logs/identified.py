@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stillflux.memory import RESISTANCE_RANGE
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = ["identified_doubts"]
 
 _END = 0.1  # part of the log over which the resistance is taken
-_RANGE = (0.4, 2.0)  # of the motor's: the estimators hold R_s within it, no winding comes there
-_AT_END = 0.02  # of the range
-_NIS = 0.1  # undisturbed drives have up to 0.04 in the worst conditions (docs/tolerance.md)
+_AT_END = 0.02  # how near to an end of its range a resistance is at the end, relative
+# Above the 0.04 of an undisturbed drive in the worst conditions (docs/tolerance.md), below the 0.3 at which
+# the filter assumes that something has stepped. Allowance.
+_NIS = 0.1
 
 
 def identified_doubts(
@@ -27,7 +30,8 @@ def identified_doubts(
         return
     last = found["R_s"][known]
     ratio = float(np.median(last[-max(1, round(_END * len(last))) :])) / R_s
-    least, most = _RANGE
+    # The estimators hold R_s within this range; no winding comes to its ends.
+    least, most = RESISTANCE_RANGE
     if ratio < least * (1.0 + _AT_END) or ratio > most * (1.0 - _AT_END):
         yield (
             f"the resistance ends at {ratio:.2g} times the motor's, where its range ends: voltage or current "

@@ -30,16 +30,14 @@ from stillflux.parameters import Inverter, Motor
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Blocks"]
+__all__ = ["Blocks", "ratios"]
 
 # Standard deviations of ln R_s (winding from 20 to 70 °C), L_M, L_σ, of the bridge's loss, relative, and of
 # the logarithm of the saturation, relative: an unknown curve lies between none and twice the typical.
 _SIGMA = np.array([0.2, 0.1, 0.2, 0.15, 1.0])
 _CURVE_KNOWN = 0.3  # part of that of a curve among the parameters
-_TYPICAL = (
-    0.15,
-    8.0,
-)  # saturated part of the magnetising current at rated flux and exponent, as in the filter
+# Of a typical curve: saturated part of the magnetising current at rated flux, and exponent, as in the filter.
+_TYPICAL = (0.15, 8.0)
 _RESIDUAL = 0.05  # of a block: sensors, delay, what is not quite steady
 _POINTS = 4.0  # independent blocks at most: what is left is the same in all of them
 _CURRENT = (1.5, 0.1)  # of rated in the median block, and ln of what is beyond
@@ -129,11 +127,6 @@ class Blocks:
         size = float(np.median(i)) / self.i_n if len(i) else 0.0
         return np.array([math.log(max(size / most, 1.0)) / sigma])
 
-    def ratios(self) -> dict[str, float]:
-        """Parameters that suit the log best, of the motor's."""
-        found = np.exp(_SIGMA[:3] * self.fit()[1][:3])
-        return dict(zip(("R_s", "L_M", "L_sigma"), map(float, found), strict=True))
-
     def flux(self) -> float | None:
         """Flux of the median block with the motor's resistance, of rated; None at standstill."""
         n = len(self.turning)
@@ -144,3 +137,8 @@ class Blocks:
             float(np.median(np.abs((self.z - self.loss - R) * self.i)[:n] / np.abs(self.turning)))
             / self.psi_n
         )
+
+
+def ratios(x: NDArray[np.float64]) -> dict[str, float]:
+    """Parameters over those of the motor, for what `Blocks.fit` found."""
+    return dict(zip(("R_s", "L_M", "L_sigma"), map(float, np.exp(_SIGMA[:3] * x[:3])), strict=True))

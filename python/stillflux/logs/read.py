@@ -51,6 +51,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     "Wb": ("flux", 1.0),
 }
 
+_DELIMITERS = ";\t,"
 _PREAMBLE = 200  # lines in which the first row of numbers is looked for
 
 QUANTITIES: dict[str, str] = {
@@ -376,8 +377,10 @@ def _header_line(lines: Sequence[tuple[int, str]]) -> tuple[int, str | None]:
     plain = next((k for k, (_, line) in enumerate(lines) if not line.lstrip().startswith("#")), 0)
     for k, (_, line) in enumerate(lines[:_PREAMBLE]):
         # Of decimal commas there may be more than of delimiters: the one that leaves numbers.
-        signs: list[str | None] = [sign for sign in ";\t," if sign in line] or [None]
-        delimiter = next((sign for sign in signs if all(map(_is_value, _cells(line, sign)))), signs[0])
+        signs = (sign for sign in _DELIMITERS if sign in line)
+        delimiter = next(
+            (sign for sign in signs if all(map(_is_value, _cells(line, sign)))), _delimiter(line)
+        )
         cells = _cells(line, delimiter)
         if len(cells) < 2 or not all(_is_value(cell) for cell in cells):
             continue
@@ -395,7 +398,7 @@ def _header_line(lines: Sequence[tuple[int, str]]) -> tuple[int, str | None]:
 
 
 def _delimiter(line: str) -> str | None:
-    found = max(";\t,", key=line.count)
+    found = max(_DELIMITERS, key=line.count)
     return found if found in line else None
 
 

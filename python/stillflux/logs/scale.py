@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stillflux.logs.likelihood import Blocks
+from stillflux.logs.likelihood import Blocks, ratios
 from stillflux.logs.signals import Rows
 from stillflux.logs.steady import steady_blocks
 from stillflux.parameters import Inverter, Motor
@@ -115,7 +115,7 @@ def scale_of(rows: Rows, motor: Motor, inverter: Inverter, of_link: bool) -> Sca
         return Blocks.of(steady, factors, motor, inverter).fit()[0]
 
     given = Blocks.of(steady, (1.0, 1.0, 1.0), motor, inverter)
-    unlikely, _ = given.fit()
+    unlikely, suiting = given.fit()
     ranked = sorted(((cost(f), f) for f in _mistakes()), key=lambda x: x[0])
     least, best = ranked[0]
     if unlikely - least > _ODDS and least < _UNLIKELY:
@@ -124,9 +124,9 @@ def scale_of(rows: Rows, motor: Motor, inverter: Inverter, of_link: bool) -> Sca
         wrong = "Torque is" if best.voltage == best.current else "Slip, torque and flux are"
         text = f"{measured.shown()}{_flux(given)}: {causes}, or another motor? {wrong} wrong then"
     elif unlikely > _UNLIKELY:
-        ratios = ", ".join(f"{name} {ratio:.2g}" for name, ratio in given.ratios().items())
+        taken = ", ".join(f"{name} {ratio:.2g}" for name, ratio in ratios(suiting).items())
         text = (
-            f"it would take {ratios} times what they are{_flux(given)}, and no factor of √2, √3 or 2 "
+            f"it would take {taken} times what they are{_flux(given)}, and no factor of √2, √3 or 2 "
             f"explains that: are the motor, the units, the angle and the sampling rate right?"
         )
     else:

@@ -19,10 +19,8 @@ __all__ = ["Steady", "steady_blocks"]
 
 _BLOCK = 0.1  # s, of a shorter log a quarter of it
 _MOST = 60  # blocks, evenly chosen
-_CHANGE = (
-    0.05,
-    0.02,
-)  # of the current, relative, and of the frequency, of rated: from block to block, at most
+# From block to block and within one, at most: of the current, relative, and of the frequency, of rated.
+_CHANGE = (0.05, 0.02)
 _LEAST = 0.1  # current, per unit
 _SLOWEST = 0.03  # of rated frequency: below it the flux is the difference of two voltages
 _STILL = 0.003  # the same: below it the current is direct

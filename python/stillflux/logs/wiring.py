@@ -30,11 +30,9 @@ def check_wiring(
 ) -> None:
     """Currents and voltages of the same phases, by the fit of the flux over the fastest two turns.
 
-    A misfit that no other wiring explains is a note: what is wrong with the scale, or where that is not known
-    that motor, unit, angle or rate may be another.
+    A misfit that no other wiring explains is a note that motor, unit, angle or rate may be another, where
+    nothing is known of the `scale` of the log.
     """
-    if scale is not None and scale.text:
-        notes.append(scale.text)
     i, step = rows.i, rows.step
     total = np.sqrt(np.mean(rows.i_sum**2))
     if len(rows.currents) == 3 and total > 0.3 * np.sqrt(np.mean(np.abs(i) ** 2)):

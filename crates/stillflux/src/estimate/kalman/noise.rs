@@ -100,9 +100,10 @@ const LAG: f64 = 3.0;
 /// product is largest, is found within a second in 11 of 30 runs, with 0.05 to 0.2 rad in 24 to 28, with 0.03 in all. Allowance,
 /// measured, not derived.
 const SIGMA_TURN: f64 = 0.03;
-/// Stator frequency, per unit, below which [`Noise::by_turn`] falls in proportion to it. The product is taken for white; it
-/// changes its sign as the field turns, and at 50 Hz a turn at this frequency takes ten seconds. Kept slower than that it is
-/// a constant, which `m` has followed: as noise it would only let `m` be carried away.
+/// Stator frequency, per unit, below which [`Noise::by_turn`] falls in proportion to it. The product is taken for white noise
+/// since it changes its sign as the field turns, once in five seconds at this frequency and 50 Hz. In a field that stays
+/// slower it is a constant, to which `m` has settled; as noise it would only widen the variance of `m`, and let it drift.
+/// Allowance: with 0.001 to 0.004 as many drives are lost (16 to 17 of 30 that keep zero stator frequency under rated load).
 const OMEGA_TURN: f64 = 0.002;
 /// Flux error that a block adds along the axis of a phase whose current is near zero, per unit. Allowance for some
 /// tenths of the dead-time voltage over the fifth of a second that a slow field stays there.
