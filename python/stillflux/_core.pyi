@@ -295,7 +295,8 @@ class Drive:
         `c_out`), L_sigma and L_M (H), leg_delay (as of `Inverter`, s)."""
     def restore(self, memory: dict[str, Any]) -> None:
         """Takes back what `memory` gave; values beyond their limits are limited, `knee` and `leg_delay` may
-        be missing, `u_off` may be (re, im). The next start reads the offsets of the current sensors anew.
+        be missing, `u_off` may be (re, im). The next start reads the offsets of the current sensors anew;
+        the enhanced scheme takes `u_off` back with `calibrate_offset=False` only.
 
         Raises TypeError for a value that there is not, RuntimeError while the bridge switches: an estimate
         that is in use stays as it is."""

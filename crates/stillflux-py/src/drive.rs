@@ -486,7 +486,8 @@ impl Drive {
     }
 
     /// Takes back what `memory` gave; values beyond their limits are limited, `knee` and `leg_delay` may be missing, `u_off` may
-    /// be (re, im). The next start reads the offsets of the current sensors anew.
+    /// be (re, im). The next start reads the offsets of the current sensors anew; the enhanced scheme takes `u_off` back with
+    /// `calibrate_offset=False` only.
     ///
     /// Raises TypeError for a value that there is not, RuntimeError while the bridge switches: an estimate that is in use stays as it is.
     fn restore(&mut self, memory: &Bound<'_, PyAny>) -> PyResult<()> {
