@@ -86,6 +86,13 @@ def _reversal(motor: Motor) -> tuple[Points, Points]:
     ]
 
 
+def _light_load(motor: Motor) -> tuple[Points, Points]:
+    """A fifth of rated torque that grows from 3 to 6 s at zero speed and stays until 14 s. Without load the
+    field stands or all but stands, with a direct current, and nothing shows its angle when the load comes."""
+    del motor
+    return [(0, 0), (14, 0)], [(0, 0), (3, 0), (6, 0.2)]
+
+
 COURSES: Mapping[str, Course] = {
     "start": Course("start into rated load", _start, 0.0),
     "low-speed": Course("low speed, motoring and regeneration, T_N", _low_speed, 0.0),
@@ -95,5 +102,6 @@ COURSES: Mapping[str, Course] = {
     "beside-rated": Course("15 s beside ω_s = 0 at T_N", _beside(1.0), 1.0),
     "beside-half": Course("15 s beside ω_s = 0 at T_N/2", _beside(0.5), None),
     "reversal": Course("to rated speed and its opposite", _reversal, None),
+    "light-load": Course("light load that comes within 3 s at rest, T_N/5", _light_load, None),
 }
 """By name."""

@@ -1,4 +1,5 @@
-"""Rates of loss over installations drawn at random: ten drives, eight courses, every parameter off at once.
+"""Rates of loss over installations drawn at random: ten drives on the courses of `courses`, every parameter
+off at once.
 
 Every run has an installation and a realisation of the noise of its own, which follow from drive, course and
 number of the draw (`seed_of`), so that any of them can be run again. Lost is a fault, a field angle error

@@ -33,7 +33,7 @@
 //! with an NIS whose low-pass did not have the innovation's sign, the test alone on runs without it: 29 go on lost (0.2 s
 //! with 0.2 pu of speed error, or 1 s with 30°), and it finds all of them at least 0.15 s before that; of the 489 that come
 //! through it ends 2, with 4 and 7° of angle error. With a band of 0.2 it ends 11, 8 of them at `|ω̂_s|` of 0.09 to 0.19.
-//! Both tests as they are, on other draws of eight courses: docs/tolerance.md, guarantee.
+//! Both tests as they are, on other draws of all courses: docs/tolerance.md, guarantee.
 
 use super::fault::{Fault, Trip};
 use crate::scalar::{Real, likely};
