@@ -124,13 +124,12 @@ def test_at_the_tolerances_themselves_no_drive_goes_on_lost_but_two_under_a_ligh
         for machine in DRIVES:
             group: Group = ("guarantee", guarantee_at(scale), machine, "enhanced")
             assert table.get(group, guarantee.RUNS).number >= 6 * len(COURSES)
-            going_on = table.get(group, guarantee.GO_ON).number
-            under_light_load = sum(
-                line.run == "light-load" and "goes on lost" in line.quantity
-                for line in table.lines
-                if line.group == group
-            )
-            assert scale > 1.0 or going_on == under_light_load == (2 if machine == "48V" else 0)
+            if scale > 1.0:
+                continue
+            # Those at 48 V are a limit of the library (docs/limits.md), under this course and no other.
+            on_lost = [x.run for x in table.lines if x.group == group and x.quantity.endswith("goes on lost")]
+            assert on_lost == (["light-load"] * 2 if machine == "48V" else [])
+            assert table.get(group, guarantee.GO_ON).number == len(on_lost)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
