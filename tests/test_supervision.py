@@ -117,19 +117,15 @@ def test_the_guarantee_of_a_drive_counts_its_runs_and_names_those_to_look_at() -
     assert f"`{guarantee.rerun('fan', 'hold', 3, 2.5)}`" in text
 
 
-def test_at_the_tolerances_themselves_no_drive_goes_on_lost_but_two_under_a_light_load_at_48_v() -> None:
+def test_at_the_tolerances_themselves_no_drive_goes_on_lost() -> None:
     """As the committed table has it, over at least six draws of each course."""
     table = Table.read(METRICS)
     for scale in guarantee.SCALES:
         for machine in DRIVES:
             group: Group = ("guarantee", guarantee_at(scale), machine, "enhanced")
             assert table.get(group, guarantee.RUNS).number >= 6 * len(COURSES)
-            if scale > 1.0:
-                continue
-            # Those at 48 V are a limit of the library (docs/limits.md), under this course and no other.
-            on_lost = [x.run for x in table.lines if x.group == group and x.quantity.endswith("goes on lost")]
-            assert on_lost == (["light-load"] * 2 if machine == "48V" else [])
-            assert table.get(group, guarantee.GO_ON).number == len(on_lost)
+            if scale == 1.0:
+                assert table.get(group, guarantee.GO_ON).number == 0
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -76,7 +76,9 @@ class DriveSettings(TypedDict, total=False):
 
     realignment: bool
     """The flux is taken to lie along the current where the torque is at its limit and the field stands still,
-    also at half of the torque: the way out of a false equilibrium. On by default."""
+    also at half of the torque: the way out of a false equilibrium. In the enhanced scheme it is tried on the
+    other side of the current as well, where the field stands at light load and its angle is not known. On by
+    default."""
     discontinuous_above: float | None
     """Discontinuous modulation (60° clamp) from this voltage on, in parts of u_dc/√3, 0.3 to 1; None:
     continuous at every voltage."""

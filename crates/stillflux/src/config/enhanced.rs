@@ -4,6 +4,8 @@ use super::settings::{BALANCE_PERIODS, DriveParams, EnhancedParams, adapt_period
 use crate::base::{PerUnit, rounded};
 use crate::control::levels::LevelsConfig;
 use crate::control::shift::ShiftConfig;
+#[cfg(feature = "supervision")]
+use crate::control::sides::{COLLAPSED, SidesConfig};
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
@@ -30,6 +32,14 @@ const BALANCE_RATE: f64 = 2.1;
 const BALANCE_OFFSET_RATE: f64 = 0.34;
 /// Largest load in the shifted flux, relative to the pull-out torque there.
 const PULL_OUT_USE: f64 = 0.6;
+/// Durations for which a flux has to have collapsed, or a shaft to run against the torque, before another side of the current
+/// is tried, and of the trial, in rotor time constants ([`crate::control::sides`]).
+#[cfg(feature = "supervision")]
+const COLLAPSE: f64 = 0.3;
+#[cfg(feature = "supervision")]
+const AGAINST: f64 = 0.21;
+#[cfg(feature = "supervision")]
+const TRIAL: f64 = 0.25;
 /// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
 const SHIFT_RATE: f64 = 0.5;
 /// Time constant of the low-pass that leaves loads alone which pass the flux shift's range, s: longer than a load takes to pass,
@@ -44,6 +54,8 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub filter: FilterConfig<R>,
     pub balance: BalanceConfig<R>,
     pub shift: ShiftConfig<R>,
+    #[cfg(feature = "supervision")]
+    pub sides: SidesConfig<R>,
     pub catch: CatchConfig<R>,
     /// What one control period takes off the logarithm of a free rotor flux, times 64.
     pub decay: R,
@@ -60,7 +72,9 @@ pub(crate) struct EnhancedConfig<R: Real> {
     #[cfg(feature = "modes")]
     pub pair_weight: R,
 }
-words!(EnhancedConfig: filter, balance, shift, catch, decay, decay_periods, search, levels,
+words!(EnhancedConfig: filter, balance, shift,
+    #[cfg(feature = "supervision")] sides,
+    catch, decay, decay_periods, search, levels,
     #[cfg(feature = "restart")] slow_turn,
     #[cfg(feature = "legs")] legs,
     #[cfg(feature = "modes")] pair_weight);
@@ -106,6 +120,14 @@ impl<R: Real> EnhancedConfig<R> {
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
                 step: rounded(SHIFT_RATE * call),
                 corner: rounded(call / SHIFT_TIME),
+            },
+            #[cfg(feature = "supervision")]
+            sides: {
+                let calls = |of_tau_r: f64| libm::round(of_tau_r * pu.tau_r / pu.base.omega / call).max(1.0) as u32;
+                // Not for a flux that is only integrated: what it is off by is its drift.
+                let on = p.realignment && p.enhanced.apply_innovation;
+                let (collapse, against) = if on { (calls(COLLAPSE), calls(AGAINST)) } else { (u32::MAX, u32::MAX) };
+                SidesConfig { collapse, against, trial: calls(TRIAL), collapsed: rounded(COLLAPSED) }
             },
             catch: CatchConfig::new(pu, CATCH_BLOCK, inverter.f_c()),
             decay: rounded(64.0 * pu.t_s / pu.tau_r),

@@ -322,7 +322,8 @@ pub struct DriveParams {
     /// 60; 0: any ([`crate::supervision::stall`]).
     pub stall_time: f64,
     /// The flux is taken to lie along the current where the torque is at its limit and the field stands still, whatever the
-    /// torque ([`crate::control::realign`]). Feature `supervision`.
+    /// torque ([`crate::control::realign`]); in the enhanced scheme it is also tried on the other side of the current where the
+    /// field stands without load and its angle is not known ([`crate::control::sides`]). Feature `supervision`.
     pub realignment: bool,
     /// Discontinuous modulation from this voltage on, in parts of the largest that continuous modulation makes, `u_dc/√3`;
     /// 0.3 to 1 ([`crate::control::modulator`]); `None`: continuous at every voltage.

@@ -25,6 +25,8 @@ pub mod realign;
 pub mod shift;
 #[cfg(feature = "shunt")]
 pub mod shunt;
+#[cfg(all(feature = "enhanced", feature = "supervision"))]
+pub(crate) mod sides;
 pub mod speed;
 #[cfg(feature = "weakening")]
 pub mod weakening;

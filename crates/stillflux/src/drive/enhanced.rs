@@ -10,6 +10,8 @@ use super::interface::Memory;
 use crate::config::{BALANCE_PERIODS, DriveConfig};
 use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
+#[cfg(feature = "supervision")]
+use crate::control::sides::Sides;
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{Catch, LEAST};
 use crate::estimate::kalman::{Filter, Input, Learned};
@@ -33,6 +35,9 @@ const DIRECTION: f64 = 0.5;
 const STANDING: f64 = 0.035;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
+/// Stator frequency, per unit, of a field that stands ([`crate::control::sides`]).
+#[cfg(feature = "supervision")]
+const STANDS: f64 = 0.004;
 /// Stator frequency against the torque up to which the field may be about to pass zero frequency.
 const CROSSING: f64 = 0.0025;
 
@@ -98,6 +103,11 @@ pub(super) struct EnhancedEstimators<R: Real> {
     /// The speed search has been repeated, after it contradicted that measurement.
     #[cfg(feature = "legs")]
     searched_again: bool,
+    #[cfg(feature = "supervision")]
+    sides: Sides<R>,
+    /// Magnetising curve when the field last turned: of a flux that has collapsed the filter makes an error of the curve.
+    #[cfg(feature = "supervision")]
+    curve: (R, R),
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
     /// Rotor resistance at its temperature and at the present saturation, relative to the parameter.
@@ -138,8 +148,42 @@ impl<R: Real> EnhancedEstimators<R> {
             put_off: 0,
             #[cfg(feature = "legs")]
             searched_again: false,
+            #[cfg(feature = "supervision")]
+            sides: Sides::default(),
+            #[cfg(feature = "supervision")]
+            curve: (R::ONE, R::ZERO),
             torque_ref: R::ZERO,
             rotor: R::ONE,
+        }
+    }
+}
+
+#[cfg(feature = "supervision")]
+impl<R: Real> EnhancedEstimators<R> {
+    /// On which side of the current the flux lies, where the field stands ([`crate::control::sides`]).
+    #[inline(always)]
+    fn find_side(&mut self, c: &DriveConfig<R>) {
+        let stands = self.speed.omega_s.within(R::from_f64(STANDS)) && self.filter.is_unloaded();
+        if !stands {
+            self.curve = self.filter.magnetising_curve();
+        }
+        if !stands && self.sides.is_idle() {
+            return;
+        }
+        self.try_sides(c, stands);
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn try_sides(&mut self, c: &DriveConfig<R>, stands: bool) {
+        if !(self.sides.is_trying() || stands && self.filter.is_uncertain()) {
+            self.sides.interrupt();
+            return;
+        }
+        let x = self.filter.standing_field(&c.enhanced.filter, self.curve, self.speed.omega_m);
+        if let Some(turn) = self.sides.step(&c.enhanced.sides, &x) {
+            self.filter.turn_flux(&c.enhanced.filter, &turn);
+            self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), self.speed.omega_m);
         }
     }
 }
@@ -182,6 +226,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             self.legs_probe = LegsProbe::default();
         }
         self.shift = FluxShift::default();
+        #[cfg(feature = "supervision")]
+        {
+            self.sides = Sides::default();
+        }
         self.torque_ref = R::ZERO;
         self.speed = SpeedEstimate::default();
     }
@@ -215,6 +263,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 self.filter.align(x.period);
             }
             integrate_only = self.is_searching();
+        }
+        #[cfg(feature = "supervision")]
+        {
+            integrate_only |= self.sides.is_trying();
         }
         let i_m = self.balance.remove(&x.i_s);
         let mut omega_s = self.speed.omega_s;
@@ -271,6 +323,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 }
             }
         }
+        #[cfg(feature = "supervision")]
+        if complete {
+            self.curve = self.filter.magnetising_curve();
+        }
         let r_s = self.filter.r_s();
         PeriodOutput { field: FieldQuantities { field, psi_s, omega_s, r_s, i_dq }, complete, current_control }
     }
@@ -297,6 +353,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(always)]
     fn adapt(&mut self, c: &DriveConfig<R>, _: &Dq<R>) {
         self.filter.confine(&c.enhanced.filter);
+        #[cfg(feature = "supervision")]
+        self.find_side(c);
         let of_parameters = [self.filter.leakage(), self.rotor];
         self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, of_parameters);
     }

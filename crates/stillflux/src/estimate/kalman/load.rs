@@ -39,6 +39,8 @@ const SAME: f64 = 0.02;
 pub(super) struct Load<R: Real> {
     i_q: R,
     omega_s: R,
+    /// Largest recent torque current over the magnetising one, up to one.
+    of_late: R,
 }
 
 impl<R: Real> Load<R> {
@@ -51,6 +53,18 @@ impl<R: Real> Load<R> {
         self.omega_s += corner * of_omega;
         let load = i_q.abs() - R::from_f64(LOADED);
         load >= R::ZERO && change.within(load * R::from_f64(STEADY)) && of_omega.within(R::from_f64(SAME))
+    }
+
+    /// One block with a torque current over the magnetising one, of which a part is `remembered` by the next.
+    #[inline(always)]
+    pub fn remember(&mut self, load: R, remembered: R) {
+        self.of_late = (self.of_late * remembered).max(load.abs().min(R::ONE));
+    }
+
+    /// The largest recent torque current over the magnetising one, up to one.
+    #[inline(always)]
+    pub fn of_late(&self) -> R {
+        self.of_late
     }
 
     /// By how much a torque current has changed within the last second, per unit.
@@ -69,7 +83,7 @@ mod tests {
 
     /// Blocks until a load is steady, after a long time at `from`.
     fn blocks(from: f64, to: f64) -> Option<u32> {
-        let mut load = Load { i_q: from, omega_s: 0.05 };
+        let mut load = Load { i_q: from, omega_s: 0.05, ..Load::default() };
         (0..20_000).find(|_| load.is_steady(CORNER, to, 0.05))
     }
 
@@ -84,18 +98,31 @@ mod tests {
     #[test]
     fn a_load_that_stays_or_grows_slowly_is_steady() {
         assert_eq!(blocks(0.5, 0.5), Some(0));
-        let mut load = Load { i_q: 0.5, omega_s: 0.05 };
+        let mut load = Load { i_q: 0.5, omega_s: 0.05, ..Load::default() };
         // 0.01 pu a second.
         assert!((0..40_000).all(|k| load.is_steady(CORNER, 0.5 + f64::from(k) * 1e-5, 0.05)));
     }
 
     #[test]
     fn a_change_of_the_frequency_is_waited_for_and_a_slow_one_is_none() {
-        let mut load = Load { i_q: 0.5, omega_s: 0.3 };
+        let mut load = Load { i_q: 0.5, omega_s: 0.3, ..Load::default() };
         let after = (0..20_000).find(|_| load.is_steady(CORNER, 0.5, 0.05));
         assert!((2000..4000).contains(&after.unwrap()), "{after:?}");
         // 0.01 pu a second, through zero.
         assert!((0..20_000).all(|k| load.is_steady(CORNER, 0.5, 0.05 - f64::from(k) * 1e-5)));
+    }
+
+    #[test]
+    fn the_largest_recent_load_is_remembered_and_fades() {
+        let mut load = Load::default();
+        let mut after = |x: f64, blocks: u32| {
+            (0..blocks).for_each(|_| load.remember(x, 1.0 - 1.0 / 512.0));
+            load.of_late()
+        };
+        assert_eq!(after(-0.6, 1), 0.6, "of either direction, at once");
+        assert!((after(0.1, 512) - 0.6 / 1f64.exp()).abs() < 1e-3);
+        assert_eq!(after(0.1, 2000), 0.1);
+        assert_eq!(after(3.0, 1), 1.0, "up to one");
     }
 
     #[test]

@@ -60,9 +60,12 @@
 //! # Validity, and what is added to the noise outside it
 //!
 //! * `|ψ_R|` of a vector turned by `δ` exceeds its projection by `|ψ_R| δ²/2`. The variance of this term is added to
-//!   the innovation's; without it a large angle variance would turn a small innovation into a wrong correction.
+//!   the innovation's; without it a large angle variance would turn a small innovation into a wrong correction. In a field that
+//!   stands the current along the flux is less by `i_d δ²/2`, too, which without load is more than the `i_q δ` of the
+//!   derivatives: noise of `m` ([`noise`]), by the largest deviation of late. Without it an innovation of some thousandths of the
+//!   flux turned the angle by 20° at a light load, to the other side of the current ([`crate::control::sides`]).
 //! * Near the current zero of a phase the voltage of its leg is uncertain ([`crate::inverter`]): noise along that
-//!   phase's axis while the field is slow.
+//!   phase's axis while the field is slow, more of it where it is loaded.
 //! * Above `|ω_s| = 0.2`, or 0.35 where the rotor resistance follows that of the stator, the voltages of `r_s`, `v` and `k`
 //!   are smaller than the error of the voltage itself, and the leakage would take their errors for its own: the four are
 //!   held (consider states, without correlation), and the flux has noise that grows with frequency. The variance of `r_s`
@@ -196,6 +199,8 @@ pub struct Filter<R: Real> {
     valid: bool,
     /// Standard deviation of the field angle, rad.
     sigma: R,
+    /// The largest recent one.
+    sigma_of_late: R,
     /// Weight of the estimated flux magnitude.
     weight: R,
     /// Values and variances with which the present start began.
@@ -247,6 +252,7 @@ impl<R: Real> Filter<R> {
         let i_q = self.magnitude() * i_dq.im() * inv;
 
         let i_s = self.field().to_stator(i_ref);
+        self.load.remember(model.load(i_ref.im(), inv), c.noise.load_remembered);
         let means = BlockMeans {
             n,
             inv_psi_r: inv,

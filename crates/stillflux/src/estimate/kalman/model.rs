@@ -335,6 +335,12 @@ impl<R: Real> Model<R> {
         (point, self.r_r_block * x.i_d - self.decay * m_steady)
     }
 
+    /// Torque current over magnetising current, for a torque current and `1/|ψ_R|`.
+    #[inline(always)]
+    pub fn load(&self, i_q: R, inv_psi_r: R) -> R {
+        i_q * inv_psi_r * self.l_m
+    }
+
     /// Row of `m` in `F`: coefficient of `m` itself.
     #[inline(always)]
     pub fn rotor_own(&self, at: &OperatingPoint<R>) -> R {

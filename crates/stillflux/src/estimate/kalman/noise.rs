@@ -43,8 +43,10 @@
 //! | distance from the steady state | `TRANSIENT` 0.1 (of [`super::model`]) | `S` |
 //! | the same, by `r_R` | `LAG` 3 | `m` |
 //! | product of the errors of the angle, as it acts on `i·n`, and of `r_R` | `LAG` 3, up to `SIGMA_TURN` 0.03 rad, from `OMEGA_TURN` 0.002 on in full | `m` |
+//! | square of the error of the angle, as it acts on `i·n` | `CURVATURE` 2, up to `SIGMA_CURVED` 0.3 rad, fades up to `ω_s` = 1/`INV_OMEGA_CURVED` = 0.01 | `m` |
 //! | voltage error that grows with frequency | `INDUCED` 0.05 pu per √s and pu of `ω_s` | `ψ_s` |
 //! | voltage near a current zero | `ZERO_PU` 5e-3 pu a block, up to `ω_s` = 1/`INV_OMEGA_ZERO` = 0.1, at least `ZERO_MIN` 2e-3 pu of current | `ψ_s` along the phase's axis |
+//! | the same under load | `PASSING_PU` 0.015 pu a block, in full from `\|i_q\|/i_d` = 1/`INV_LOADED` = 1/8 on, up to `ω_s` = 1/`INV_OMEGA_PASSING` = 0.02 | `ψ_s` along the phase's axis |
 //! | step assumed from the NIS, a block, times √excess | `STEP_PSI` 0.01 pu, `STEP_B` 2e-3 pu, `STEP_R_S` 0.02 relative | `ψ_s`, `b`, `r_s` |
 //! | error of the sum of the phase currents | `OF_SUM` 2/3 of what exceeds `OF_GAINS` 0.02 of a change of `i_q` | `b`, at least |
 //! | least scaled variance | `FLOOR` 1e-7 | every state |
@@ -105,12 +107,27 @@ const SIGMA_TURN: f64 = 0.03;
 /// slower it is a constant, to which `m` has settled; as noise it would only widen the variance of `m`, and let it drift.
 /// Allowance: with 0.001 to 0.004 as many drives are lost (16 to 17 of 30 that keep zero stator frequency under rated load).
 const OMEGA_TURN: f64 = 0.002;
+/// Weight of [`Noise::by_curvature`]; derived there, it is 0.7 for one rotor time constant. Allowance for the several that a field
+/// stands.
+const CURVATURE: f64 = 2.0;
+/// Deviation of the angle up to which the square of its error is noise, rad: the correction by a larger one is small already.
+const SIGMA_CURVED: f64 = 0.3;
+/// Reciprocal of the stator frequency, per unit, up to which it is added. A field that turns shows its angle by the voltage.
+const INV_OMEGA_CURVED: f64 = 100.0;
 /// Flux error that a block adds along the axis of a phase whose current is near zero, per unit. Allowance for some
 /// tenths of the dead-time voltage over the fifth of a second that a slow field stays there.
 const ZERO_PU: f64 = 5e-3;
 /// Reciprocal of the stator frequency, per unit, up to which it is added: a faster field passes the zero within a block
 /// or two.
 const INV_OMEGA_ZERO: f64 = 10.0;
+/// The same in a field that is loaded, or was of late: one that passes the zero so slowly, or stands in it, takes the error of the
+/// bridge's curve with its sign for as long, and flux and resistance would take it for their own. Allowance.
+const PASSING_PU: f64 = 0.015;
+/// Reciprocal of the torque current over the magnetising one from which on it counts in full: without load the angle is not
+/// observable, and noise would only let it go.
+const INV_LOADED: f64 = 8.0;
+/// Reciprocal of the stator frequency, per unit, up to which that is added.
+const INV_OMEGA_PASSING: f64 = 50.0;
 /// Least half width of the current range in which it is added, per unit; otherwise the current change within a dead
 /// time.
 const ZERO_MIN: f64 = 2e-3;
@@ -134,6 +151,12 @@ const OF_GAINS: f64 = 0.02;
 /// A change of load is weighed by them; over minutes errors of the bridge near current zero, which are no noise, would go by
 /// them into the flux. Allowance.
 pub(super) const FORGOTTEN: f64 = 1.0 / 4096.0;
+/// Part of the recent load ([`Noise::zero`]) that a stated block forgets: some half a second, the time of a zero at
+/// `ω_s` = 0.001. Allowance.
+const LOAD_FORGOTTEN: f64 = 1.0 / 512.0;
+/// Part of the recent deviation of the angle ([`Noise::by_curvature`]) that a stated block forgets: some four seconds, for which a
+/// flux on the wrong side of the current can look like the right one. Allowance.
+const SIGMA_FORGOTTEN: f64 = 1.0 / 4096.0;
 /// Corner of the low-pass of the normalised innovation squared, per stated block.
 const NIS_CORNER: f64 = 0.05;
 /// Blocks after a start in which the NIS is not evaluated (hold-off): initial errors are not steps.
@@ -200,11 +223,15 @@ pub(super) struct Noise<R: Real> {
     pub nis_corner: R,
     /// Part of the correlations with the leakage that is left after a block in which it is not corrected.
     pub remembered: R,
+    /// Part of the recent load that is left after a block.
+    pub load_remembered: R,
+    /// The same of the recent deviation of the angle.
+    pub sigma_remembered: R,
     /// Blocks after a start in which the NIS is not evaluated (hold-off).
     pub hold_off: u16,
 }
 words!(Noise: offset, resistance, knee, calibrated, c_known, prior, walk, induced, zero, part, stated, nis_corner,
-    remembered, hold_off);
+    remembered, load_remembered, sigma_remembered, hold_off);
 
 impl<R: Real> Noise<R> {
     /// For validated parameters and blocks of `seconds`, of which the stated block is a `part`, of a machine whose
@@ -257,6 +284,8 @@ impl<R: Real> Noise<R> {
             stated: r(1.0 / part),
             nis_corner: r(NIS_CORNER / part),
             remembered: r(1.0 - FORGOTTEN / part),
+            load_remembered: r(1.0 - LOAD_FORGOTTEN / part),
+            sigma_remembered: r(1.0 - SIGMA_FORGOTTEN / part),
             hold_off: (HOLD_OFF * part) as u16,
         }
     }
@@ -319,11 +348,30 @@ impl<R: Real> Noise<R> {
         by_turn * by_turn * self.part * turning
     }
 
-    /// Variance added along the axis of a phase whose current is near zero ([`Noise::near_zero`]).
+    /// Variance added to `m` in a field that stands, for the square of an error of the angle with the standard deviation
+    /// `sigma`, rad. By an error `δ` the current along the flux is less by `i_d δ²/2` than what the derivatives have, `i_q δ`,
+    /// which without load is nothing. Its variance for Gaussian `δ` is `i_d² σ⁴/2`, the same for as long as the field stands;
+    /// over a rotor time constant, `1/decay` blocks of `decay · m δ²/2`, as white noise it is `m² σ⁴/2 decay` a block.
+    /// `sigma` is the largest of late: of the two angles that the current model allows the filter takes one and forgets the other.
+    /// `omega`: magnitude of the stator frequency.
     #[inline(always)]
-    pub fn zero(&self, omega: R) -> R {
-        let slow = (R::ONE - omega * R::from_f64(INV_OMEGA_ZERO)).max(R::ZERO);
-        R::from_f64(const { scaled(ZERO_PU, SCALE_PSI) }) * self.stated * slow * slow
+    pub fn by_curvature(&self, decay: R, m: R, sigma: R, omega: R) -> R {
+        let sigma = sigma.min(R::from_f64(SIGMA_CURVED));
+        let by_curvature = m * (sigma * sigma) * R::from_f64(CURVATURE / SCALE_PSI);
+        let standing = (R::ONE - omega * R::from_f64(INV_OMEGA_CURVED)).max(R::ZERO);
+        by_curvature * by_curvature * decay * standing
+    }
+
+    /// Variance added along the axis of a phase whose current is near zero ([`Noise::near_zero`]); `load`: the largest recent
+    /// torque current over the magnetising one.
+    #[inline(always)]
+    pub fn zero(&self, omega: R, load: R) -> R {
+        let within = |inv_omega: f64| (R::ONE - omega * R::from_f64(inv_omega)).max(R::ZERO);
+        let (slow, passing) =
+            (within(INV_OMEGA_ZERO), within(INV_OMEGA_PASSING) * (load * R::from_f64(INV_LOADED)).min(R::ONE));
+        let variance = R::from_f64(const { scaled(ZERO_PU, SCALE_PSI) }) * (slow * slow)
+            + R::from_f64(const { scaled(PASSING_PU, SCALE_PSI) }) * (passing * passing);
+        variance * self.stated
     }
 
     /// Least variance of a component of the offset where the sum of the phase currents has an error, and the torque current

@@ -221,6 +221,7 @@ struct Reference {
     inv_s: f64,
     /// Deviation of the angle, rad.
     sigma: f64,
+    sigma_of_late: f64,
     /// Direction of the rotor flux when the gain was computed.
     n: Vector2<f64>,
     i_s: Vector2<f64>,
@@ -264,6 +265,7 @@ impl Reference {
             pending: None,
             inv_s: filter.inv_s,
             sigma: filter.sigma,
+            sigma_of_late: filter.sigma_of_late,
             n: Vector2::new(filter.point.n.cos, filter.point.n.sin),
             i_s: vector(&filter.i_s),
             i_ref: vector(&filter.point.i_s),
@@ -317,6 +319,7 @@ impl Reference {
         let i_ref = Rotator { cos: d.x, sin: d.y }.to_stator(input.i_ref);
         let d_i = vector(&i_ref) - self.i_ref;
         self.i_ref = vector(&i_ref);
+        self.load.remember(model.load(input.i_ref.im(), inv), self.c.noise.load_remembered);
         let means = BlockMeans {
             n: Rotator { cos: n.x, sin: n.y },
             inv_psi_r: inv,
@@ -408,6 +411,7 @@ impl Reference {
         }
         q[(M, M)] += self.c.noise.lag(model.decay, at.transient);
         q[(M, M)] += self.c.noise.by_turn(at.turn, self.x[M], self.sigma, omega);
+        q[(M, M)] += self.c.noise.by_curvature(model.decay, self.x[M], self.sigma_of_late, omega);
         for k in 0..2 {
             q[(PSI + k, PSI + k)] += self.c.noise.induced(omega);
         }
@@ -416,7 +420,7 @@ impl Reference {
             let e = Vector2::new(axis.to_radians().cos(), axis.to_radians().sin());
             if self.c.noise.near_zero(e.dot(&vector(&at.i_s))) {
                 let mut view = q.fixed_view_mut::<2, 2>(PSI, PSI);
-                view += e * e.transpose() * self.c.noise.zero(omega);
+                view += e * e.transpose() * self.c.noise.zero(omega, self.load.of_late());
             }
         }
         p += q;
@@ -435,6 +439,7 @@ impl Reference {
             of_angle += by_leakage.powi(2) * p[(LEAKAGE, LEAKAGE)] + by_gamma.powi(2) * p[(GAMMA, GAMMA)];
         }
         self.sigma = of_angle.sqrt() * SCALE_PSI * at.inv_psi_r;
+        self.sigma_of_late = (self.sigma_of_late * self.c.noise.sigma_remembered).max(self.sigma);
         // The second-order term of |ψ_R|: twice the square of σ² |ψ_R|, both in units of the scale.
         let second = turned * SCALE_PSI * at.inv_psi_r;
         let further = noise::MEASUREMENT + at.transient * at.transient + 2.0 * second * second;

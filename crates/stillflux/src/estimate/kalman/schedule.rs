@@ -243,11 +243,12 @@ impl<R: Real> Filter<R> {
         }
         walk[M] += c.noise.lag(c.model.decay, q.transient);
         walk[M] += c.noise.by_turn(q.turn, self.m.value(), self.sigma, omega);
+        walk[M] += c.noise.by_curvature(c.model.decay, self.m.value(), self.sigma_of_late, omega);
         let induced = c.noise.induced(omega);
         walk[PSI] += induced;
         walk[PSI + 1] += induced;
 
-        let zero = c.noise.zero(omega);
+        let zero = c.noise.zero(omega, self.load.of_late());
         // Products of the components of the phase axes: (1, 0), (-1/2, ±√3/2).
         let (three_quarters, mixed) = (R::from_f64(0.75), R::from_f64(0.433_012_701_892_219_3));
         for (k, i) in q.i_s.to_phases().into_iter().enumerate() {
@@ -295,6 +296,7 @@ impl<R: Real> Filter<R> {
             turned += by_leakage * by_leakage * p.get(LEAKAGE, LEAKAGE) + by_gamma * by_gamma * p.get(GAMMA, GAMMA);
         }
         self.sigma = turned.sqrt() * scale * q.inv_psi_r;
+        self.sigma_of_late = (self.sigma_of_late * c.noise.sigma_remembered).max(self.sigma);
 
         if !(self.valid && c.correct) {
             self.intermediate = Intermediate::Nothing;

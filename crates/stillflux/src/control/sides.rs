@@ -1,0 +1,431 @@
+//! Side of the current on which the rotor flux lies while the field stands: tried out, one after the other. Per unit.
+//!
+//! While the field stands the current is a direct current. A light load then turns the shaft slowly, and the shaft drags the
+//! rotor flux out of the current,
+//!
+//! ```text
+//! ψ_R = L_M i/(1 - jω τ_r):    tan δ = ω τ_r,    |ψ_R| = L_M i cos δ
+//! ```
+//!
+//! with a torque of up to `3/4 n_p L_M i_d²` at 45°: a light load finds its equilibrium there, and the voltage shows none of it
+//! once it is reached. The current model has the same flux at `δ` and at `-δ`, and an estimate may settle on either, or stay
+//! along the current. Two signs tell of it, each of a field that stands while its angle is not known:
+//!
+//! ```text
+//! collapsed:  i_μ(|ψ̂_R|) < COLLAPSED i_d for N calls, in which |ψ̂_R| does not rise: the voltage has shown that the flux falls
+//! against:    ω̂ and T̂ of opposite sign for M calls: a shaft that runs ever faster against the torque of its drive
+//! ```
+//!
+//! The flux is then turned, and only integrated for `P` calls: to `δ` on one side of the current, `cos δ = i_μ(|ψ̂_R|)/i_d`, where
+//! it has collapsed, or from its side of the current to the other where the shaft runs against the torque. The current follows
+//! the estimated flux, and shows whether the true one is there:
+//!
+//! ```text
+//! right:   |ψ_R| rises by (1 - cos δ)(1 - e⁻ᴾ) of it, since the current lies along it now
+//! wrong:   |ψ_R| falls by three times that and more, since the current lies at 2δ
+//! kept:    -(1 - cos δ)(1 - e⁻ᴾ) < Δ|ψ̂_R|/|ψ̂_R| < RISES,    in the middle; more than RISES is an error of the voltage
+//! ```
+//!
+//! A flux along the current whose magnetising current is told too small by as much lies at the lower limit: a trial does not tell it
+//! from one that is right.
+//!
+//! A flux that is not kept is turned to the other side for another `P`, and then, as one that was mirrored, back to where it was:
+//! `i_μ` has an error of `L_M`, or the angle was not what was wrong.
+//!
+//! The first side of a flux that has collapsed is the one that lets it lag behind the phase zero ahead of the current
+//! ([`stands_before_a_zero`]): a current that the error of the bridge's curve holds at a zero stands before it in the direction
+//! in which its flux is dragged. With the other side first half as many drives of 48 V again are lost.
+//!
+//! `N` is 0.3, `M` 0.21 and `P` 0.25 rotor time constants. Validity: the enhanced scheme, whose filter knows that it does not know
+//! the angle; at light loads, where the innovation does not show it.
+
+use crate::scalar::{Real, likely};
+use crate::space::{AlphaBeta, Rotator};
+use crate::words::words;
+
+/// Magnetising current of the flux over the current along it, below which the flux counts as collapsed: `cos 22°`. Allowance: twice
+/// the tolerance of `L_M` that a start leaves.
+pub(crate) const COLLAPSED: f64 = 0.93;
+/// Least cosine of the angle between current and flux that is tried.
+const COS_MIN: f64 = 0.5;
+/// Part of the flux by which it may rise while it counts as collapsed, and in a trial.
+const STEADY: f64 = 0.005;
+const RISES: f64 = 0.04;
+/// `1 - e⁻ᴾ`, the part of its way that a flux goes in a trial.
+const GONE: f64 = 0.22;
+/// Speed, per unit, and torque current over magnetising current from which on the shaft may run against the torque.
+const RUNS: f64 = 1.5e-3;
+const AGAINST: f64 = 0.03;
+/// Deviation of the angle, rad, from which on it may be that of the other side.
+const UNKNOWN: f64 = 0.25;
+/// Coefficient of the means of flux, currents and speed.
+const SMOOTH: f64 = 1.0 / 16.0;
+/// Calls until the next suspicion, in units of those of the suspicion.
+const PAUSE: u32 = 3;
+
+/// Settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct SidesConfig<R: Real> {
+    /// Calls of a flux that has collapsed, `N`, and of a shaft that runs against the torque, `M`; `u32::MAX`: never.
+    pub collapse: u32,
+    pub against: u32,
+    /// Calls of a trial, `P`.
+    pub trial: u32,
+    /// Magnetising current of the flux over the current along it, below which the flux counts as collapsed.
+    pub collapsed: R,
+}
+words!(SidesConfig: collapse, against, trial, collapsed);
+
+/// What is under way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+enum Stage {
+    /// Nothing but the suspicion.
+    #[default]
+    Watching,
+    /// The trial of the first side of a flux that has collapsed, and of the second one.
+    First,
+    Second,
+    /// The trial of the other side of a flux that has not.
+    Mirrored,
+    /// The time after a trial.
+    Pausing,
+}
+
+/// State.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Sides<R: Real> {
+    stage: Stage,
+    /// Calls since it began, or of a flux that has collapsed; calls of a shaft that runs against the torque.
+    calls: u32,
+    against: u32,
+    /// `|ψ̂_R|` when it began.
+    psi_r: R,
+    /// Means of what makes the suspicion.
+    mean: Means<R>,
+    /// Angle of the first turn.
+    turn: Rotator<R>,
+}
+
+/// Quantities of a field that stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
+pub struct Means<R: Real> {
+    /// Magnetising current of the flux, current along it and across it, all times `l_M`.
+    pub magnetised: R,
+    pub along: R,
+    pub across: R,
+    /// Stator current.
+    pub i_s: AlphaBeta<R>,
+    /// Speed.
+    pub omega_m: R,
+}
+
+impl<R: Real> Means<R> {
+    fn follow(&mut self, x: &Self) {
+        let smooth = |mean: &mut R, value: R| *mean += (value - *mean) * R::from_f64(SMOOTH);
+        smooth(&mut self.magnetised, x.magnetised);
+        smooth(&mut self.along, x.along);
+        smooth(&mut self.across, x.across);
+        self.i_s += (x.i_s - self.i_s) * R::from_f64(SMOOTH);
+        smooth(&mut self.omega_m, x.omega_m);
+    }
+
+    /// `cos δ` of a flux that has collapsed, given the part of the current along it.
+    fn cosine(&self, part: R) -> R {
+        (self.magnetised * self.along.recip() * part).max(R::from_f64(COS_MIN)).min(R::ONE)
+    }
+}
+
+impl<R: Real> Default for Sides<R> {
+    fn default() -> Self {
+        let (calls, against) = (0, 0);
+        Self {
+            stage: Stage::Watching,
+            calls,
+            against,
+            psi_r: R::ZERO,
+            mean: Means::default(),
+            turn: Rotator::default(),
+        }
+    }
+}
+
+/// A field that stands.
+#[derive(Clone, Copy, Debug)]
+pub struct StandingField<R: Real> {
+    /// Magnitude of the rotor flux.
+    pub psi_r: R,
+    /// Deviation of its angle, rad.
+    pub sigma: R,
+    /// What means are formed of.
+    pub now: Means<R>,
+}
+
+impl<R: Real> Sides<R> {
+    /// Whether a side is tried out: the flux is only integrated.
+    #[inline(always)]
+    pub fn is_trying(&self) -> bool {
+        !matches!(self.stage, Stage::Watching | Stage::Pausing)
+    }
+
+    /// Whether there is nothing that a field which does not stand has to end.
+    #[inline(always)]
+    pub fn is_idle(&self) -> bool {
+        likely(self.stage == Stage::Watching && self.calls == 0 && self.against == 0)
+    }
+
+    /// The field does not stand, or its angle is known: a trial goes on, a suspicion ends.
+    pub fn interrupt(&mut self) {
+        if !self.is_trying() {
+            *self = Self::default();
+        }
+    }
+
+    /// One call with a field that stands: by which angle the flux has to be turned.
+    pub fn step(&mut self, c: &SidesConfig<R>, x: &StandingField<R>) -> Option<Rotator<R>> {
+        self.calls += 1;
+        match self.stage {
+            Stage::Watching => {
+                self.calls -= 1;
+                self.mean.follow(&x.now);
+                let turn = self.mirrored(c, x).or_else(|| self.collapsed(c, x));
+                if let Some(turn) = turn {
+                    self.turn = turn;
+                }
+                turn
+            }
+            Stage::Pausing => {
+                if self.calls >= c.collapse.saturating_mul(PAUSE) {
+                    self.begin(Stage::Watching, x.psi_r);
+                }
+                None
+            }
+            _ if self.calls < c.trial => None,
+            stage => {
+                let Rotator { cos, sin } = self.turn;
+                let kept = self.is_kept(x.psi_r);
+                self.begin(if stage == Stage::First && !kept { Stage::Second } else { Stage::Pausing }, x.psi_r);
+                match stage {
+                    _ if kept => None,
+                    Stage::First => Some(Rotator { cos: cos * cos - sin * sin, sin: -(sin * cos + sin * cos) }),
+                    Stage::Second => Some(self.turn),
+                    _ => Some(Rotator { cos, sin: -sin }),
+                }
+            }
+        }
+    }
+
+    fn begin(&mut self, stage: Stage, psi_r: R) {
+        (self.stage, self.calls, self.against, self.psi_r) = (stage, 0, 0, psi_r);
+    }
+
+    /// Whether a flux that was turned may be the true one.
+    fn is_kept(&self, psi_r: R) -> bool {
+        let least = R::ONE - (R::ONE - self.turn.cos) * R::from_f64(GONE);
+        psi_r > self.psi_r * least && psi_r < self.psi_r * R::from_f64(1.0 + RISES)
+    }
+
+    /// The turn to the other side of the current, where the shaft runs against the torque.
+    fn mirrored(&mut self, c: &SidesConfig<R>, x: &StandingField<R>) -> Option<Rotator<R>> {
+        let Means { along, across, omega_m, .. } = self.mean;
+        let runs = !omega_m.within(R::from_f64(RUNS)) && !across.within(along * R::from_f64(AGAINST));
+        if runs && (omega_m < R::ZERO) != (across < R::ZERO) {
+            self.against += 1;
+        } else {
+            self.against = self.against.saturating_sub(1);
+        }
+        if self.against < c.against || x.sigma < R::from_f64(UNKNOWN) {
+            return None;
+        }
+        // To the current, and beyond it by as much, or by the angle at which the flux would have collapsed so far.
+        let tan = (across * along.recip()).limit(R::ONE);
+        let cos = (R::ONE + tan * tan).rsqrt();
+        let sin = tan * cos;
+        let beyond = self.mean.cosine(cos).min(cos);
+        let sine = (R::ONE - beyond * beyond).max(R::ZERO).sqrt();
+        let sine = if sin < R::ZERO { -sine } else { sine };
+        self.begin(Stage::Mirrored, x.psi_r);
+        Some(Rotator { cos: cos * beyond - sin * sine, sin: sin * beyond + cos * sine })
+    }
+
+    /// The turn to the first side of the current, where the flux has collapsed.
+    fn collapsed(&mut self, c: &SidesConfig<R>, x: &StandingField<R>) -> Option<Rotator<R>> {
+        let Means { magnetised, along, .. } = self.mean;
+        if magnetised >= along * c.collapsed {
+            self.calls = self.calls.saturating_sub(1);
+            return None;
+        }
+        if self.calls == 0 || x.psi_r > self.psi_r * R::from_f64(1.0 + STEADY) {
+            (self.calls, self.psi_r) = (0, x.psi_r);
+        }
+        self.calls += 1;
+        if self.calls < c.collapse {
+            return None;
+        }
+        let cos = self.mean.cosine(R::ONE);
+        let sin = (R::ONE - cos * cos).max(R::ZERO).sqrt();
+        self.begin(Stage::First, x.psi_r);
+        Some(Rotator { cos, sin: if stands_before_a_zero(&self.mean.i_s) { -sin } else { sin } })
+    }
+}
+
+/// Whether the zero of a phase current that is nearest to a current lies ahead of it, in the positive direction.
+fn stands_before_a_zero<R: Real>(i_s: &AlphaBeta<R>) -> bool {
+    let [a, b, c] = i_s.to_phases();
+    // A phase current, and √3 times the component across its axis.
+    let by_phase = [(a, b - c), (b, c - a), (c, a - b)];
+    let nearest = by_phase.into_iter().reduce(|x, y| if y.0.abs() < x.0.abs() { y } else { x });
+    nearest.is_some_and(|(along, across)| (along < R::ZERO) == (across < R::ZERO))
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::vec::Vec;
+
+    use super::*;
+
+    const C: SidesConfig<f64> = SidesConfig { collapse: 60, against: 42, trial: 50, collapsed: COLLAPSED };
+    /// Rotor time constant in calls, and `l_M`.
+    const TAU_R: f64 = 200.0;
+    const L_M: f64 = 2.5;
+
+    /// A machine at a direct current that follows the estimated flux, and a shaft that turns by `speed` of `1/τ_r` whatever the
+    /// torque.
+    struct Rig {
+        sides: Sides<f64>,
+        speed: f64,
+        /// Further decay of the flux.
+        decays: f64,
+        /// Rotor flux, angle of the estimated one, and of the current against that.
+        psi_r: AlphaBeta<f64>,
+        angle: f64,
+        phi: f64,
+        /// `L_M` of the parameters over that of the machine.
+        told: f64,
+        sigma: f64,
+        omega_m: f64,
+    }
+
+    impl Rig {
+        /// In the steady state of a current in a direction, along the estimated flux.
+        fn new(speed: f64, direction: f64) -> Self {
+            let (cos, delta) = (1.0 / speed.hypot(1.0), speed.atan());
+            let psi_r = AlphaBeta::new(cos * (direction + delta).cos(), cos * (direction + delta).sin());
+            Self {
+                sides: Sides::default(),
+                speed,
+                decays: 0.0,
+                psi_r,
+                angle: direction,
+                phi: 0.0,
+                told: 1.0,
+                sigma: 0.5,
+                omega_m: 0.0,
+            }
+        }
+
+        /// Error of the estimated angle, degrees.
+        fn error(&self) -> f64 {
+            let (sin, cos) = self.angle.sin_cos();
+            self.psi_r.cross(&AlphaBeta::new(cos, sin)).atan2(self.psi_r.dot(&AlphaBeta::new(cos, sin))).to_degrees()
+        }
+
+        /// Calls; in which of them the flux was turned, and by how many degrees.
+        fn run(&mut self, c: &SidesConfig<f64>, calls: u32) -> Vec<(u32, f64)> {
+            let mut turns = Vec::new();
+            for k in 0..calls {
+                let (sin, cos) = (self.angle + self.phi).sin_cos();
+                let i_s = AlphaBeta::new(cos / L_M, sin / L_M);
+                let slope = i_s * L_M - self.psi_r * (1.0 + self.decays)
+                    + AlphaBeta::new(-self.psi_r.im(), self.psi_r.re()) * self.speed;
+                self.psi_r += slope * (1.0 / TAU_R);
+                let psi_r = self.psi_r.norm_sq().sqrt();
+                let now = Means {
+                    magnetised: psi_r * self.told,
+                    along: self.phi.cos(),
+                    across: self.phi.sin(),
+                    i_s,
+                    omega_m: self.omega_m,
+                };
+                if let Some(turn) = self.sides.step(c, &StandingField { psi_r, sigma: self.sigma, now }) {
+                    let by = turn.sin.atan2(turn.cos);
+                    self.angle += by;
+                    turns.push((k, by.to_degrees()));
+                }
+            }
+            turns
+        }
+    }
+
+    #[test]
+    fn a_flux_that_has_collapsed_is_found_on_either_side_of_the_current() {
+        for speed in [0.4, 0.43] {
+            // The current before a zero and behind one: the first side is the right one in one of the two.
+            for (sign, degrees) in [(1.0, 89.0), (1.0, 91.0), (-1.0, 89.0), (-1.0, 91.0)] {
+                let mut rig = Rig::new(sign * speed, f64::to_radians(degrees));
+                assert!((rig.error().abs() - speed.atan().to_degrees()).abs() < 0.1);
+                let turns = rig.run(&C, 200);
+                let first = (sign < 0.0) == (degrees < 90.0);
+                assert_eq!(turns.len(), if first { 1 } else { 2 }, "{sign} {degrees}: {turns:?}");
+                assert_eq!(turns[0].0, C.collapse - 1);
+                assert!(rig.error().abs() < 15.0, "{sign} {degrees}: {}°, {turns:?}", rig.error());
+            }
+        }
+    }
+
+    #[test]
+    fn a_flux_that_falls_on_either_side_is_turned_back() {
+        for degrees in [89.0, 91.0, 200.0] {
+            let mut rig = Rig { told: 0.9, decays: 0.5, ..Rig::new(0.0, f64::to_radians(degrees)) };
+            let turns = rig.run(&C, 200);
+            assert_eq!(turns.len(), 3, "{turns:?}");
+            assert!((rig.angle - f64::to_radians(degrees)).abs() < 1e-6, "{}", rig.angle);
+            assert!(rig.run(&C, 100).is_empty(), "not again at once");
+        }
+    }
+
+    #[test]
+    fn the_flux_of_a_shaft_that_runs_against_its_torque_is_mirrored_about_the_current() {
+        for sign in [1.0, -1.0] {
+            let at = |sigma, omega_m| {
+                let mut rig = Rig { sigma, omega_m, ..Rig::new(sign * 0.1, 0.3) };
+                // The estimate is as far from the current as the flux, on the other side.
+                rig.angle -= sign * 0.1;
+                rig.phi = sign * 0.1;
+                let turns = rig.run(&C, 100);
+                (turns, rig.error())
+            };
+            let (turns, error) = at(0.5, -sign * 0.003);
+            assert_eq!(turns.len(), 1, "{turns:?}");
+            assert!((turns[0].1 - sign * 0.2_f64.to_degrees()).abs() < 1.5 && error.abs() < 3.0, "{turns:?} {error}");
+            assert!(at(0.1, -sign * 0.003).0.is_empty(), "an angle that is known");
+            assert!(at(0.5, sign * 0.003).0.is_empty(), "a shaft that follows its torque");
+            assert!(at(0.5, -sign * 0.001).0.is_empty(), "a shaft that all but stands");
+        }
+    }
+
+    #[test]
+    fn without_the_setting_nothing_is_turned() {
+        let never = SidesConfig { collapse: u32::MAX, against: u32::MAX, ..C };
+        let mut rig = Rig { omega_m: 0.01, phi: -0.2, ..Rig::new(0.8, 1.5) };
+        assert!(rig.run(&never, 2000).is_empty() && !rig.sides.is_trying());
+    }
+
+    #[test]
+    fn a_zero_lies_ahead_within_the_half_of_a_sector_before_it() {
+        for sector in 0..6 {
+            for (degrees, ahead) in [(1.0, false), (20.0, false), (40.0, true), (59.0, true)] {
+                let (sin, cos) = f64::to_radians(30.0 + 60.0 * f64::from(sector) + degrees).sin_cos();
+                assert_eq!(stands_before_a_zero(&AlphaBeta::new(cos, sin)), ahead, "{sector} {degrees}");
+            }
+        }
+    }
+}
