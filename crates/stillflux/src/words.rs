@@ -168,10 +168,17 @@ impl<T: Words> Words for Option<T> {
     }
 }
 
-/// [`Words`] of a struct over an arithmetic, field by field; a field that is forgotten does not compile.
+/// [`Words`] of a struct over an arithmetic, or of one that has none (`struct`), field by field; a field that is forgotten does
+/// not compile.
 macro_rules! words {
-    ($name:ident: $($(#[$built:meta])* $field:ident),* $(,)?) => {
-        impl<R: $crate::scalar::Real> $crate::words::Words for $name<R> {
+    (struct $name:ident: $($fields:tt)*) => {
+        $crate::words::words!(@ [] [$name] $name: $($fields)*);
+    };
+    ($name:ident: $($fields:tt)*) => {
+        $crate::words::words!(@ [R: $crate::scalar::Real] [$name<R>] $name: $($fields)*);
+    };
+    (@ [$($arithmetic:tt)*] [$of:ty] $name:ident: $($(#[$built:meta])* $field:ident),* $(,)?) => {
+        impl<$($arithmetic)*> $crate::words::Words for $of {
             const LEN: usize = {
                 let mut n = 0;
                 $($(#[$built])* { n += $crate::words::of_field(|x: &Self| &x.$field).0; })*

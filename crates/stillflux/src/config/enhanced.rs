@@ -5,7 +5,7 @@ use crate::base::{PerUnit, rounded};
 use crate::control::levels::LevelsConfig;
 use crate::control::shift::ShiftConfig;
 #[cfg(feature = "supervision")]
-use crate::control::sides::{COLLAPSED, SidesConfig};
+use crate::control::sides::SidesConfig;
 use crate::estimate::balance::BalanceConfig;
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::kalman::{FilterConfig, Identified};
@@ -32,14 +32,14 @@ const BALANCE_RATE: f64 = 2.1;
 const BALANCE_OFFSET_RATE: f64 = 0.34;
 /// Largest load in the shifted flux, relative to the pull-out torque there.
 const PULL_OUT_USE: f64 = 0.6;
-/// Durations for which a flux has to have collapsed, or a shaft to run against the torque, before another side of the current
+/// Durations for which a flux has to have collapsed, or a shaft to turn against the torque, before another side of the current
 /// is tried, and of the trial, in rotor time constants ([`crate::control::sides`]).
 #[cfg(feature = "supervision")]
-const COLLAPSE: f64 = 0.3;
+const COLLAPSE_TIME: f64 = 0.3;
 #[cfg(feature = "supervision")]
-const AGAINST: f64 = 0.21;
+const AGAINST_TIME: f64 = 0.21;
 #[cfg(feature = "supervision")]
-const TRIAL: f64 = 0.25;
+const TRIAL_TIME: f64 = 0.25;
 /// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
 const SHIFT_RATE: f64 = 0.5;
 /// Time constant of the low-pass that leaves loads alone which pass the flux shift's range, s: longer than a load takes to pass,
@@ -55,7 +55,7 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub balance: BalanceConfig<R>,
     pub shift: ShiftConfig<R>,
     #[cfg(feature = "supervision")]
-    pub sides: SidesConfig<R>,
+    pub sides: SidesConfig,
     pub catch: CatchConfig<R>,
     /// What one control period takes off the logarithm of a free rotor flux, times 64.
     pub decay: R,
@@ -85,7 +85,8 @@ impl<R: Real> EnhancedConfig<R> {
     pub fn new(machine: &Machine, inverter: &Inverter, pu: &PerUnit, p: &DriveParams, i_q_max: f64) -> Self {
         let build_up_time = p.build_up_time(machine);
         // Seconds from one call of the flux shift to the next.
-        let call = f64::from(adapt_periods(slow_periods(inverter))) / inverter.f_c();
+        let adapt = f64::from(adapt_periods(slow_periods(inverter)));
+        let call = adapt / inverter.f_c();
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
         // ψ² (1 - σ)/(2 σl_s).
@@ -123,11 +124,15 @@ impl<R: Real> EnhancedConfig<R> {
             },
             #[cfg(feature = "supervision")]
             sides: {
-                let calls = |of_tau_r: f64| libm::round(of_tau_r * pu.tau_r / pu.base.omega / call).max(1.0) as u32;
+                let calls = |of_tau_r: f64| inverter.periods(of_tau_r * pu.tau_r / pu.base.omega / adapt);
                 // Not for a flux that is only integrated: what it is off by is its drift.
                 let on = p.realignment && p.enhanced.apply_innovation;
-                let (collapse, against) = if on { (calls(COLLAPSE), calls(AGAINST)) } else { (u32::MAX, u32::MAX) };
-                SidesConfig { collapse, against, trial: calls(TRIAL), collapsed: rounded(COLLAPSED) }
+                let suspicion = |time: f64| if on { calls(time) } else { u32::MAX };
+                SidesConfig {
+                    collapse: suspicion(COLLAPSE_TIME),
+                    against: suspicion(AGAINST_TIME),
+                    trial: calls(TRIAL_TIME),
+                }
             },
             catch: CatchConfig::new(pu, CATCH_BLOCK, inverter.f_c()),
             decay: rounded(64.0 * pu.t_s / pu.tau_r),

@@ -13,17 +13,17 @@
 //!
 //! ```text
 //! collapsed:  i_μ(|ψ̂_R|) < COLLAPSED i_d for N calls, in which |ψ̂_R| does not rise: the voltage has shown that the flux falls
-//! against:    ω̂ and T̂ of opposite sign for M calls: a shaft that runs ever faster against the torque of its drive
+//! against:    ω̂ and T̂ of opposite sign for M calls, and not small: a shaft that turns against the torque of its drive
 //! ```
 //!
 //! The flux is then turned, and only integrated for `P` calls: to `δ` on one side of the current, `cos δ = i_μ(|ψ̂_R|)/i_d`, where
-//! it has collapsed, or from its side of the current to the other where the shaft runs against the torque. The current follows
+//! it has collapsed, or from its side of the current to the other where the shaft turns against the torque. The current follows
 //! the estimated flux, and shows whether the true one is there:
 //!
 //! ```text
 //! right:   |ψ_R| rises by (1 - cos δ)(1 - e⁻ᴾ) of it, since the current lies along it now
 //! wrong:   |ψ_R| falls by three times that and more, since the current lies at 2δ
-//! kept:    -(1 - cos δ)(1 - e⁻ᴾ) < Δ|ψ̂_R|/|ψ̂_R| < RISES,    in the middle; more than RISES is an error of the voltage
+//! kept:    -(1 - cos δ) RESPONSE < Δ|ψ̂_R|/|ψ̂_R| < RISES,     in the middle; more than RISES is an error of the voltage
 //! ```
 //!
 //! A flux along the current whose magnetising current is told too small by as much lies at the lower limit: a trial does not tell it
@@ -34,7 +34,7 @@
 //!
 //! The first side of a flux that has collapsed is the one that lets it lag behind the phase zero ahead of the current
 //! ([`stands_before_a_zero`]): a current that the error of the bridge's curve holds at a zero stands before it in the direction
-//! in which its flux is dragged. With the other side first half as many drives of 48 V again are lost.
+//! in which its flux is dragged.
 //!
 //! `N` is 0.3, `M` 0.21 and `P` 0.25 rotor time constants. Validity: the enhanced scheme, whose filter knows that it does not know
 //! the angle; at light loads, where the innovation does not show it.
@@ -43,21 +43,26 @@ use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
 
-/// Magnetising current of the flux over the current along it, below which the flux counts as collapsed: `cos 22°`. Allowance: twice
-/// the tolerance of `L_M` that a start leaves.
-pub(crate) const COLLAPSED: f64 = 0.93;
+/// Stator frequency of a field that stands, per unit.
+const STANDS: f64 = 0.004;
+/// Recent torque current over the magnetising one, below which the innovation does not show the angle.
+const UNLOADED: f64 = 0.25;
+/// Deviation of an angle that is not known, rad: for a flux that has collapsed, and for one that may be on the other side of the
+/// current. All thresholds here are allowances.
+const SIGMA_UNKNOWN: f64 = 0.14;
+const SIGMA_MIRRORED: f64 = 0.25;
+/// Magnetising current of the flux over the current along it, below which the flux counts as collapsed: `cos 22°`.
+const COLLAPSED: f64 = 0.93;
 /// Least cosine of the angle between current and flux that is tried.
 const COS_MIN: f64 = 0.5;
 /// Part of the flux by which it may rise while it counts as collapsed, and in a trial.
-const STEADY: f64 = 0.005;
+const COLLAPSED_RISES: f64 = 0.005;
 const RISES: f64 = 0.04;
-/// `1 - e⁻ᴾ`, the part of its way that a flux goes in a trial.
-const GONE: f64 = 0.22;
-/// Speed, per unit, and torque current over magnetising current from which on the shaft may run against the torque.
-const RUNS: f64 = 1.5e-3;
-const AGAINST: f64 = 0.03;
-/// Deviation of the angle, rad, from which on it may be that of the other side.
-const UNKNOWN: f64 = 0.25;
+/// `1 - e⁻ᴾ`, the part of the way to its steady state that a flux goes in a trial.
+const RESPONSE: f64 = 0.22;
+/// Speed, per unit, and torque current over magnetising current, from which on a shaft turns against the torque.
+const SPEED_AGAINST: f64 = 1.5e-3;
+const LOAD_AGAINST: f64 = 0.03;
 /// Coefficient of the means of flux, currents and speed.
 const SMOOTH: f64 = 1.0 / 16.0;
 /// Calls until the next suspicion, in units of those of the suspicion.
@@ -66,17 +71,15 @@ const PAUSE: u32 = 3;
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub struct SidesConfig<R: Real> {
-    /// Calls of a flux that has collapsed, `N`, and of a shaft that runs against the torque, `M`; `u32::MAX`: never.
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct SidesConfig {
+    /// Calls of a flux that has collapsed, `N`, and of a shaft that turns against the torque, `M`; `u32::MAX`: never.
     pub collapse: u32,
     pub against: u32,
     /// Calls of a trial, `P`.
     pub trial: u32,
-    /// Magnetising current of the flux over the current along it, below which the flux counts as collapsed.
-    pub collapsed: R,
 }
-words!(SidesConfig: collapse, against, trial, collapsed);
+words!(struct SidesConfig: collapse, against, trial);
 
 /// What is under way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -96,27 +99,27 @@ enum Stage {
 }
 
 /// State.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Sides<R: Real> {
     stage: Stage,
-    /// Calls since it began, or of a flux that has collapsed; calls of a shaft that runs against the torque.
+    /// Calls since it began, or of a flux that has collapsed; calls of a shaft that turns against the torque.
     calls: u32,
     against: u32,
     /// `|ψ̂_R|` when it began.
     psi_r: R,
-    /// Means of what makes the suspicion.
-    mean: Means<R>,
+    /// Means.
+    mean: Quantities<R>,
     /// Angle of the first turn.
     turn: Rotator<R>,
 }
 
-/// Quantities of a field that stands.
+/// What makes a suspicion, of a field that stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub struct Means<R: Real> {
+pub struct Quantities<R: Real> {
     /// Magnetising current of the flux, current along it and across it, all times `l_M`.
     pub magnetised: R,
     pub along: R,
@@ -127,7 +130,8 @@ pub struct Means<R: Real> {
     pub omega_m: R,
 }
 
-impl<R: Real> Means<R> {
+impl<R: Real> Quantities<R> {
+    /// Means over some calls, without the ripple of the currents.
     fn follow(&mut self, x: &Self) {
         let smooth = |mean: &mut R, value: R| *mean += (value - *mean) * R::from_f64(SMOOTH);
         smooth(&mut self.magnetised, x.magnetised);
@@ -143,20 +147,6 @@ impl<R: Real> Means<R> {
     }
 }
 
-impl<R: Real> Default for Sides<R> {
-    fn default() -> Self {
-        let (calls, against) = (0, 0);
-        Self {
-            stage: Stage::Watching,
-            calls,
-            against,
-            psi_r: R::ZERO,
-            mean: Means::default(),
-            turn: Rotator::default(),
-        }
-    }
-}
-
 /// A field that stands.
 #[derive(Clone, Copy, Debug)]
 pub struct StandingField<R: Real> {
@@ -164,8 +154,8 @@ pub struct StandingField<R: Real> {
     pub psi_r: R,
     /// Deviation of its angle, rad.
     pub sigma: R,
-    /// What means are formed of.
-    pub now: Means<R>,
+    /// Present values.
+    pub now: Quantities<R>,
 }
 
 impl<R: Real> Sides<R> {
@@ -189,11 +179,12 @@ impl<R: Real> Sides<R> {
     }
 
     /// One call with a field that stands: by which angle the flux has to be turned.
-    pub fn step(&mut self, c: &SidesConfig<R>, x: &StandingField<R>) -> Option<Rotator<R>> {
-        self.calls += 1;
+    pub fn step(&mut self, c: &SidesConfig, x: &StandingField<R>) -> Option<Rotator<R>> {
+        if self.stage != Stage::Watching {
+            self.calls += 1;
+        }
         match self.stage {
             Stage::Watching => {
-                self.calls -= 1;
                 self.mean.follow(&x.now);
                 let turn = self.mirrored(c, x).or_else(|| self.collapsed(c, x));
                 if let Some(turn) = turn {
@@ -209,14 +200,13 @@ impl<R: Real> Sides<R> {
             }
             _ if self.calls < c.trial => None,
             stage => {
-                let Rotator { cos, sin } = self.turn;
                 let kept = self.is_kept(x.psi_r);
                 self.begin(if stage == Stage::First && !kept { Stage::Second } else { Stage::Pausing }, x.psi_r);
                 match stage {
                     _ if kept => None,
-                    Stage::First => Some(Rotator { cos: cos * cos - sin * sin, sin: -(sin * cos + sin * cos) }),
+                    Stage::First => Some(self.turn.turned_by(&self.turn).reversed()),
                     Stage::Second => Some(self.turn),
-                    _ => Some(Rotator { cos, sin: -sin }),
+                    _ => Some(self.turn.reversed()),
                 }
             }
         }
@@ -228,52 +218,66 @@ impl<R: Real> Sides<R> {
 
     /// Whether a flux that was turned may be the true one.
     fn is_kept(&self, psi_r: R) -> bool {
-        let least = R::ONE - (R::ONE - self.turn.cos) * R::from_f64(GONE);
+        let least = R::ONE - (R::ONE - self.turn.cos) * R::from_f64(RESPONSE);
         psi_r > self.psi_r * least && psi_r < self.psi_r * R::from_f64(1.0 + RISES)
     }
 
-    /// The turn to the other side of the current, where the shaft runs against the torque.
-    fn mirrored(&mut self, c: &SidesConfig<R>, x: &StandingField<R>) -> Option<Rotator<R>> {
-        let Means { along, across, omega_m, .. } = self.mean;
-        let runs = !omega_m.within(R::from_f64(RUNS)) && !across.within(along * R::from_f64(AGAINST));
-        if runs && (omega_m < R::ZERO) != (across < R::ZERO) {
-            self.against += 1;
+    /// The turn to the other side of the current, where the shaft turns against the torque.
+    fn mirrored(&mut self, c: &SidesConfig, x: &StandingField<R>) -> Option<Rotator<R>> {
+        let Quantities { along, across, omega_m, .. } = self.mean;
+        let small = omega_m.within(R::from_f64(SPEED_AGAINST)) || across.within(along * R::from_f64(LOAD_AGAINST));
+        if !small && (omega_m < R::ZERO) != (across < R::ZERO) {
+            self.against = self.against.saturating_add(1);
         } else {
             self.against = self.against.saturating_sub(1);
         }
-        if self.against < c.against || x.sigma < R::from_f64(UNKNOWN) {
+        if self.against < c.against || x.sigma < R::from_f64(SIGMA_MIRRORED) {
             return None;
         }
         // To the current, and beyond it by as much, or by the angle at which the flux would have collapsed so far.
         let tan = (across * along.recip()).limit(R::ONE);
         let cos = (R::ONE + tan * tan).rsqrt();
-        let sin = tan * cos;
-        let beyond = self.mean.cosine(cos).min(cos);
-        let sine = (R::ONE - beyond * beyond).max(R::ZERO).sqrt();
-        let sine = if sin < R::ZERO { -sine } else { sine };
+        let to_current = Rotator { cos, sin: tan * cos };
+        let beyond = angle_of(self.mean.cosine(cos).min(cos), to_current.sin < R::ZERO);
         self.begin(Stage::Mirrored, x.psi_r);
-        Some(Rotator { cos: cos * beyond - sin * sine, sin: sin * beyond + cos * sine })
+        Some(to_current.turned_by(&beyond))
     }
 
     /// The turn to the first side of the current, where the flux has collapsed.
-    fn collapsed(&mut self, c: &SidesConfig<R>, x: &StandingField<R>) -> Option<Rotator<R>> {
-        let Means { magnetised, along, .. } = self.mean;
-        if magnetised >= along * c.collapsed {
+    fn collapsed(&mut self, c: &SidesConfig, x: &StandingField<R>) -> Option<Rotator<R>> {
+        let Quantities { magnetised, along, .. } = self.mean;
+        if magnetised >= along * R::from_f64(COLLAPSED) {
             self.calls = self.calls.saturating_sub(1);
             return None;
         }
-        if self.calls == 0 || x.psi_r > self.psi_r * R::from_f64(1.0 + STEADY) {
+        if self.calls == 0 || x.psi_r > self.psi_r * R::from_f64(1.0 + COLLAPSED_RISES) {
             (self.calls, self.psi_r) = (0, x.psi_r);
         }
         self.calls += 1;
         if self.calls < c.collapse {
             return None;
         }
-        let cos = self.mean.cosine(R::ONE);
-        let sin = (R::ONE - cos * cos).max(R::ZERO).sqrt();
         self.begin(Stage::First, x.psi_r);
-        Some(Rotator { cos, sin: if stands_before_a_zero(&self.mean.i_s) { -sin } else { sin } })
+        Some(angle_of(self.mean.cosine(R::ONE), stands_before_a_zero(&self.mean.i_s)))
     }
+}
+
+/// Whether a field stands, given its frequency and the largest recent torque current over the magnetising one.
+#[inline(always)]
+pub fn stands<R: Real>(omega_s: R, load: R) -> bool {
+    omega_s.within(R::from_f64(STANDS)) && load < R::from_f64(UNLOADED)
+}
+
+/// Whether an angle with this deviation, rad, is not known.
+#[inline(always)]
+pub fn is_unknown<R: Real>(sigma: R) -> bool {
+    sigma > R::from_f64(SIGMA_UNKNOWN)
+}
+
+/// The angle of a cosine.
+fn angle_of<R: Real>(cos: R, negative: bool) -> Rotator<R> {
+    let sin = (R::ONE - cos * cos).max(R::ZERO).sqrt();
+    Rotator { cos, sin: if negative { -sin } else { sin } }
 }
 
 /// Whether the zero of a phase current that is nearest to a current lies ahead of it, in the positive direction.
@@ -292,7 +296,7 @@ mod tests {
 
     use super::*;
 
-    const C: SidesConfig<f64> = SidesConfig { collapse: 60, against: 42, trial: 50, collapsed: COLLAPSED };
+    const C: SidesConfig = SidesConfig { collapse: 60, against: 42, trial: 50 };
     /// Rotor time constant in calls, and `l_M`.
     const TAU_R: f64 = 200.0;
     const L_M: f64 = 2.5;
@@ -339,7 +343,7 @@ mod tests {
         }
 
         /// Calls; in which of them the flux was turned, and by how many degrees.
-        fn run(&mut self, c: &SidesConfig<f64>, calls: u32) -> Vec<(u32, f64)> {
+        fn run(&mut self, c: &SidesConfig, calls: u32) -> Vec<(u32, f64)> {
             let mut turns = Vec::new();
             for k in 0..calls {
                 let (sin, cos) = (self.angle + self.phi).sin_cos();
@@ -348,7 +352,7 @@ mod tests {
                     + AlphaBeta::new(-self.psi_r.im(), self.psi_r.re()) * self.speed;
                 self.psi_r += slope * (1.0 / TAU_R);
                 let psi_r = self.psi_r.norm_sq().sqrt();
-                let now = Means {
+                let now = Quantities {
                     magnetised: psi_r * self.told,
                     along: self.phi.cos(),
                     across: self.phi.sin(),
@@ -393,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn the_flux_of_a_shaft_that_runs_against_its_torque_is_mirrored_about_the_current() {
+    fn the_flux_of_a_shaft_that_turns_against_its_torque_is_mirrored_about_the_current() {
         for sign in [1.0, -1.0] {
             let at = |sigma, omega_m| {
                 let mut rig = Rig { sigma, omega_m, ..Rig::new(sign * 0.1, 0.3) };

@@ -11,7 +11,7 @@ use crate::config::{BALANCE_PERIODS, DriveConfig};
 use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 #[cfg(feature = "supervision")]
-use crate::control::sides::Sides;
+use crate::control::sides::{self, Sides};
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{Catch, LEAST};
 use crate::estimate::kalman::{Filter, Input, Learned};
@@ -35,9 +35,6 @@ const DIRECTION: f64 = 0.5;
 const STANDING: f64 = 0.035;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
-/// Stator frequency, per unit, of a field that stands ([`crate::control::sides`]).
-#[cfg(feature = "supervision")]
-const STANDS: f64 = 0.004;
 /// Stator frequency against the torque up to which the field may be about to pass zero frequency.
 const CROSSING: f64 = 0.0025;
 
@@ -163,7 +160,7 @@ impl<R: Real> EnhancedEstimators<R> {
     /// On which side of the current the flux lies, where the field stands ([`crate::control::sides`]).
     #[inline(always)]
     fn find_side(&mut self, c: &DriveConfig<R>) {
-        let stands = self.speed.omega_s.within(R::from_f64(STANDS)) && self.filter.is_unloaded();
+        let stands = sides::stands(self.speed.omega_s, self.filter.load_of_late());
         if !stands {
             self.curve = self.filter.magnetising_curve();
         }
@@ -176,7 +173,7 @@ impl<R: Real> EnhancedEstimators<R> {
     #[cold]
     #[inline(never)]
     fn try_sides(&mut self, c: &DriveConfig<R>, stands: bool) {
-        if !(self.sides.is_trying() || stands && self.filter.is_uncertain()) {
+        if !(self.sides.is_trying() || stands && sides::is_unknown(self.filter.sigma())) {
             self.sides.interrupt();
             return;
         }
@@ -210,7 +207,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             while !angle.within(R::ZERO) {
                 let part = angle.limit(R::HALF);
                 angle -= part;
-                psi_r = Rotator::default().turned(part).to_stator(&Dq::new(psi_r.re(), psi_r.im()));
+                psi_r = Rotator::default().turned(part).turn(&psi_r);
             }
             Start::Fresh(psi_r, directed)
         });

@@ -153,7 +153,7 @@ impl<R: Real> Catch<R> {
         let turned = omega * (c.t_block * r(64.0)).periods(BLOCKS + RISE + n * c.turn);
         if directed && turned.within(r(KEPT)) {
             let axis = Rotator::default().turned(turned);
-            return Found::Flux(axis.to_stator(&Dq::new(psi_r.re(), psi_r.im())), omega);
+            return Found::Flux(axis.turn(&psi_r), omega);
         }
         Found::Uncertain
     }

@@ -63,7 +63,7 @@
 //!   the innovation's; without it a large angle variance would turn a small innovation into a wrong correction. In a field that
 //!   stands the current along the flux is less by `i_d δ²/2`, too, which without load is more than the `i_q δ` of the
 //!   derivatives: noise of `m` ([`noise`]), by the largest deviation of late. Without it an innovation of some thousandths of the
-//!   flux turned the angle by 20° at a light load, to the other side of the current ([`crate::control::sides`]).
+//!   flux turned the angle by 20° at a light load.
 //! * Near the current zero of a phase the voltage of its leg is uncertain ([`crate::inverter`]): noise along that
 //!   phase's axis while the field is slow, more of it where it is loaded.
 //! * Above `|ω_s| = 0.2`, or 0.35 where the rotor resistance follows that of the stator, the voltages of `r_s`, `v` and `k`
@@ -101,6 +101,8 @@ mod reference;
 #[cfg(test)]
 mod robustness;
 mod schedule;
+#[cfg(all(feature = "enhanced", feature = "supervision"))]
+mod standing;
 mod start;
 
 pub use config::FilterConfig;

@@ -19,12 +19,8 @@ use super::noise::SIGMA_AGAIN;
 use super::{B_MAX, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, R_S_RANGE, V_MAX};
 #[cfg(feature = "supervision")]
 use crate::control::realign::flux_along;
-#[cfg(all(feature = "enhanced", feature = "supervision"))]
-use crate::control::sides::{Means, StandingField};
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
-#[cfg(all(feature = "enhanced", feature = "supervision"))]
-use crate::space::{Dq, Rotator};
 
 /// Standard deviation of the difference of the settled fluxes before and after the reduced currents of a start, per unit:
 /// what an error of 12 % of `r_R` leaves of their transients.
@@ -32,13 +28,6 @@ const SETTLED: f64 = 0.02;
 
 /// Standard deviation of the flux of a machine that turns with it, relative to it, as the voltage that it induces shows it.
 const CAUGHT: f64 = 0.11;
-
-/// Recent torque current over the magnetising one, below which the innovation does not show the angle, and deviation of an angle
-/// that is not known, rad ([`crate::control::sides`]).
-#[cfg(all(feature = "enhanced", feature = "supervision"))]
-const UNLOADED: f64 = 0.25;
-#[cfg(all(feature = "enhanced", feature = "supervision"))]
-const UNCERTAIN: f64 = 0.14;
 
 /// Least variance of a state after a stop, relative to its prior variance. Allowance: resistance, bridge and inductance
 /// change with temperature, an offset hardly does.
@@ -251,55 +240,6 @@ impl<R: Real> Filter<R> {
             self.psi_s.set(psi_s);
             self.forget(c);
         }
-    }
-
-    /// Whether there has been no torque current of late: the innovation does not show the angle.
-    #[cfg(all(feature = "enhanced", feature = "supervision"))]
-    #[inline(always)]
-    pub fn is_unloaded(&self) -> bool {
-        self.load.of_late() < R::from_f64(UNLOADED)
-    }
-
-    /// Whether the angle is not known.
-    #[cfg(all(feature = "enhanced", feature = "supervision"))]
-    #[inline(always)]
-    pub fn is_uncertain(&self) -> bool {
-        self.sigma > R::from_f64(UNCERTAIN)
-    }
-
-    /// `γ` and `c` of the magnetising curve.
-    #[cfg(all(feature = "enhanced", feature = "supervision"))]
-    #[inline(always)]
-    pub fn magnetising_curve(&self) -> (R, R) {
-        (self.gamma.value(), self.c.value())
-    }
-
-    /// The flux of a field that stands, with a magnetising curve `(γ, c)`; `omega_m`: the speed.
-    #[cfg(all(feature = "enhanced", feature = "supervision"))]
-    #[cold]
-    #[inline(never)]
-    pub fn standing_field(&self, c: &FilterConfig<R>, curve: (R, R), omega_m: R) -> StandingField<R> {
-        let (flux, i_s) = (self.rotor_flux(c), self.i_s);
-        let psi_r = flux.norm_sq().sqrt();
-        let (inv, l_m) = (self.point.inv_psi_r, c.model.l_m);
-        let now = Means {
-            magnetised: curve.0 * c.model.curve(psi_r, curve.1).m_g,
-            along: flux.dot(&i_s) * inv * l_m,
-            across: flux.cross(&i_s) * inv * l_m,
-            i_s,
-            omega_m,
-        };
-        StandingField { psi_r, sigma: self.sigma, now }
-    }
-
-    /// Turns the rotor flux by an angle. What is known of the flux stays as it is.
-    #[cfg(all(feature = "enhanced", feature = "supervision"))]
-    #[cold]
-    #[inline(never)]
-    pub fn turn_flux(&mut self, c: &FilterConfig<R>, by: &Rotator<R>) {
-        let psi_r = self.rotor_flux(c);
-        let turned = by.to_stator(&Dq::new(psi_r.re(), psi_r.im()));
-        self.psi_s.set(turned + self.i_s * self.sigma_l_s(c));
     }
 
     /// Covariance after a loss of the angle: the prior, with the flux at [`SIGMA_AGAIN`]. The states stay.
