@@ -225,7 +225,10 @@ impl<R: Real> Sides<R> {
     /// The turn to the other side of the current, where the shaft turns against the torque.
     fn mirrored(&mut self, c: &SidesConfig, x: &StandingField<R>) -> Option<Rotator<R>> {
         let Quantities { along, across, omega_m, .. } = self.mean;
-        let small = omega_m.within(R::from_f64(SPEED_AGAINST)) || across.within(along * R::from_f64(LOAD_AGAINST));
+        // A current against the flux has no side of it.
+        let small = omega_m.within(R::from_f64(SPEED_AGAINST))
+            || along <= R::ZERO
+            || across.within(along * R::from_f64(LOAD_AGAINST));
         if !small && (omega_m < R::ZERO) != (across < R::ZERO) {
             self.against = self.against.saturating_add(1);
         } else {
@@ -413,6 +416,15 @@ mod tests {
             assert!(at(0.1, -sign * 0.003).0.is_empty(), "an angle that is known");
             assert!(at(0.5, sign * 0.003).0.is_empty(), "a shaft that follows its torque");
             assert!(at(0.5, -sign * 0.001).0.is_empty(), "a shaft that all but stands");
+        }
+    }
+
+    #[test]
+    fn a_flux_against_which_the_current_lies_is_not_turned() {
+        for degrees in [91.0, 150.0, 180.0] {
+            let mut rig = Rig { phi: f64::to_radians(degrees), omega_m: -0.003, ..Rig::new(0.0, 0.3) };
+            let turns = rig.run(&C, 45);
+            assert!(turns.is_empty(), "{degrees}: {turns:?}");
         }
     }
 
