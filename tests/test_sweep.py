@@ -380,13 +380,15 @@ def test_every_setting_of_either_scheme_is_an_axis() -> None:
 
 
 INTERRUPTED = """
-import sys
+import signal, sys
 sys.path.insert(0, {tests!r})
 from test_sweep import BASE
 import stillflux as sf
 def show(done, total, row):
     print("done", flush=True)
 if __name__ == "__main__":
+    # As in a terminal, where the tests run in the background of a shell as well.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         sf.sweep([BASE.replace(duration=x) for x in (0.1, 3000.0, 3001.0, 3002.0, 3003.0)], progress=show)
     except sf.SweepInterrupted as stop:
