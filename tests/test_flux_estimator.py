@@ -62,6 +62,8 @@ def test_records_may_be_of_other_types_but_mean_what_they_say(motor: sf.Motor, i
     assert estimator.run(u.astype(np.complex64), i, omega_s=1).psi_s == pytest.approx(exact, rel=1e-4)
     with pytest.raises(TypeError, match="omega_s is complex, real numbers are needed"):
         estimator.run(u, i, omega_s=np.ones(100, complex))
+    with pytest.raises(ValueError, match="omega_s has masked values, numbers are needed"):
+        estimator.run(u, i, omega_s=np.ma.masked_greater(np.arange(100.0), 98.0))
     with pytest.raises(TypeError, match="u_s is not an array of one dimension"):
         estimator.run(u.reshape(2, 50), i)
     with pytest.raises(ValueError, match=r"R_s\[3\] = inf is not finite"):

@@ -2,10 +2,10 @@
 
 use std::any::type_name;
 
-use numpy::{Complex64, Element, PyArrayDescrMethods, PyReadonlyArray1};
+use numpy::{Complex64, Element, PyArrayDescrMethods, PyReadonlyArray1, PyUntypedArray};
 use pyo3::exceptions::{PyAttributeError, PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyBytes, PyComplex, PyDict, PyFrozenSet, PyList, PySet, PyString, PyTuple};
+use pyo3::types::{PyBool, PyBytes, PyComplex, PyDict, PyFloat, PyFrozenSet, PyList, PySet, PyString, PyTuple};
 use stillflux::params::{ParamError, check};
 use stillflux::space::{AlphaBeta, Space};
 
@@ -177,11 +177,20 @@ where
     tuple(value)?.extract::<Option<T>>().map_err(|e: <Option<T> as FromPyObject<'_, 'py>>::Error| wrong(e.into()))
 }
 
-/// Refuses complex numbers where real ones are meant: numpy would drop their imaginary parts.
+/// Refuses complex numbers where real ones are meant, whose imaginary parts numpy would drop, and masked values, behind which
+/// any number may be.
 fn real(name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
     let kind = value.getattr("dtype").and_then(|d| d.getattr("kind")).and_then(|k| k.extract::<String>());
     if value.is_instance_of::<PyComplex>() || kind.is_ok_and(|kind| kind == "c") {
         return Err(PyTypeError::new_err(format!("{name} is complex, real numbers are needed")));
+    }
+    // An array or a float itself has no mask.
+    let plain = value.is_exact_instance_of::<PyUntypedArray>() || value.is_exact_instance_of::<PyFloat>();
+    if !plain && value.hasattr("mask")? {
+        let masked = value.py().import("numpy")?.getattr("ma")?.call_method1("is_masked", (value,))?;
+        if masked.is_truthy()? {
+            return Err(PyValueError::new_err(format!("{name} has masked values, numbers are needed")));
+        }
     }
     Ok(())
 }
