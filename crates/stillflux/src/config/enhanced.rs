@@ -40,6 +40,10 @@ const COLLAPSE_TIME: f64 = 0.3;
 const AGAINST_TIME: f64 = 0.21;
 #[cfg(feature = "supervision")]
 const TRIAL_TIME: f64 = 0.25;
+/// Least time for which a shaft turns against the torque, s: a load that comes does it until the speed loop has caught the shaft.
+/// With 0.1 a rated load that comes at once after a start without offsets still begins a trial at 11 kW.
+#[cfg(feature = "supervision")]
+const AGAINST_TIME_LEAST: f64 = 0.15;
 /// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
 const SHIFT_RATE: f64 = 0.5;
 /// Time constant of the low-pass that leaves loads alone which pass the flux shift's range, s: longer than a load takes to pass,
@@ -124,14 +128,15 @@ impl<R: Real> EnhancedConfig<R> {
             },
             #[cfg(feature = "supervision")]
             sides: {
-                let calls = |of_tau_r: f64| inverter.periods(of_tau_r * pu.tau_r / pu.base.omega / adapt);
+                let tau_r = pu.tau_r / pu.base.omega;
+                let calls = |time: f64| inverter.periods(time / adapt);
                 // Not for a flux that is only integrated: what it is off by is its drift.
                 let on = p.realignment && p.enhanced.apply_innovation;
                 let suspicion = |time: f64| if on { calls(time) } else { u32::MAX };
                 SidesConfig {
-                    collapse: suspicion(COLLAPSE_TIME),
-                    against: suspicion(AGAINST_TIME),
-                    trial: calls(TRIAL_TIME),
+                    collapse: suspicion(COLLAPSE_TIME * tau_r),
+                    against: suspicion((AGAINST_TIME * tau_r).max(AGAINST_TIME_LEAST)),
+                    trial: calls(TRIAL_TIME * tau_r),
                 }
             },
             catch: CatchConfig::new(pu, CATCH_BLOCK, inverter.f_c()),

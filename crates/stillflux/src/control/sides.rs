@@ -18,16 +18,21 @@
 //!
 //! The flux is then turned, and only integrated for `P` calls: to `δ` on one side of the current, `cos δ = i_μ(|ψ̂_R|)/i_d`, where
 //! it has collapsed, or from its side of the current to the other where the shaft turns against the torque. The current follows
-//! the estimated flux, and shows whether the true one is there:
+//! the estimated flux. To its step the true flux answers alike on whatever side it lies, as a linear system at constant speed does,
 //!
 //! ```text
-//! right:   |ψ_R| rises by (1 - cos δ)(1 - e⁻ᴾ) of it, since the current lies along it now
-//! wrong:   |ψ_R| falls by three times that and more, since the current lies at 2δ
-//! kept:    -(1 - cos δ) RESPONSE < Δ|ψ̂_R|/|ψ̂_R| < RISES,     in the middle; more than RISES is an error of the voltage
+//! Δψ_R = L_M Δi_s (1 - e⁻ᴾ):    |ψ̂_R| rises by (1 - cos δ)(1 - e⁻ᴾ) of it, the part along the estimate
 //! ```
 //!
-//! A flux along the current whose magnetising current is told too small by as much lies at the lower limit: a trial does not tell it
-//! from one that is right.
+//! and what tells the sides is the motion of the shaft in the torque of the turned current: a flux that the shaft turns by `θ`
+//! changes the estimated one by `θ sin 2δ` where that lies `2δ` from it, on the wrong side, and by nothing on the right one.
+//!
+//! ```text
+//! kept:     -(1 - cos δ) RESPONSE/2 < Δ|ψ̂_R|/|ψ̂_R| < (1 - cos δ) RESPONSE + RISES
+//! ```
+//!
+//! A flux along the current whose magnetising current is told too small by as much answers as the right one does: a trial does not
+//! tell the two apart.
 //!
 //! A flux that is not kept is turned to the other side for another `P`, and then, as one that was mirrored, back to where it was:
 //! `i_μ` has an error of `L_M`, or the angle was not what was wrong.
@@ -36,7 +41,8 @@
 //! ([`stands_before_a_zero`]): a current that the error of the bridge's curve holds at a zero stands before it in the direction
 //! in which its flux is dragged.
 //!
-//! `N` is 0.3, `M` 0.21 and `P` 0.25 rotor time constants. Validity: the enhanced scheme, whose filter knows that it does not know
+//! `N` is 0.3, `M` 0.21 and `P` 0.25 rotor time constants, `M` at least the time in which a speed loop catches a shaft that a load
+//! turns against the torque. Validity: the enhanced scheme, whose filter knows that it does not know
 //! the angle; at light loads, where the innovation does not show it.
 
 use crate::scalar::{Real, likely};
@@ -55,7 +61,7 @@ const SIGMA_MIRRORED: f64 = 0.25;
 const COLLAPSED: f64 = 0.93;
 /// Least cosine of the angle between current and flux that is tried.
 const COS_MIN: f64 = 0.5;
-/// Part of the flux by which it may rise while it counts as collapsed, and in a trial.
+/// Part of the flux by which it may rise while it counts as collapsed, and in a trial beyond what it rises by where it is right.
 const COLLAPSED_RISES: f64 = 0.005;
 const RISES: f64 = 0.04;
 /// `1 - e⁻ᴾ`, the part of the way to its steady state that a flux goes in a trial.
@@ -218,8 +224,8 @@ impl<R: Real> Sides<R> {
 
     /// Whether a flux that was turned may be the true one.
     fn is_kept(&self, psi_r: R) -> bool {
-        let least = R::ONE - (R::ONE - self.turn.cos) * R::from_f64(RESPONSE);
-        psi_r > self.psi_r * least && psi_r < self.psi_r * R::from_f64(1.0 + RISES)
+        let answer = (R::ONE - self.turn.cos) * R::from_f64(RESPONSE);
+        psi_r > self.psi_r * (R::ONE - answer.half()) && psi_r < self.psi_r * (R::from_f64(1.0 + RISES) + answer)
     }
 
     /// The turn to the other side of the current, where the shaft turns against the torque.
@@ -304,18 +310,21 @@ mod tests {
     const TAU_R: f64 = 200.0;
     const L_M: f64 = 2.5;
 
-    /// A machine at a direct current that follows the estimated flux, and a shaft that turns by `speed` of `1/τ_r` whatever the
-    /// torque.
+    /// A machine whose field stands; its current lies along the estimated flux, which is held while nothing is tried, and only
+    /// integrated in a trial. The load of the shaft is the torque of the beginning.
     struct Rig {
         sides: Sides<f64>,
+        /// Speed in units of `1/τ_r`, and what the torque `ψ_R × L_M i_s` adds to it in a call.
         speed: f64,
-        /// Further decay of the flux.
-        decays: f64,
-        /// Rotor flux, angle of the estimated one, and of the current against that.
+        by_torque: f64,
+        load: f64,
+        /// Error of the voltage along the estimated flux, as a decay of that in `τ_r`.
+        drifts: f64,
+        /// Rotor flux, the estimated one, and the angle of the current against that.
         psi_r: AlphaBeta<f64>,
-        angle: f64,
+        estimate: AlphaBeta<f64>,
         phi: f64,
-        /// `L_M` of the parameters over that of the machine.
+        /// `L_M` of the machine over that of the parameters.
         told: f64,
         sigma: f64,
         omega_m: f64,
@@ -325,13 +334,15 @@ mod tests {
         /// In the steady state of a current in a direction, along the estimated flux.
         fn new(speed: f64, direction: f64) -> Self {
             let (cos, delta) = (1.0 / speed.hypot(1.0), speed.atan());
-            let psi_r = AlphaBeta::new(cos * (direction + delta).cos(), cos * (direction + delta).sin());
+            let at = |angle: f64| AlphaBeta::new(cos * angle.cos(), cos * angle.sin());
             Self {
                 sides: Sides::default(),
                 speed,
-                decays: 0.0,
-                psi_r,
-                angle: direction,
+                by_torque: 0.0,
+                load: cos * delta.sin(),
+                drifts: 0.0,
+                psi_r: at(direction + delta),
+                estimate: at(direction),
                 phi: 0.0,
                 told: 1.0,
                 sigma: 0.5,
@@ -339,22 +350,34 @@ mod tests {
             }
         }
 
-        /// Error of the estimated angle, degrees.
+        /// Angle of the estimated flux.
+        fn angle(&self) -> f64 {
+            self.estimate.im().atan2(self.estimate.re())
+        }
+
+        /// Error of that angle, degrees.
         fn error(&self) -> f64 {
-            let (sin, cos) = self.angle.sin_cos();
-            self.psi_r.cross(&AlphaBeta::new(cos, sin)).atan2(self.psi_r.dot(&AlphaBeta::new(cos, sin))).to_degrees()
+            self.psi_r.cross(&self.estimate).atan2(self.psi_r.dot(&self.estimate)).to_degrees()
         }
 
         /// Calls; in which of them the flux was turned, and by how many degrees.
         fn run(&mut self, c: &SidesConfig, calls: u32) -> Vec<(u32, f64)> {
             let mut turns = Vec::new();
             for k in 0..calls {
-                let (sin, cos) = (self.angle + self.phi).sin_cos();
+                let (sin, cos) = (self.angle() + self.phi).sin_cos();
                 let i_s = AlphaBeta::new(cos / L_M, sin / L_M);
-                let slope = i_s * L_M - self.psi_r * (1.0 + self.decays)
-                    + AlphaBeta::new(-self.psi_r.im(), self.psi_r.re()) * self.speed;
-                self.psi_r += slope * (1.0 / TAU_R);
-                let psi_r = self.psi_r.norm_sq().sqrt();
+                let dragged = AlphaBeta::new(-self.psi_r.im(), self.psi_r.re()) * self.speed;
+                let slope = (i_s * L_M - self.psi_r + dragged) * (1.0 / TAU_R);
+                self.speed += self.by_torque * (self.psi_r.cross(&(i_s * L_M)) + self.load);
+                self.psi_r += slope;
+                let trying = self.sides.is_trying();
+                if trying {
+                    self.estimate += slope;
+                }
+                let psi_r = self.estimate.norm_sq().sqrt();
+                let follows = if trying { 1.0 } else { self.psi_r.norm_sq().sqrt() / psi_r };
+                self.estimate = self.estimate * (follows * (1.0 - self.drifts / TAU_R));
+                let psi_r = self.estimate.norm_sq().sqrt();
                 let now = Quantities {
                     magnetised: psi_r * self.told,
                     along: self.phi.cos(),
@@ -363,38 +386,57 @@ mod tests {
                     omega_m: self.omega_m,
                 };
                 if let Some(turn) = self.sides.step(c, &StandingField { psi_r, sigma: self.sigma, now }) {
-                    let by = turn.sin.atan2(turn.cos);
-                    self.angle += by;
-                    turns.push((k, by.to_degrees()));
+                    self.estimate = turn.turn(&self.estimate);
+                    turns.push((k, turn.sin.atan2(turn.cos).to_degrees()));
                 }
             }
             turns
         }
     }
 
+    /// Calls of the suspicion and of so many trials.
+    fn trials(number: u32) -> u32 {
+        C.collapse + number * C.trial
+    }
+
     #[test]
     fn a_flux_that_has_collapsed_is_found_on_either_side_of_the_current() {
-        for speed in [0.4, 0.43] {
+        for speed in [0.42, 0.45] {
             // The current before a zero and behind one: the first side is the right one in one of the two.
             for (sign, degrees) in [(1.0, 89.0), (1.0, 91.0), (-1.0, 89.0), (-1.0, 91.0)] {
-                let mut rig = Rig::new(sign * speed, f64::to_radians(degrees));
+                let mut rig = Rig { by_torque: 0.04, ..Rig::new(sign * speed, f64::to_radians(degrees)) };
                 assert!((rig.error().abs() - speed.atan().to_degrees()).abs() < 0.1);
-                let turns = rig.run(&C, 200);
                 let first = (sign < 0.0) == (degrees < 90.0);
+                let turns = rig.run(&C, trials(if first { 1 } else { 2 }));
                 assert_eq!(turns.len(), if first { 1 } else { 2 }, "{sign} {degrees}: {turns:?}");
                 assert_eq!(turns[0].0, C.collapse - 1);
-                assert!(rig.error().abs() < 15.0, "{sign} {degrees}: {}°, {turns:?}", rig.error());
+                assert!(rig.error().abs() < 5.0, "{sign} {degrees}: {}°, {turns:?}", rig.error());
+                assert_eq!(rig.sides.stage, Stage::Pausing);
             }
         }
     }
 
     #[test]
+    fn at_constant_speed_a_flux_answers_alike_on_either_side() {
+        let rise = |sign: f64| {
+            let mut rig = Rig::new(sign * 0.42, 1.5);
+            assert_eq!(rig.run(&C, C.collapse).len(), 1);
+            let before = rig.estimate.norm_sq().sqrt();
+            rig.run(&C, C.trial - 1);
+            rig.estimate.norm_sq().sqrt() / before - 1.0
+        };
+        // (1 - cos δ)(1 - e⁻ᴾ), and the square of the angle by which the flux is dragged meanwhile.
+        assert!((0.01..0.025).contains(&rise(-1.0)), "{}", rise(-1.0));
+        assert!((rise(1.0) - rise(-1.0)).abs() < 0.01, "{} {}", rise(1.0), rise(-1.0));
+    }
+
+    #[test]
     fn a_flux_that_falls_on_either_side_is_turned_back() {
         for degrees in [89.0, 91.0, 200.0] {
-            let mut rig = Rig { told: 0.9, decays: 0.5, ..Rig::new(0.0, f64::to_radians(degrees)) };
+            let mut rig = Rig { told: 0.9, drifts: 0.5, ..Rig::new(0.0, f64::to_radians(degrees)) };
             let turns = rig.run(&C, 200);
             assert_eq!(turns.len(), 3, "{turns:?}");
-            assert!((rig.angle - f64::to_radians(degrees)).abs() < 1e-6, "{}", rig.angle);
+            assert!(turns.iter().map(|turn| turn.1).sum::<f64>().abs() < 1e-6, "{turns:?}");
             assert!(rig.run(&C, 100).is_empty(), "not again at once");
         }
     }
@@ -405,7 +447,7 @@ mod tests {
             let at = |sigma, omega_m| {
                 let mut rig = Rig { sigma, omega_m, ..Rig::new(sign * 0.1, 0.3) };
                 // The estimate is as far from the current as the flux, on the other side.
-                rig.angle -= sign * 0.1;
+                rig.estimate = Rotator { cos: 0.1_f64.cos(), sin: -sign * 0.1_f64.sin() }.turn(&rig.estimate);
                 rig.phi = sign * 0.1;
                 let turns = rig.run(&C, 100);
                 (turns, rig.error())
