@@ -26,7 +26,7 @@ from stillflux.evidence.draws import drawn, ripple
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.effects import effects
 from stillflux.evidence.journal import Runner
-from stillflux.evidence.judge import CALM, CONFIDENT, angle, confidence, stops
+from stillflux.evidence.judge import CALM, CONFIDENT, EXCURSION, angle, confidence, stops
 from stillflux.evidence.machines import scaled
 from stillflux.evidence.seeds import seed_of
 from stillflux.metrics import running, speed_error
@@ -70,6 +70,7 @@ SIGNALS = (
 )
 EXCURSIONS, MISSES = "excursions beyond 15°", "excursions not announced"
 NEEDLESS = "share of time with a needless alarm"
+FAULTS, RIGHTED = "lost runs that end in a fault", "lost runs within 15° at the end"
 _Z = 1.959964
 
 Job: TypeAlias = tuple[str, str, int, str, str, bool]
@@ -88,6 +89,8 @@ class Outcome:
     """Time of the loss; inf: never."""
     why: str
     """A fault by name, "angle" or "speed"; empty: nothing was lost."""
+    end: float
+    """Angle error at the end of the run; nan: a fault has ended it before."""
     angle: float
     """Largest angle error up to a loss."""
     excursions: int
@@ -145,6 +148,9 @@ class Rate:
             found += [reported(EXCURSIONS, excursions), reported(MISSES, misses)]
         time = max(sum(x.running for x in self.outcomes), 1e-9)
         found.append(reported(NEEDLESS, 100.0 * sum(x.needless for x in self.outcomes) / time, "%"))
+        if losses:
+            found.append(reported(FAULTS, sum(math.isnan(x.end) for x in losses)))
+            found.append(reported(RIGHTED, sum(x.end <= EXCURSION for x in losses)))
         found += [
             replace(reported(f"draw {x.draw} lost at", x.lost, "s"), run=x.why, seed=x.draw) for x in losses
         ]
@@ -260,6 +266,7 @@ def run(
         scheme=scheme,
         lost=when,
         why=why,
+        end=float(error[-1]) if runs[-1] else math.nan,
         angle=float(error[result.t <= begin + when].max(initial=0.0)),
         excursions=trust.excursions,
         misses=trust.misses,
