@@ -452,7 +452,10 @@ def test_a_large_heavy_shaft_is_kept_through_steps_of_the_load_whatever_the_roto
         ({"omega_ref": 1j}, "omega_ref = 1j is not a number"),
         ({"torque_ref": True}, "torque_ref = True is not a number"),
         ({"i_abc": np.zeros((3, 1))}, r"i_abc has the shape \(3, 1\), three numbers are needed"),
-        ({"i_abc": np.ma.array([1.0, 2.0, 3.0], mask=[0, 1, 0])}, "i_abc has masked values, numbers are needed"),
+        (
+            {"i_abc": np.ma.array([1.0, 2.0, 3.0], mask=[0, 1, 0])},
+            "i_abc has masked values, numbers are needed",
+        ),
         ({"i_abc": [1.0, np.ma.masked, 3.0]}, "i_abc has masked values, numbers are needed"),
         ({"i_abc": "abc"}, "i_abc = 'abc' is not three numbers"),
         ({"i_abc": {1.0, 2.0, 3.0}}, "i_abc = {1.0, 2.0, 3.0} is not three numbers"),

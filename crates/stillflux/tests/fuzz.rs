@@ -154,6 +154,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         start_levels: if calibrate_offset && current_sensors == 3 && rng.chance(2) { 3 } else { 2 },
         hold_inductances: !rng.chance(4),
         apply_innovation: !rng.chance(6),
+        dither: if rng.chance(2) && cfg!(feature = "dither") { rng.within(0.0, 0.3) } else { 0.0 },
         omega_s_min: if rng.chance(4) { 0.0 } else { rng.within(0.001, 0.05) * machine.omega_sR() },
         prior_R_s: rng.ratio(0.002, 0.5),
         prior_loss: rng.ratio(0.002, 1.0),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -76,6 +77,12 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="plants with what the drive's model does not contain: iron loss, deep bar, saturation of the "
         "leakage, rotor slots, skew and drift of the sensors (tolerance, consistency)",
+    )
+    drawn.add_argument(
+        "--set",
+        action="append",
+        metavar="NAME=VALUE",
+        help="a setting of the drive in place of its default (tolerance)",
     )
     parser.add_argument(
         "--operation",
@@ -351,6 +358,17 @@ def _scale(text: str) -> float:
     return scale
 
 
+def _setting(text: str) -> tuple[str, Any]:
+    """A setting of the drive."""
+    name, given, value = text.partition("=")
+    if not name.isidentifier() or not given:
+        raise ValueError(f"--set {text}: give NAME=VALUE, as dither=0.2")
+    try:
+        return name, ast.literal_eval(value)
+    except (ValueError, SyntaxError):
+        return name, value
+
+
 def _draws(options: argparse.Namespace, default: int) -> Sequence[int]:
     if options.draw and options.draws:
         raise ValueError(f"--draws {options.draws} and --draw: give only one")
@@ -367,11 +385,22 @@ def _tolerance(options: argparse.Namespace) -> int:
     machines, courses = _drives(options), options.course or tuple(COURSES)
     draws = _draws(options, tolerance.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
+    settings = tuple(map(_setting, options.set or ()))
+    if settings and options.metrics:
+        raise ValueError(f"--metrics {options.metrics}: a table of the defaults, and --set is given")
     if len(machines) == len(courses) == len(draws) == 1:
         for option in ("metrics", "journal"):
             if path := getattr(options, option):
                 raise ValueError(f"--{option} {path}: not of a single run, which is no rate: give more draws")
-        job = (machines[0], courses[0], draws[0], scheme, options.arithmetic, options.beyond_model)
+        job = (
+            machines[0],
+            courses[0],
+            draws[0],
+            scheme,
+            options.arithmetic,
+            options.beyond_model,
+            settings,
+        )
         outcome, result = tolerance.run(*job, signals=None)
         if options.json:
             write_text(options.json, installations.to_json([outcome]) + "\n")
@@ -392,6 +421,7 @@ def _tolerance(options: argparse.Namespace) -> int:
             tolerance.Progress(),
             runner,
             options.beyond_model,
+            settings,
         )
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
@@ -552,6 +582,7 @@ _ONLY_WITH: Mapping[str, tuple[str, ...]] = {
     "course": ("tolerance", "guarantee", "commissioning"),
     "scale": ("guarantee",),
     "beyond_model": ("tolerance", "consistency"),
+    "set": ("tolerance",),
     "operation": ("operations",),
 }
 """Options that only some campaigns have."""

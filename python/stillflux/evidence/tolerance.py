@@ -73,8 +73,10 @@ NEEDLESS = "share of time with a needless alarm"
 FAULTS, RIGHTED = "lost runs that end in a fault", "lost runs within 15° at the end"
 _Z = 1.959964
 
-Job: TypeAlias = tuple[str, str, int, str, str, bool]
-"""Drive, course, number of the draw, scheme, arithmetic, whether with `effects`."""
+Settings: TypeAlias = tuple[tuple[str, Any], ...]
+"""Settings of the drive by name, in place of the defaults."""
+Job: TypeAlias = tuple[str, str, int, str, str, bool, Settings]
+"""Drive, course, number of the draw, scheme, arithmetic, whether with `effects`, settings."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,8 @@ class Outcome:
     """What was drawn."""
     beyond_model: bool = False
     """The plant has `effects`."""
+    settings: Settings = ()
+    """Settings that are not the defaults."""
 
 
 @dataclass(frozen=True)
@@ -243,6 +247,7 @@ def run(
     scheme: str = "enhanced",
     arithmetic: str = "f32",
     beyond_model: bool = False,
+    settings: Settings = (),
     signals: Sequence[str] | None = SIGNALS,
 ) -> tuple[Outcome, Result]:
     """Runs one draw and judges it; `signals` to record, None: all."""
@@ -252,7 +257,7 @@ def run(
     made, numbers = scenario(
         machine, COURSES[course], seed, scheme, arithmetic, beyond_model=beyond_model, signals=signals
     )
-    result = simulate(made)
+    result = simulate(made.with_settings(**dict(settings)))
     begin = start_up(made.motor, made.inverter)
     when, why = loss(result, begin)
     error, runs = np.abs(angle(result)), running(result)
@@ -275,6 +280,7 @@ def run(
         running=dt * float(np.count_nonzero(runs)),
         numbers=numbers,
         beyond_model=beyond_model,
+        settings=settings,
     )
     return outcome, result
 
@@ -283,11 +289,19 @@ def _outcome(job: Job) -> Outcome:
     return run(*job)[0]
 
 
-def rerun(machine: str, course: str, draw: int, scheme: str, beyond_model: bool = False) -> str:
+def rerun(
+    machine: str, course: str, draw: int, scheme: str, beyond_model: bool = False, settings: Settings = ()
+) -> str:
     """The command that runs a draw again."""
     last = "" if scheme == "enhanced" else f" --scheme {scheme}"
     last += " --beyond-model" if beyond_model else ""
+    last += "".join(f" --set {name}={value}" for name, value in settings)
     return f"stillflux beyond tolerance --machine {machine} --course {course} --draw {draw}{last}"
+
+
+def rerun_of(x: Outcome) -> str:
+    """The command that makes an outcome again."""
+    return rerun(x.machine, x.course, x.draw, x.scheme, x.beyond_model, x.settings)
 
 
 def run_all(
@@ -299,11 +313,12 @@ def run_all(
     show: Callable[[int, int, Outcome], None] | None = None,
     runner: Runner = run_jobs,
     beyond_model: bool = False,
+    settings: Settings = (),
 ) -> list[Outcome]:
     """Runs draws of drives on courses, on all processors; draw after draw, so that what is done by an
     interruption is of all of them. On Ctrl-C raises `parallel.Stopped`."""
     jobs: list[tuple[Job]] = [
-        ((machine, course, draw, scheme, arithmetic, beyond_model),)
+        ((machine, course, draw, scheme, arithmetic, beyond_model, settings),)
         for draw in draws
         for machine in machines
         for course in courses
@@ -329,7 +344,7 @@ class Progress:
         what = "ok"
         if outcome.why:
             what = f"LOST after {outcome.lost:.3g} s ({outcome.why}): "
-            what += rerun(outcome.machine, outcome.course, outcome.draw, outcome.scheme, outcome.beyond_model)
+            what += rerun_of(outcome)
         left = (time.monotonic() - self._begin) / (done - self._first) * (total - done)
         print(f"[{done:5d}/{total}, {left / 60:.1f} min left] {what}", file=sys.stderr, flush=True)
 

@@ -2,6 +2,8 @@
 
 use super::settings::{BALANCE_PERIODS, DriveParams, EnhancedParams, adapt_periods, slow_periods};
 use crate::base::{PerUnit, rounded};
+#[cfg(feature = "dither")]
+use crate::control::dither::{self, DitherConfig};
 use crate::control::levels::LevelsConfig;
 use crate::control::shift::ShiftConfig;
 #[cfg(feature = "supervision")]
@@ -60,6 +62,8 @@ pub(crate) struct EnhancedConfig<R: Real> {
     pub shift: ShiftConfig<R>,
     #[cfg(feature = "supervision")]
     pub sides: SidesConfig,
+    #[cfg(feature = "dither")]
+    pub dither: DitherConfig<R>,
     pub catch: CatchConfig<R>,
     /// What one control period takes off the logarithm of a free rotor flux, times 64.
     pub decay: R,
@@ -78,6 +82,7 @@ pub(crate) struct EnhancedConfig<R: Real> {
 }
 words!(EnhancedConfig: filter, balance, shift,
     #[cfg(feature = "supervision")] sides,
+    #[cfg(feature = "dither")] dither,
     catch, decay, decay_periods, search, levels,
     #[cfg(feature = "restart")] slow_turn,
     #[cfg(feature = "legs")] legs,
@@ -138,6 +143,11 @@ impl<R: Real> EnhancedConfig<R> {
                     against: suspicion((AGAINST_TIME * tau_r).max(AGAINST_TIME_LEAST)),
                     trial: calls(TRIAL_TIME * tau_r),
                 }
+            },
+            #[cfg(feature = "dither")]
+            dither: DitherConfig {
+                amplitude: rounded(p.enhanced.dither),
+                step: rounded(4.0 / dither::PERIOD * f64::from(slow_periods(inverter)) / inverter.f_c()),
             },
             catch: CatchConfig::new(pu, CATCH_BLOCK, inverter.f_c()),
             decay: rounded(64.0 * pu.t_s / pu.tau_r),

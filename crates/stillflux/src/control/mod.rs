@@ -1,9 +1,11 @@
-//! Stator-flux-oriented control: current, flux and speed controllers, flux shift, currents of a start, field weakening, ramp, derating,
+//! Stator-flux-oriented control: current, flux and speed controllers, flux shift, dither, currents of a start, field weakening, ramp, derating,
 //! way out of a false equilibrium, hand-over between measured and estimated speed, control of the dc link, modulator, pulses for a single shunt.
 
 pub mod current;
 #[cfg(feature = "dclink")]
 pub mod dclink;
+#[cfg(all(feature = "enhanced", feature = "dither"))]
+pub mod dither;
 pub mod flux;
 #[cfg(feature = "encoder")]
 pub mod handover;

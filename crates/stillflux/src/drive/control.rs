@@ -339,7 +339,10 @@ impl<R: Real> Control<R> {
             }
         };
         self.limited = limited;
-        let i_q = torque_ref * c.flux_control.reciprocal(psi);
+        let mut i_q = torque_ref * c.flux_control.reciprocal(psi);
+        if let Some(part) = estimators.dither(c) {
+            i_q += self.i_dq_ref.re() * part;
+        }
         let i_d =
             self.flux.step(&c.flux_control, (psi_ff, inv_leakage), psi_ref - estimators.psi_s(), i_q, weight, range);
         self.i_q_room += (c.i_q_max - self.i_q_room) * R::from_f64(1.0 / 16.0);

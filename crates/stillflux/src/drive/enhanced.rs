@@ -8,6 +8,8 @@ mod start_up;
 use super::estimators::{CurrentControl, Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
 use super::interface::Memory;
 use crate::config::{BALANCE_PERIODS, DriveConfig};
+#[cfg(feature = "dither")]
+use crate::control::dither::Dither;
 use crate::control::flux::weight_by_frequency;
 use crate::control::shift::FluxShift;
 #[cfg(feature = "supervision")]
@@ -105,6 +107,8 @@ pub(super) struct EnhancedEstimators<R: Real> {
     /// Magnetising curve when the field last turned: of a flux that has collapsed the filter makes an error of the curve.
     #[cfg(feature = "supervision")]
     curve: (R, R),
+    #[cfg(feature = "dither")]
+    dither: Dither<R>,
     /// Torque reference, for the next step of the flux shift.
     torque_ref: R,
     /// Rotor resistance at its temperature and at the present saturation, relative to the parameter.
@@ -149,6 +153,8 @@ impl<R: Real> EnhancedEstimators<R> {
             sides: Sides::default(),
             #[cfg(feature = "supervision")]
             curve: (R::ONE, R::ZERO),
+            #[cfg(feature = "dither")]
+            dither: Dither::default(),
             torque_ref: R::ZERO,
             rotor: R::ONE,
         }
@@ -354,6 +360,17 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         self.find_side(c);
         let of_parameters = [self.filter.leakage(), self.rotor];
         self.shift.step(&c.enhanced.shift, self.speed.omega_m, self.torque_ref, of_parameters);
+    }
+
+    #[cfg(feature = "dither")]
+    #[inline(always)]
+    fn dither(&mut self, c: &DriveConfig<R>) -> Option<R> {
+        // The trial of a side is judged by a flux that nothing else moves.
+        #[cfg(feature = "supervision")]
+        if self.sides.is_trying() {
+            return None;
+        }
+        self.dither.step(&c.enhanced.dither, self.speed.omega_s)
     }
 
     #[inline(always)]

@@ -124,6 +124,13 @@ pub(super) trait Estimators<R: Real> {
     /// Part of the rated flux that the scheme asks for at a torque reference, once a run of the speed control.
     fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R;
 
+    /// What a scheme adds to the torque current, in parts of the magnetising one, once a run of the speed control
+    /// (`control::dither`).
+    #[inline(always)]
+    fn dither(&mut self, _: &DriveConfig<R>) -> Option<R> {
+        None
+    }
+
     /// Half of the difference of the gains of two current sensors, as far as it is identified.
     #[inline(always)]
     fn half_difference(&self) -> R {

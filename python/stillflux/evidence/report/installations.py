@@ -17,7 +17,7 @@ from stillflux.evidence import draws, effects
 from stillflux.evidence.consistency import REGIONS, Consistency, Sample, by_claim
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.report.page import cut_off, finite
-from stillflux.evidence.tolerance import LOST_ANGLE, Outcome, interval, rates, rerun
+from stillflux.evidence.tolerance import LOST_ANGLE, Outcome, interval, rates, rerun_of
 from stillflux.html_page import svg
 
 if TYPE_CHECKING:
@@ -69,12 +69,8 @@ def table(found: Sequence[Outcome]) -> str:
         f"  excursions beyond 15°: {excursions}, announced {excursions - misses}; "
         f"needless alarms {alarm:.2g} % of the time"
     )
-    lines += [f"  {x.why} after {x.lost:.3g} s: {_again(x)}" for x in found if x.why]
+    lines += [f"  {x.why} after {x.lost:.3g} s: {rerun_of(x)}" for x in found if x.why]
     return "\n".join(lines)
-
-
-def _again(x: Outcome) -> str:
-    return rerun(x.machine, x.course, x.draw, x.scheme, x.beyond_model)
 
 
 def to_json(found: Sequence[Outcome]) -> str:
@@ -110,7 +106,7 @@ def write_tolerance(path: Path, command: str, found: Sequence[Outcome], stopped:
     losses = "".join(
         f"<tr><td>{x.machine}</td><td>{x.course}</td><td>{x.draw}</td><td>{x.lost:.3g}</td><td>{html.escape(x.why)}</td>"
         f"<td>{x.numbers['knee']:.3g}</td><td>{x.numbers['capacitance told']:.3g}</td>"
-        f"<td><code>{html.escape(_again(x))}</code></td></tr>"
+        f"<td><code>{html.escape(rerun_of(x))}</code></td></tr>"
         for x in found
         if x.why
     )

@@ -38,6 +38,10 @@ pub struct EnhancedParams {
     /// most 30 % ([`crate::control::shift`]). 0: the flux stays. By default 0.4 of the rated slip frequency, which at rated
     /// load takes a sixth of the flux, and 0.006 of rated frequency at least; 0.001 to 0.05 of it are admissible.
     pub omega_s_min: f64,
+    /// Amplitude of the oscillation of the torque current near zero stator frequency in parts of the magnetising current, 0 to
+    /// 0.3 (`control::dither`). 0, the default: none. With 0.2 the field does not stay at the zeros of the phase currents. Needs the
+    /// feature `dither`.
+    pub dither: f64,
     /// Relative standard deviation with which the filter begins, at least 0.002: of the stator resistance with its
     /// temperature, at most 0.5.
     pub prior_R_s: f64,
@@ -68,6 +72,8 @@ const SHIFT_LEAST: f64 = 0.006;
 const SHIFT: f64 = 0.4;
 /// Admissible, of rated frequency. Slower the field does not turn once in 20 s at 50 Hz: no use, and per unit mistaken for rad/s.
 const SHIFT_RANGE: (f64, f64) = (0.001, 0.05);
+/// Largest dither, in parts of the magnetising current.
+const DITHER_MOST: f64 = 0.3;
 
 /// Stator frequency to keep, rad/s. A constant error of the voltage turns the flux by the more, the slower the field turns; the
 /// flux that is given up for it is `1 - √(1/1.4)` at rated load, whatever the slip.
@@ -93,6 +99,7 @@ impl EnhancedParams {
             hold_inductances: true,
             apply_innovation: true,
             omega_s_min: shift(machine),
+            dither: 0.0,
             prior_R_s: r_s,
             prior_loss: loss,
             prior_c_out: knee,
@@ -111,6 +118,9 @@ impl EnhancedParams {
             check("omega_s_min", self.omega_s_min, least * machine.omega_sR(), most * machine.omega_sR(), "rad/s")
                 .map_err(|e| e.with_note("electrical, not per unit; 0: the flux stays"))?;
         }
+        let most = if cfg!(feature = "dither") { DITHER_MOST } else { 0.0 };
+        check("dither", self.dither, 0.0, most, "")
+            .map_err(|e| if most > 0.0 { e } else { e.with_note("needs the feature `dither`") })?;
         self.priors().into_iter().try_for_each(|(name, value, most)| check(name, value, 0.002, most, ""))?;
         let built = |field, on: bool, built: bool, note| {
             check(field, f64::from(u8::from(on)), 0.0, f64::from(u8::from(built)), "").map_err(|e| e.with_note(note))
@@ -191,6 +201,7 @@ impl EnhancedParams {
         switch("hold_inductances", self.hold_inductances, d.hold_inductances)?;
         switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
         same("omega_s_min", self.omega_s_min, d.omega_s_min)?;
+        same("dither", self.dither, d.dither)?;
         let mut priors = self.priors().into_iter().zip(d.priors());
         priors.try_for_each(|((name, value, _), (_, default, _))| same(name, value, default))?;
         self.same_temperature(&d, OTHER)
