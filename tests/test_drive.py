@@ -453,7 +453,7 @@ def test_a_large_heavy_shaft_is_kept_through_steps_of_the_load_whatever_the_roto
         ({"torque_ref": True}, "torque_ref = True is not a number"),
         ({"i_abc": np.zeros((3, 1))}, r"i_abc has the shape \(3, 1\), three numbers are needed"),
         (
-            {"i_abc": np.ma.array([1.0, 2.0, 3.0], mask=[0, 1, 0])},
+            {"i_abc": np.ma.array([1.0, 2.0, 3.0], mask=[False, True, False])},
             "i_abc has masked values, numbers are needed",
         ),
         ({"i_abc": [1.0, np.ma.masked, 3.0]}, "i_abc has masked values, numbers are needed"),

@@ -157,8 +157,8 @@ def test_rates_count_losses_and_name_them(kept: tuple[tolerance.Outcome, sf.Resu
     assert good.end < 15.0
     ends = [good, replace(bad, end=math.nan), replace(bad, end=14.0), replace(bad, end=16.0)]
     (rate,) = tolerance.rates(ends)
-    claims = {claim.quantity: claim.value for claim in rate.claims}
-    assert (claims[tolerance.FAULTS], claims[tolerance.RIGHTED]) == (1.0, 1.0)
+    claims = {claim.quantity: claim for claim in rate.claims}
+    assert (claims[tolerance.FAULTS].value, claims[tolerance.RIGHTED].value) == (1.0, 1.0)
     lines = of_rate(rate)
     assert {line.group for line in lines} <= set(order())
     assert tolerance.rerun("2.2kW", "start", 3, "enhanced").endswith("--course start --draw 3")
