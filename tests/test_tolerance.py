@@ -165,9 +165,9 @@ def test_rates_count_losses_and_name_them(kept: tuple[tolerance.Outcome, sf.Resu
 
 
 def test_a_setting_in_place_of_its_default_is_that_of_the_drive_and_of_the_command_to_run_it_again() -> None:
-    outcome, result = tolerance.run("2.2kW", "light-load", 0, settings=(("dither", 0.2),))
-    assert result.scenario.settings == {"dither": 0.2}
-    assert tolerance.rerun_of(outcome).endswith("--course light-load --draw 0 --set dither=0.2")
+    outcome, result = tolerance.run("2.2kW", "light-load", 0, settings=(("dither", 0.05),))
+    assert result.scenario.settings == {"dither": 0.05}
+    assert tolerance.rerun_of(outcome).endswith("--course light-load --draw 0 --set dither=0.05")
 
 
 def test_rank_correlation_is_spearmans() -> None:
@@ -309,9 +309,9 @@ def test_command_names_what_it_does_not_take(
         ),
         (["consistency", "--course", "hold"], "--course = hold: admissible with tolerance, guarantee"),
         (["guarantee", "--beyond-model"], "--beyond-model = True: admissible with tolerance, consistency"),
-        (["guarantee", "--set", "dither=0.2"], "--set = dither=0.2: admissible with tolerance"),
-        (["tolerance", "--set", "dither=0.2", "--metrics", "none.csv"], "a table of the defaults"),
-        (["tolerance", "--set", "dither"], "--set dither: give NAME=VALUE, as dither=0.2"),
+        (["guarantee", "--set", "dither=0.05"], "--set = dither=0.05: admissible with tolerance"),
+        (["tolerance", "--set", "dither=0.05", "--metrics", "none.csv"], "a table of the defaults"),
+        (["tolerance", "--set", "dither"], "--set dither: give NAME=VALUE, as dither=0.05"),
         ([*ONE, "--draw", "4", "--set", "dithr=0.2"], "has no setting 'dithr'; 'dither'?"),
         (["tolerance", "--operation", "hoist"], "--operation = hoist: admissible with operations"),
         (["tolerance", "--draws", "3", "--draw", "1"], "give only one"),

@@ -362,7 +362,7 @@ def _setting(text: str) -> tuple[str, Any]:
     """A setting of the drive."""
     name, given, value = text.partition("=")
     if not name.isidentifier() or not given:
-        raise ValueError(f"--set {text}: give NAME=VALUE, as dither=0.2")
+        raise ValueError(f"--set {text}: give NAME=VALUE, as dither=0.05")
     try:
         return name, ast.literal_eval(value)
     except (ValueError, SyntaxError):

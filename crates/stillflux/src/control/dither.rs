@@ -20,10 +20,10 @@
 //! mean Δu(i) = 1/(2a) ∫ Δu(i + x) dx from -a to a,    its slope (Δu(a) - Δu(-a))/(2a)
 //! ```
 //!
-//! and with an amplitude beyond the knee the slope is the error out there over `a`: of the same 0.07 V over `a = 0.2 i_d` 1.7°. The
+//! and with an amplitude beyond the knee the slope is the error out there over `a`: of the same 0.07 V over `a` = 5.8 A 1.7°. The
 //! knee shows in the voltage then, too, while a current at its zero shows nothing of it.
 //!
-//! The torque oscillates by `amplitude` of `ψ i_d`, with 20 Hz, which turns the shaft little, and current control follows it. It
+//! The torque oscillates with 20 Hz, which turns the shaft little, and current control follows it. It
 //! fades with the stator frequency, and is left out while a side of the current is tried.
 //!
 //! Validity: the enhanced scheme. The published one takes the torque for a sign of its resistance (Fig. 13b).
@@ -41,7 +41,7 @@ pub const PERIOD: f64 = 0.05;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct DitherConfig<R: Real> {
-    /// Amplitude in parts of the magnetising current; 0: none.
+    /// Amplitude of the torque current; 0: none.
     pub amplitude: R,
     /// Calls of one period, over four, as a reciprocal.
     pub step: R,
@@ -58,7 +58,7 @@ pub struct Dither<R: Real> {
 }
 
 impl<R: Real> Dither<R> {
-    /// One call: the part of the magnetising current that is added to the torque current.
+    /// One call: what is added to the torque current.
     #[inline(always)]
     pub fn step(&mut self, c: &DitherConfig<R>, omega_s: R) -> Option<R> {
         if likely(!omega_s.within(R::from_f64(BELOW))) || c.amplitude == R::ZERO {

@@ -340,8 +340,8 @@ impl<R: Real> Control<R> {
         };
         self.limited = limited;
         let mut i_q = torque_ref * c.flux_control.reciprocal(psi);
-        if let Some(part) = estimators.dither(c) {
-            i_q += self.i_dq_ref.re() * part;
+        if let Some(dither) = estimators.dither(c) {
+            i_q += dither;
         }
         let i_d =
             self.flux.step(&c.flux_control, (psi_ff, inv_leakage), psi_ref - estimators.psi_s(), i_q, weight, range);
