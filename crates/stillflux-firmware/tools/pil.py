@@ -55,7 +55,7 @@ def run(elf: Path, arithmetic: str, scheme: str = "enhanced", features: Sequence
 #: same schemes.
 COMMISSION = [
     *("commission", "paper", "enhanced", "variants", "supervision"),
-    *("dclink", "modes", "shunt", "encoder", "legs", "restart"),
+    *("dclink", "modes", "shunt", "encoder", "legs", "restart", "dither"),
 ]
 
 
