@@ -358,6 +358,9 @@ pub struct stillflux_settings {
     /// 1: the flux is taken to lie along the current where the torque is at its limit and the field stands still, also at
     /// half of the torque (feature `supervision`).
     pub realignment: u32,
+    /// Amplitude of an oscillation of the torque near zero stator frequency in parts of rated torque, 0 to 0.3; 0: none (enhanced
+    /// scheme, feature `dither`).
+    pub dither: f64,
     /// Lines of an encoder on the shaft, a quarter of the steps of a resolver; 0: none (feature `encoder`).
     pub encoder_lines: u32,
     /// States of its counter: 65536 of one of 16 bits.
@@ -757,6 +760,7 @@ pub extern "C" fn stillflux_defaults(
         supervision: u32::from(d.supervision),
         stall_time: d.stall_time,
         realignment: u32::from(d.realignment),
+        dither: d.enhanced.dither,
         encoder_lines: d.encoder_lines,
         encoder_states: d.encoder_states,
         encoder_mode: if d.encoder_mode == EncoderMode::Control {
@@ -873,6 +877,7 @@ pub unsafe extern "C" fn stillflux_page(
         encoder_deviation: s.encoder_deviation,
         encoder_fault: s.encoder_fault != 0,
         enhanced: EnhancedParams {
+            dither: s.dither,
             winding_temperature: (s.temperature != 0).then_some(s.winding_temperature),
             cage_constant: s.cage_constant,
             rotor_rise: s.rotor_rise,

@@ -49,10 +49,11 @@ FEATURES: dict[str, tuple[tuple[str, ...], ...]] = {
         ("additions", "supervision", "dclink"),
         ("additions", "legs"),
         ("additions", "restart"),
+        ("additions", "dither"),
         ("additions", "modes"),
         ("additions", "shunt"),
         ("additions", "encoder"),
-        ("additions", "supervision", "dclink", "legs", "restart"),
+        ("additions", "supervision", "dclink", "legs", "restart", "dither"),
     ),
 }
 ISR = "control_isr"

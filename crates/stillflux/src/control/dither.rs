@@ -23,8 +23,8 @@
 //! and with an amplitude beyond the knee the slope is the error out there over `a`: of the same 0.07 V over `a` = 5.8 A 1.7°. The
 //! knee shows in the voltage then, too, while a current at its zero shows nothing of it.
 //!
-//! The torque oscillates with 20 Hz, which turns the shaft little, and current control follows it. It
-//! fades with the stator frequency, and is left out while a side of the current is tried.
+//! The torque oscillates with 40 Hz, which turns the shaft little, and current control follows it. It fades with
+//! the stator frequency, and is left out while a side of the current is tried.
 //!
 //! Validity: the enhanced scheme. The published one takes the torque for a sign of its resistance (Fig. 13b).
 
@@ -33,8 +33,9 @@ use crate::words::words;
 
 /// Stator frequency from which on there is no dither, per unit. Beyond it the zeros pass within a tenth of a second. Allowance.
 const BELOW: f64 = 0.012;
-/// Period of the oscillation, s: many of current control, and short against the rotor time constant.
-pub const PERIOD: f64 = 0.05;
+/// Period of the oscillation, s: many of current control, and short for the shaft and for the speed control that answers to it. With
+/// 20 Hz the speed oscillates by 2.6 times as much, with 80 Hz the error of the angle at light load is larger.
+pub const PERIOD: f64 = 0.025;
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -38,8 +38,9 @@ pub struct EnhancedParams {
     /// most 30 % ([`crate::control::shift`]). 0: the flux stays. By default 0.4 of the rated slip frequency, which at rated
     /// load takes a sixth of the flux, and 0.006 of rated frequency at least; 0.001 to 0.05 of it are admissible.
     pub omega_s_min: f64,
-    /// Amplitude of an oscillation of the torque near zero stator frequency in parts of rated torque, 0 to 0.3 (`control::dither`).
-    /// 0, the default: none. With 0.05 the field does not stay at the zeros of the phase currents. Needs the feature `dither`.
+    /// Amplitude of an oscillation of the torque near zero stator frequency in parts of rated torque, 0 to 0.3, by which the field
+    /// does not stay at the zeros of the phase currents ([`crate::control`]'s `dither`). 0.05 by default, 0 (none) without the
+    /// feature `dither`.
     pub dither: f64,
     /// Relative standard deviation with which the filter begins, at least 0.002: of the stator resistance with its
     /// temperature, at most 0.5.
@@ -71,7 +72,8 @@ const SHIFT_LEAST: f64 = 0.006;
 const SHIFT: f64 = 0.4;
 /// Admissible, of rated frequency. Slower the field does not turn once in 20 s at 50 Hz: no use, and per unit mistaken for rad/s.
 const SHIFT_RANGE: (f64, f64) = (0.001, 0.05);
-/// Largest dither, in parts of rated torque.
+/// Dither by default and at most, in parts of rated torque.
+const DITHER: f64 = 0.05;
 const DITHER_MOST: f64 = 0.3;
 
 /// Stator frequency to keep, rad/s. A constant error of the voltage turns the flux by the more, the slower the field turns; the
@@ -98,7 +100,7 @@ impl EnhancedParams {
             hold_inductances: true,
             apply_innovation: true,
             omega_s_min: shift(machine),
-            dither: 0.0,
+            dither: if cfg!(feature = "dither") { DITHER } else { 0.0 },
             prior_R_s: r_s,
             prior_loss: loss,
             prior_c_out: knee,
