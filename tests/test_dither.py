@@ -17,7 +17,7 @@ def outcomes(**settings: float) -> list[tolerance.Outcome]:
 
 
 def test_light_loads_at_rest_that_are_lost_without_it_are_held() -> None:
-    without, with_it = outcomes(), outcomes(dither=0.05)
+    without, with_it = outcomes(dither=0.0), outcomes()
     assert sum(bool(x.why) for x in without) >= 3
     assert [(x.draw, x.why) for x in with_it if x.why] == []
     assert max(x.angle for x in with_it) < 12.0
@@ -48,8 +48,7 @@ def test_the_torque_oscillates_near_zero_stator_frequency_alone(
 
     still, without = ripple(0.0, 0.05), ripple(0.0, 0.0)
     assert without[0] < 0.005
-    # Speed control answers to the speed that it makes.
-    assert 0.05 < still[0] < 0.07
-    assert still[1] < 0.002
+    assert 0.045 < still[0] < 0.06
+    assert still[1] < 0.001
     turning, turning_without = ripple(0.03, 0.05), ripple(0.03, 0.0)
     assert turning == pytest.approx(turning_without, abs=0.005)

@@ -340,7 +340,7 @@ impl<R: Real> Control<R> {
         };
         self.limited = limited;
         let mut i_q = torque_ref * c.flux_control.reciprocal(psi);
-        if let Some(dither) = estimators.dither(c) {
+        if let Some(dither) = estimators.dither(c, torque_ref) {
             i_q += dither;
         }
         let i_d =

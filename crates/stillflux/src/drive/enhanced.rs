@@ -364,13 +364,13 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
 
     #[cfg(feature = "dither")]
     #[inline(always)]
-    fn dither(&mut self, c: &DriveConfig<R>) -> Option<R> {
+    fn dither(&mut self, c: &DriveConfig<R>, torque: R) -> Option<R> {
         // The trial of a side is judged by a flux that nothing else moves.
         #[cfg(feature = "supervision")]
         if self.sides.is_trying() {
             return None;
         }
-        self.dither.step(&c.enhanced.dither, self.speed.omega_s)
+        self.dither.step(&c.enhanced.dither, self.speed.omega_s, torque)
     }
 
     #[inline(always)]

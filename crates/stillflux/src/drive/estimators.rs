@@ -126,7 +126,7 @@ pub(super) trait Estimators<R: Real> {
 
     /// What a scheme adds to the torque current, once a run of the speed control (`control::dither`).
     #[inline(always)]
-    fn dither(&mut self, _: &DriveConfig<R>) -> Option<R> {
+    fn dither(&mut self, _: &DriveConfig<R>, _torque: R) -> Option<R> {
         None
     }
 
