@@ -146,7 +146,7 @@ impl<R: Real> EnhancedConfig<R> {
             },
             #[cfg(feature = "dither")]
             dither: DitherConfig {
-                amplitude: rounded(p.enhanced.dither * pu.torque_rated / p.psi_ref),
+                amplitude: rounded(p.enhanced.dither * pu.torque_rated),
                 inv_torque: rounded((1.0 / (dither::TORQUE * pu.torque_rated)).min(100.0)),
                 step: rounded(4.0 / dither::PERIOD * f64::from(slow_periods(inverter)) / inverter.f_c()),
             },

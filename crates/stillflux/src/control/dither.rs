@@ -49,7 +49,7 @@ const RISE: f64 = 1.0;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct DitherConfig<R: Real> {
-    /// Amplitude of the torque current; 0: none.
+    /// Amplitude of the torque; 0: none.
     pub amplitude: R,
     /// Calls of one period, over four, as a reciprocal.
     pub step: R,
@@ -70,7 +70,7 @@ pub struct Dither<R: Real> {
 }
 
 impl<R: Real> Dither<R> {
-    /// One call: what is added to the torque current, at a torque reference.
+    /// One call: what is added to a torque reference.
     #[inline(always)]
     pub fn step(&mut self, c: &DitherConfig<R>, omega_s: R, torque: R) -> Option<R> {
         if likely(!omega_s.within(R::from_f64(BELOW))) || c.amplitude == R::ZERO {

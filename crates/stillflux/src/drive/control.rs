@@ -339,10 +339,11 @@ impl<R: Real> Control<R> {
             }
         };
         self.limited = limited;
-        let mut i_q = torque_ref * c.flux_control.reciprocal(psi);
-        if let Some(dither) = estimators.dither(c, torque_ref) {
-            i_q += dither;
-        }
+        let torque = match estimators.dither(c, torque_ref) {
+            None => torque_ref,
+            Some(dither) => (torque_ref + dither).clamp(lo, hi),
+        };
+        let i_q = torque * c.flux_control.reciprocal(psi);
         let i_d =
             self.flux.step(&c.flux_control, (psi_ff, inv_leakage), psi_ref - estimators.psi_s(), i_q, weight, range);
         self.i_q_room += (c.i_q_max - self.i_q_room) * R::from_f64(1.0 / 16.0);

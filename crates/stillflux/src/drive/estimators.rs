@@ -124,7 +124,7 @@ pub(super) trait Estimators<R: Real> {
     /// Part of the rated flux that the scheme asks for at a torque reference, once a run of the speed control.
     fn flux_factor(&mut self, c: &DriveConfig<R>, torque: R) -> R;
 
-    /// What a scheme adds to the torque current, once a run of the speed control (`control::dither`).
+    /// What a scheme adds to a torque reference, within the limits, once a run of the speed control (`control::dither`).
     #[inline(always)]
     fn dither(&mut self, _: &DriveConfig<R>, _torque: R) -> Option<R> {
         None
