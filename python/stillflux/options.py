@@ -181,10 +181,10 @@ class DriveSettings(TypedDict, total=False):
     lowered, by at most 30 %. 0: the flux stays. By default 0.4 of the rated slip frequency, and 0.006 of
     rated frequency at least; 0.001 to 0.05 of rated frequency are admissible."""
     dither: float
-    """Amplitude of an oscillation of the torque near zero stator frequency, below 0.012 of rated frequency,
-    with 40 Hz, in parts of rated torque, 0 to 0.3; by default 0.05. The field does not stay at the zeros of
-    the phase currents by it, where the bridge is known least: of light loads that come at rest far fewer are
-    lost (page Limits). 0: none."""
+    """Amplitude of an oscillation of the torque with 40 Hz, in parts of rated torque, 0 to 0.3; by default
+    0.05. It rises within a second below 0.012 of rated frequency and 0.4 of rated torque. By it the field
+    does not stay at the zeros of the phase currents, where the bridge is known least: of light loads that
+    come at rest far fewer are lost (page Limits). 0: none."""
     prior_R_s: float
     """Relative standard deviation with which the filter begins, 0.002 to 0.5: of the stator resistance, with
     its temperature. What is known well moves little: `Commissioned.settings`."""

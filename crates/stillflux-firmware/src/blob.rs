@@ -64,8 +64,9 @@ impl Parameters {
         let Self { ref machine, ref inverter, i_full, u_full, u_off, r_s: R_s, i_off, scheme } = *self;
         let mut params = DriveParams { scheme, ..DriveParams::new(machine, inverter) };
         if scheme == Scheme::Enhanced {
-            // So that a host with the feature `legs` computes what an image without it does.
+            // So that a host with the features `legs` and `dither` computes what an image without them does.
             params.enhanced.identify_legs = false;
+            params.enhanced.dither = 0.0;
         }
         let memory = MemorySi { u_off, R_s, i_off, ..MemorySi::of(machine, inverter) };
         Ready::new(machine, inverter, &params, (i_full, u_full), &memory)

@@ -49,11 +49,10 @@ FEATURES: dict[str, tuple[tuple[str, ...], ...]] = {
         ("additions", "supervision", "dclink"),
         ("additions", "legs"),
         ("additions", "restart"),
-        ("additions", "dither"),
         ("additions", "modes"),
         ("additions", "shunt"),
         ("additions", "encoder"),
-        ("additions", "supervision", "dclink", "legs", "restart", "dither"),
+        ("additions", "supervision", "dclink", "legs", "restart"),
     ),
 }
 ISR = "control_isr"
