@@ -408,14 +408,15 @@ def test_estimate_is_as_consistent_as_in_the_committed_table(machine: str) -> No
 
 
 def test_a_flux_on_the_other_side_of_the_current_is_found_by_trying_it() -> None:
-    """A light load at rest at 48 V. Each loss is chaotic: only the sum over installations says something."""
+    """A light load at rest at 48 V, without dither, with which few fields stay. Each loss is chaotic: only the sum
+    over installations says something."""
 
     def lost(realignment: bool) -> int:
         runs = [
             tolerance.scenario("48V", COURSES["light-load"], seed_of("48V", "light-load", draw))[0]
             for draw in range(16)
         ]
-        results = [sf.simulate(run.with_settings(realignment=realignment)) for run in runs]
+        results = [sf.simulate(run.with_settings(realignment=realignment, dither=0.0)) for run in runs]
         return sum(bool(tolerance.loss(result, 0.0)[1]) for result in results)
 
     assert lost(True) + 3 <= lost(False)
