@@ -408,8 +408,8 @@ def test_estimate_is_as_consistent_as_in_the_committed_table(machine: str) -> No
 
 
 def test_a_flux_on_the_other_side_of_the_current_is_found_by_trying_it() -> None:
-    """A light load at rest at 48 V, without dither, with which few fields stay. Each loss is chaotic: only the sum
-    over installations says something."""
+    """A light load at rest at 48 V, without dither, with which few fields stay. Each loss is chaotic:
+    only the sum over installations says something."""
 
     def lost(realignment: bool) -> int:
         runs = [
