@@ -182,9 +182,9 @@ class DriveSettings(TypedDict, total=False):
     rated frequency at least; 0.001 to 0.05 of rated frequency are admissible."""
     dither: float
     """Amplitude of an oscillation of the torque with 40 Hz, in parts of rated torque, 0 to 0.3; by default
-    0.05. It rises within a second below 0.012 of rated frequency and 0.4 of rated torque. By it the field
-    does not stay at the zeros of the phase currents, where the bridge is known least: of light loads that
-    come at rest far fewer are lost (page Limits). 0: none."""
+    0.05. It rises within a second below 0.012 of rated frequency, and fades towards there and towards 0.4 of
+    rated torque. By it the field does not stay at the zeros of the phase currents, where the bridge is known
+    least: of light loads that come at rest far fewer are lost (page Limits). 0: none."""
     prior_R_s: float
     """Relative standard deviation with which the filter begins, 0.002 to 0.5: of the stator resistance, with
     its temperature. What is known well moves little: `Commissioned.settings`."""

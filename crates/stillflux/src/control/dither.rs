@@ -24,10 +24,11 @@
 //! knee shows in the voltage then, too, while a current at its zero shows nothing of it.
 //!
 //! The torque oscillates with 40 Hz, which turns the shaft little, and current control follows it. The amplitude rises in the first second
-//! near zero stator frequency: a drive that passes has none, and a filter that has just begun, or whose sensors have stepped, learns from
-//! a current that is not at a zero to and fro (at 11 kW with a large leakage a step of the sensors' offset, then a ramp, was lost twice as
-//! often). It fades with the stator frequency and with the torque, and is left out while a side of the current is tried. Under load the
-//! field does not stay, and the answer to an oscillation takes an error of rotor resistance and leakage into the angle (160 kW).
+//! near zero stator frequency, so that a drive that only passes has none, and it fades towards a stator frequency and a torque. Both are
+//! there by measurement, not by derivation. At full amplitude at once, the preset of 11 kW with a large leakage, whose sensors' offset steps
+//! at the beginning of a ramp, was lost in 23 of 546 runs, in 10 without dither. At any load, a drive of 160 kW with rotor resistance and leakage a
+//! quarter above the parameters was lost in 15 of 40 realisations, in 4 without dither. It is left out while a side of the current is
+//! tried.
 //!
 //! Validity: the enhanced scheme. The published one takes the torque for a sign of its resistance (Fig. 13b).
 

@@ -72,8 +72,9 @@ const SHIFT_LEAST: f64 = 0.006;
 const SHIFT: f64 = 0.4;
 /// Admissible, of rated frequency. Slower the field does not turn once in 20 s at 50 Hz: no use, and per unit mistaken for rad/s.
 const SHIFT_RANGE: (f64, f64) = (0.001, 0.05);
-/// Dither by default and at most, in parts of rated torque.
+/// Dither by default, in parts of rated torque.
 const DITHER: f64 = 0.05;
+/// Largest dither.
 const DITHER_MOST: f64 = 0.3;
 
 /// Stator frequency to keep, rad/s. A constant error of the voltage turns the flux by the more, the slower the field turns; the
