@@ -499,7 +499,7 @@ def test_a_memory_that_cannot_be_is_refused_by_its_field(motor: sf.Motor, invert
     drive = sf.Drive(motor, inverter)
     memory = drive.memory()
     for change, text in (
-        ({"R_s": -1.0}, "memory R_s = -1 ohm is outside the admissible range"),
+        ({"R_s": -1.0}, "memory R_s = -1 Ω is outside the admissible range"),
         ({"L_M": float("nan")}, "memory L_M = NaN H is outside the admissible range"),
         ({"i_off": (0.0, float("inf"), 0.0)}, "memory i_off = inf is outside the admissible range"),
         ({"u_off": complex("nan")}, "memory u_off = NaN is outside the admissible range"),

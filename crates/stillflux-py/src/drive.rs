@@ -8,12 +8,9 @@ use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyUserWarning, PyValueError}
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use stillflux::drive::{self as core, Fault};
-use stillflux::params::check;
 use stillflux::si::{MeasurementSi, MemorySi, ReferenceSi, SiDrive};
 
-use crate::convert::{
-    Given, complex, extract, extract_some, fields, finite, finite_parts, is_not, pair, three, value_error,
-};
+use crate::convert::{Given, complex, extract, extract_some, fields, finite, is_not, pair, three, value_error};
 use crate::parameters::{
     arithmetic, drive_params, found, inverter_of, leg_delay_tuple, machine_of, names_of, one_of, settings_dict,
 };
@@ -294,23 +291,7 @@ pub fn memory_from(dict: &Bound<'_, PyDict>, leg_delay: [[f64; 2]; 3]) -> PyResu
         L_M: extract("memory L_M", &item("L_M")?)?,
         leg_delay: dict.get_item("leg_delay")?.map_or(Ok(leg_delay), |x| extract("memory leg_delay", &x))?,
     };
-    let MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = memory;
-    finite_parts("memory u_off", complex(u_off))?;
-    for x in i_off {
-        finite("memory i_off", x)?;
-    }
-    finite("memory loss_error", loss_error)?;
-    for x in leg_delay.iter().flatten() {
-        finite("memory leg_delay", *x)?;
-    }
-    for (name, x, unit) in [
-        ("memory R_s", R_s, "ohm"),
-        ("memory knee", knee, ""),
-        ("memory L_sigma", L_sigma, "H"),
-        ("memory L_M", L_M, "H"),
-    ] {
-        check(name, x, 1e-9, 1e9, unit).map_err(|e| value_error(e.with_note("finite and positive")))?;
-    }
+    memory.validate().map_err(value_error)?;
     Ok(memory)
 }
 

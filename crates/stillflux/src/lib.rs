@@ -16,7 +16,7 @@
 //!
 //! The features `paper` (the published scheme) and `enhanced` choose the estimators that a build of the drive holds;
 //! both are on by default, a product needs one. `additions` is what both have beyond the paper's drive, `commission` adds
-//! self-commissioning.
+//! self-commissioning; the chapter for firmware engineers (`docs/firmware.md`) lists them all, with what a build without them lacks.
 //!
 //! ```
 //! use stillflux::config::{DriveConfig, DriveParams};

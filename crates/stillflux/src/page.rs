@@ -49,7 +49,7 @@ impl<R: Real> Ready<R> {
     /// From SI values. `full`: full scale of the current channels in A and of the dc-link channel in V.
     ///
     /// # Errors
-    /// The first parameter outside its admissible range.
+    /// The first parameter or stored value outside its admissible range.
     pub fn new(
         machine: &Machine,
         inverter: &Inverter,
@@ -57,6 +57,7 @@ impl<R: Real> Ready<R> {
         full: (f64, f64),
         memory: &MemorySi,
     ) -> Result<Self, ParamError> {
+        memory.validate()?;
         Ok(Self {
             config: DriveConfig::new(machine, inverter, params)?,
             scale: Scale::new(machine, params, full.0, full.1)?,
@@ -200,6 +201,31 @@ mod tests {
     fn a_page_comes_back_as_it_was_sealed() {
         comes_back::<f32>();
         comes_back::<Q>();
+    }
+
+    #[test]
+    fn a_memory_that_no_drive_has_is_refused_by_its_value() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let (params, right) = (DriveParams::new(&machine, &inverter), MemorySi::of(&machine, &inverter));
+        let blank = MemorySi {
+            u_off: [0.0; 2],
+            R_s: 0.0,
+            i_off: [0.0; 3],
+            loss_error: 0.0,
+            knee: 0.0,
+            L_sigma: 0.0,
+            L_M: 0.0,
+            leg_delay: [[0.0; 2]; 3],
+        };
+        for (memory, field) in [
+            (blank, "memory R_s"),
+            (MemorySi { knee: 0.0, ..right }, "memory knee"),
+            (MemorySi { i_off: [0.0, f64::NAN, 0.0], ..right }, "memory i_off"),
+            (MemorySi { L_M: -0.2, ..right }, "memory L_M"),
+        ] {
+            let error = Ready::<f32>::new(&machine, &inverter, &params, (20.0, 810.0), &memory).unwrap_err();
+            assert_eq!(error.field, field);
+        }
     }
 
     #[test]

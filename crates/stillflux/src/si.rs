@@ -18,7 +18,7 @@ use crate::drive::EncoderState;
 use crate::drive::{Drive, Estimate, Fault, FaultReport, Measurement, Memory, Quantity, Reference, Status};
 #[cfg(feature = "legs")]
 use crate::inverter::Legs;
-use crate::params::{Inverter, Machine, ParamError};
+use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::{Q, Real};
 use crate::space::{AlphaBeta, Space};
 
@@ -154,6 +154,31 @@ impl MemorySi {
         let r_s = machine.R_s + inverter.r_d;
         let (Machine { L_sigma, L_M, .. }, leg_delay) = (*machine, inverter.leg_delay);
         Self { u_off: [0.0; 2], R_s: r_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M, leg_delay }
+    }
+
+    /// Checks that every value is a number, and a positive one where nothing else is possible. A drive limits the others.
+    ///
+    /// # Errors
+    /// The first value that is not.
+    pub fn validate(&self) -> Result<(), ParamError> {
+        let &Self { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = self;
+        let any =
+            [("memory loss_error", loss_error, ""), ("memory u_off", u_off[0], "V"), ("memory u_off", u_off[1], "V")];
+        let any = any.into_iter().chain(i_off.map(|i| ("memory i_off", i, "A")));
+        for (name, x, unit) in any.chain(leg_delay.into_iter().flatten().map(|x| ("memory leg_delay", x, "s"))) {
+            check(name, x, -1e9, 1e9, unit)?;
+        }
+        let positive = [
+            ("memory R_s", R_s, "Ω"),
+            ("memory knee", knee, ""),
+            ("memory L_sigma", L_sigma, "H"),
+            ("memory L_M", L_M, "H"),
+        ];
+        for (name, x, unit) in positive {
+            check(name, x, 1e-9, 1e9, unit)
+                .map_err(|e| e.with_note("finite and positive; a drive that has not run remembers its parameters"))?;
+        }
+        Ok(())
     }
 }
 

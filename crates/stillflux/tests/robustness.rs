@@ -156,6 +156,28 @@ fn each_bad_measurement_gives_its_fault_blocks_the_gates_and_latches() {
 }
 
 #[test]
+fn a_stopped_drive_waits_for_its_link_and_a_start_without_it_is_a_fault() {
+    let empty = Measurement { u_dc: 0.0, ..healthy::<f32>() };
+    for &scheme in SCHEMES {
+        let mut d = drive::<f32>(scheme);
+        for _ in 0..1000 {
+            assert!(!d.step(&empty, &Reference::Stop).gates_on && d.status() == Status::Stopped, "{:?}", d.status());
+        }
+        d.step(&healthy(), &Reference::Speed(0.0));
+        assert_eq!(d.status(), Status::ReadingOffset, "starts once it is charged");
+        d.step(&healthy(), &Reference::Stop);
+        d.step(&empty, &Reference::Speed(0.0));
+        assert!(matches!(d.status(), Status::Faulted { cause: Fault::UnderVoltage, .. }), "{:?}", d.status());
+        d.reset();
+        let beyond = Measurement { u_dc: 2.6, ..empty };
+        for _ in 0..2 {
+            d.step(&beyond, &Reference::Stop);
+        }
+        assert!(matches!(d.status(), Status::Faulted { cause: Fault::OverVoltage, .. }), "{:?}", d.status());
+    }
+}
+
+#[test]
 fn a_reference_that_is_not_finite_is_a_fault_of_its_own() {
     for &scheme in SCHEMES {
         let mut d = running::<f32>(scheme);

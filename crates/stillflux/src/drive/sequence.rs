@@ -189,7 +189,7 @@ impl<R: Real> Sequence<R> {
         };
         if channel > R::ZERO {
             Some(Trip::new(Fault::Measurement, channel, R::ZERO))
-        } else if m.u_dc < c.u_dc_min {
+        } else if m.u_dc < c.u_dc_min && !matches!(self.status, Status::Stopped) {
             Some(Trip::new(Fault::UnderVoltage, m.u_dc, c.u_dc_min))
         } else if m.u_dc > c.u_dc_max {
             Some(Trip::new(Fault::OverVoltage, m.u_dc, c.u_dc_max))
@@ -219,6 +219,11 @@ impl<R: Real> Sequence<R> {
             (Status::Faulted { .. }, _) | (Status::Stopped, Reference::Stop) => return Action::Blocked,
             (_, Reference::Stop) => {
                 self.enter(Status::Stopped);
+                return Action::Blocked;
+            }
+            // A drive that is stopped waits for its link to be charged; one that is to start does not.
+            (Status::Stopped, _) if m.u_dc < c.u_dc_min => {
+                self.fault(Trip::new(Fault::UnderVoltage, m.u_dc, c.u_dc_min));
                 return Action::Blocked;
             }
             (Status::Stopped, _) if self.pause(c).is_some() => {

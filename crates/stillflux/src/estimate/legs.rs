@@ -86,26 +86,30 @@ const WINDOW: (u32, u32) = (3, 5);
 /// Gain of the sums of which the quotient counts: the reciprocal of some thousand periods.
 const MEAN: f64 = 1.0 / 2048.0;
 
-/// Least half of a plateau, s and in time constants of current control; and in rotor time constants, of which the flux is
+/// Half of a plateau, s and in time constants of current control; and in rotor time constants, of which the flux is
 /// half as much of rated: with less the voltage errors of the bridge are a rotation.
-const LEAST: f64 = 0.01;
+const HALF: f64 = 0.01;
 const SETTLE: f64 = 20.0;
 const FLUX: f64 = 0.03;
 /// The longest, in rotor time constants: with slower alternations a free shaft begins to turn, as a machine on one phase does.
 const SLOWEST: f64 = 0.25;
+/// The least of those, in time constants of current control: a hundredth of the reversal is left where the window begins.
+const LEAST: f64 = 12.0;
 /// Speed found in the first direction above which the comparison ends: below it what looks like a rotation may be unequal
 /// legs.
 const CERTAINLY_ROTATING: f64 = 0.3;
 
-/// Half of a plateau with a rotor time constant in s, at a bandwidth of current control in Hz; s.
+/// Half of a plateau with a rotor time constant in s, at a bandwidth of current control in Hz; s. 0: current control is too slow
+/// for one.
 pub(crate) fn half_plateau(tau_r: f64, current_bandwidth: f64) -> f64 {
-    LEAST.max(FLUX * tau_r).max(SETTLE / (core::f64::consts::TAU * current_bandwidth))
+    let tau_c = 1.0 / (core::f64::consts::TAU * current_bandwidth);
+    let half = HALF.max(FLUX * tau_r).max(SETTLE * tau_c).min(SLOWEST * tau_r);
+    if half < LEAST * tau_c { 0.0 } else { half }
 }
 
 /// Duration of the comparison with a rotor time constant in s, s; 0: current control is too slow for it.
 pub(crate) fn legs_time(tau_r: f64, current_bandwidth: f64) -> f64 {
-    let half = half_plateau(tau_r, current_bandwidth);
-    if half > SLOWEST * tau_r { 0.0 } else { f64::from(PLATEAUS) * half }
+    f64::from(PLATEAUS) * half_plateau(tau_r, current_bandwidth)
 }
 
 /// Settings.
@@ -408,6 +412,18 @@ mod tests {
 
     /// With two sensors the difference of their gains is found after the legs.
     #[cfg(feature = "modes")]
+    #[test]
+    fn plateaus_are_long_against_current_control_and_short_against_the_rotor_time_constant() {
+        // Of 10 ms, of a large machine longer; at a quarter of a short rotor time constant, if current control settles within it.
+        for (tau_r, bandwidth, half) in
+            [(0.1, 300.0, 0.0106), (1.3, 300.0, 0.039), (0.023, 480.0, 0.00575), (0.023, 300.0, 0.0), (0.1, 60.0, 0.0)]
+        {
+            let found = half_plateau(tau_r, bandwidth);
+            assert!((found - half).abs() < 1e-4, "{tau_r} {bandwidth}: {found}");
+            assert!((legs_time(tau_r, bandwidth) - 19.0 * found).abs() < 1e-9);
+        }
+    }
+
     #[test]
     fn two_sensors_show_the_legs_once_the_difference_of_their_gains_is_known() {
         for gains in [[1.0; 3], [1.01, 0.99, 1.0], [0.995, 1.005, 1.0]] {

@@ -3,7 +3,8 @@
 //! ```text
 //! |i* - i|² > 0.2² |i*|² + 0.05²         violated
 //! Σ|i_x| < 0.15 Σ|i_x*|                  phase x is open; sums over the violated calls
-//! |i* - i|² > 0.06² |i*|² + 0.02²        with (i_x* - i_x)² > |i* - i|²/4 and |ω̂_s| > 0.03 for 4 ms and 0.1 rad of ω̂_s τ,
+//! |i* - i|² > 0.06² |i*|² + 0.02²        with (i_x* - i_x)² > |i* - i|²/4, also with i_x* of the call before and with the
+//!                                        same sign, and |ω̂_s| > 0.03, for 4 ms and 0.1 rad of ω̂_s τ,
 //!                                        and in every call from the first to the last of them |i_x| < 0.03 |i|:
 //!                                        phase x is open
 //! ```
@@ -14,8 +15,9 @@
 //! current stays at its zero under a small deviation, although the field turns, is open: a healthy one has passed the
 //! zero after 2 · 0.03 rad. What such a phase lacks lies along its axis: a deviation along the line of the other two is
 //! none of it, as while a speed controller takes the torque current back as fast as the field turns, and the dead time
-//! holds at zero a phase that is to carry next to nothing (the published scheme before its first offset). Not while a
-//! violation is remembered: after a step of the reference the current comes up to it from beside, by as much as the
+//! holds at zero a phase that is to carry next to nothing (the published scheme before its first offset). Nor is a
+//! deviation by which the current is where its reference was at the call before: it follows one that moves, after a load
+//! that is taken away. Not while a violation is remembered: after a step of the reference the current comes up to it from beside, by as much as the
 //! field turns, and a healthy phase may stay at its zero for some ms. After 4 ms of violation (leaky, [`super::leaky`])
 //! an open phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped
 //! or inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
@@ -92,6 +94,8 @@ pub struct Phases<R: Real> {
     zero: [(u32, R); 3],
     /// One of them is.
     at_zero: bool,
+    /// Reference of the latest call with a deviation.
+    i_ref: Dq<R>,
     /// Sums of `|i_x|` and of `|i_x*|` over the violated calls, scaled.
     measured: [R; 3],
     wanted: [R; 3],
@@ -103,6 +107,7 @@ impl<R: Real> Default for Phases<R> {
             counter: LeakyCounter::default(),
             zero: [(0, R::ZERO); 3],
             at_zero: false,
+            i_ref: Dq::default(),
             measured: [R::ZERO; 3],
             wanted: [R::ZERO; 3],
         }
@@ -160,17 +165,20 @@ impl<R: Real> Phases<R> {
     ) -> Option<Trip<R>> {
         let r = R::from_f64;
         let open = |phase: f64| Some(Trip::new(Fault::OpenPhase, r(phase), R::ZERO));
-        let (measured, wanted) = (field.to_stator(i).to_phases(), field.to_stator(i_ref).to_phases());
+        let [measured, wanted, before] = [i, i_ref, &self.i_ref].map(|i| field.to_stator(i).to_phases());
+        self.i_ref = *i_ref;
         let omega_s = omega_s.map(R::abs);
         let turned = omega_s.filter(|omega_s| *omega_s > r(TURNS)).map(|omega_s| omega_s * c.t_s);
         let settled = turned.is_some() && self.counter.is_empty();
         let nothing = if settled { i.norm_sq() * r(ZERO * ZERO) } else { R::ZERO };
         for (k, number) in [1.0, 2.0, 3.0].into_iter().enumerate() {
             let (calls, angle) = self.zero[k];
-            let missing = wanted[k] - measured[k];
+            let (missing, missed) = (wanted[k] - measured[k], before[k] - measured[k]);
+            let aimed = |missing: R| missing * missing > deviation * r(AIMED);
+            let lasts = aimed(missing) && aimed(missed) && (missing < R::ZERO) == (missed < R::ZERO);
             self.zero[k] = match turned {
                 Some(turned) if measured[k] * measured[k] < nothing => {
-                    if missing * missing > deviation * r(AIMED) {
+                    if lasts {
                         (calls.saturating_add(1), (angle + turned).min(R::ONE))
                     } else {
                         (calls, angle)
@@ -330,6 +338,23 @@ mod tests {
         };
         assert_eq!(found(0.9, 0.0), None);
         assert_eq!(found(1.0, 0.08), Some(1.0));
+    }
+
+    #[test]
+    fn a_phase_at_its_zero_whose_current_follows_a_moving_reference_by_a_call_is_not_open() {
+        // Phase a is at its zero and stays there; the field turns by 0.08 rad in a call, and the reference back in it.
+        let found = |calls: f64| {
+            let mut phases = Phases::default();
+            (0..100).find_map(|k| {
+                let at = |k: f64| Rotator { cos: (0.08 * k).cos(), sin: (0.08 * k).sin() };
+                let line = AlphaBeta::new(0.0, 0.8);
+                let (i, i_ref) = (at(f64::from(k)).to_field(&line), at(f64::from(k) + calls).to_field(&line));
+                phases.step(&CONFIG, &i, &i_ref, &at(f64::from(k)), Some(1.0)).map(|trip| trip.value)
+            })
+        };
+        assert_eq!(found(1.0), None);
+        // It has not reached where the reference was two calls before.
+        assert_eq!(found(3.0), Some(1.0));
     }
 
     #[test]

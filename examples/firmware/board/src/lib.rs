@@ -64,21 +64,27 @@ pub fn start(drive: &CountsDrive<f32>) -> Result<(), &'static str> {
 /// Control periods between two rounds of the application: 10 ms.
 pub const ROUND: u32 = 100;
 
+/// Stator frequency, rad/s, from which on the field counts as rotating, and rounds in which it has to for what the drive has
+/// learned to be stored: a second.
+const ROTATES: f32 = 6.0;
+const ENOUGH: u32 = 100;
+
 /// The application's round, whatever calls it: watchdog, telemetry, resets.
 #[derive(Default)]
 pub struct Rounds {
     period: u32,
-    ran: bool,
+    /// Rounds of this run in which the field rotated.
+    rotated: u32,
 }
 
 impl Rounds {
     /// Before the first round.
     pub const fn new() -> Self {
-        Self { period: 0, ran: false }
+        Self { period: 0, rotated: 0 }
     }
 
-    /// To be called as often as one likes with the telemetry of now. Whether a run has ended, and what the drive has
-    /// learned in it should be stored.
+    /// To be called as often as one likes with the telemetry of now. Whether a run has ended by a stop, and what the drive
+    /// has learned in it should be stored: not after a fault, of which a wrong estimate may be the cause.
     pub fn round(&mut self, t: Telemetry) -> bool {
         if t.period.wrapping_sub(self.period) < ROUND {
             return false;
@@ -87,9 +93,13 @@ impl Rounds {
         self.period = t.period;
         watchdog::feed();
         MAILBOX.publish(t);
-        let ended = self.ran && t.status == Status::Stopped.code();
-        self.ran = t.status == Status::Running.code() || (self.ran && !ended);
-        ended
+        let rotated = self.rotated;
+        if t.status != Status::Running.code() {
+            self.rotated = 0;
+        } else if t.omega_s.abs() > ROTATES {
+            self.rotated = rotated.saturating_add(1);
+        }
+        rotated >= ENOUGH && t.status == Status::Stopped.code()
     }
 }
 

@@ -20,7 +20,7 @@ pub struct EnhancedParams {
     pub identify_resistance: bool,
     /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), in the first
     /// 0.2 s of its magnetisation, 0.74 s at 160 kW; not without `inverter_model` and `calibrate_offset`, nor with a `current_bandwidth`
-    /// below `12.7 R_R/L_M`, in Hz.
+    /// below `7.6 R_R/L_M`, in Hz.
     pub identify_legs: bool,
     /// Look at each start for a shaft that something else turns slowly ([`crate::estimate`]'s `slow_turn`); without it such a
     /// shaft is taken to stand still, and the field is off by `arctan ω τ_r`. Needs the feature `restart`.
