@@ -113,6 +113,30 @@ def test_overmodulation_is_refused_where_a_turn_of_the_field_has_too_few_control
     assert sf.Drive(drive.motor, drive.inverter, overmodulation=True, omega_max=250.0)
 
 
+@pytest.mark.parametrize(("name", "scheme"), [("2.2kW", "enhanced"), ("2.2kW", "paper"), ("4kW", "enhanced")])
+def test_braking_from_field_weakening_ends_at_the_link_voltage_that_is_set(name: str, scheme: str) -> None:
+    motor, inverter = DRIVES[name].motor, DRIVES[name].inverter
+    base, u = motor.base["omega_m"], inverter.u_dc
+    there = 2.0 + 10.0 * motor.J * 1.6 * base / motor.T_N
+    braked = sf.Scenario(
+        motor=motor,
+        inverter=inverter,
+        scheme=scheme,
+        settings={"u_dc_brake": 1.2 * u},
+        plant={"J_load": 4.0 * motor.J, "dc_link": (0.45e-6 * motor.T_N * base, 0.5, None)},
+        omega_ref=[(0.0, 0.0), (2.0, 0.0), (there, 1.6 * base), (there + 0.5, 1.6 * base), (there + 0.5, base)],
+        duration=there + 1.5,
+        signals=("omega_m", "torque", "u_dc", "status"),
+    )
+    result = sf.simulate(braked)
+    assert result.status.state == "running", result.status
+    assert float(result["u_dc"].max()) < 1.22 * u
+    # Without the setting the same step ends by its energy.
+    free = sf.simulate(braked.replace(settings={}))
+    assert free.status.fault == "over-voltage", free.status
+    assert free.status.time is not None and free.status.time > there + 0.5
+
+
 def test_a_link_on_a_capacitor_keeps_its_energy() -> None:
     """Loaded from its capacitor alone, the link gives what the plant takes."""
     scenario = sf.Scenario(

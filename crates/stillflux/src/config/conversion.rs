@@ -383,11 +383,10 @@ impl<'a> Conversion<'a> {
         let Self { p, pu, .. } = *self;
         let (r, b) = (rounded::<R>, pu.base);
         let u = |volts: Option<f64>, without: f64| volts.map_or(without, |u| u / b.u);
-        let (on, full) = p.u_dc_chopper.map_or((100.0, 101.0), |(on, full)| (on / b.u, full / b.u));
+        let (on, full) = p.u_dc_chopper.map_or((dclink::NEVER, dclink::NEVER + 1.0), |(on, full)| (on / b.u, full / b.u));
         DcLinkConfig {
-            // Beyond what is ever measured where they are not set.
-            u_brake: r(u(p.u_dc_brake, 100.0)),
-            u_buffer: r(u(p.u_dc_buffer, -100.0)),
+            u_brake: r(u(p.u_dc_brake, dclink::NEVER)),
+            u_buffer: r(u(p.u_dc_buffer, -dclink::NEVER)),
             inv_width: r((1.0 / (dclink::WIDTH * pu.u_dc)).min(100.0)),
             u_on: r(on),
             inv_span: r(1.0 / (full - on)),

@@ -21,6 +21,8 @@ use crate::words::words;
 
 /// Width of the proportional range, in units of the rated link.
 pub const WIDTH: f64 = 0.05;
+/// Voltage of what is not set, per unit: beyond what is ever measured.
+pub const NEVER: f64 = 100.0;
 /// Speed, per unit, below which the machine cannot feed the link.
 const OMEGA_MIN: f64 = 0.05;
 
@@ -49,6 +51,15 @@ impl<R: Real> DcLinkConfig<R> {
         let brake = (self.u_brake - u_dc) * self.inv_width;
         let drive = (u_dc - self.u_buffer) * self.inv_width;
         if likely(brake >= R::ONE && drive >= R::ONE) { (lo, hi) } else { weigh((lo, hi), omega_m, brake, drive) }
+    }
+
+    /// The torque current by which field weakening may choose its flux: none that brakes, where the link may end it within
+    /// milliseconds. A braking current takes `r' i_q` less voltage; the flux that this allows would leave none to control the
+    /// torque current when the braking ends, and the machine would go on braking until the flux has decayed.
+    #[inline(always)]
+    pub fn lasting(&self, i_q: R, omega: R) -> R {
+        let brakes = (i_q < R::ZERO) != (omega < R::ZERO);
+        if self.u_brake < R::from_f64(NEVER) && brakes { R::ZERO } else { i_q }
     }
 
     /// Duty of the brake chopper.
@@ -96,6 +107,14 @@ mod tests {
         assert!((config.dclink.chopper((full / base) as f32) - 1.0).abs() < 1e-3);
         let e = DriveConfig::<Q>::new(&machine, &inverter, &params).unwrap_err();
         assert!(e.field == "u_dc_chopper[1]" && e.min > full && e.min < full + 2.0, "{e}");
+    }
+
+    #[test]
+    fn where_the_link_may_end_it_a_braking_current_does_not_count_for_the_flux() {
+        for (i_q, omega, lasts) in [(0.8, 1.5, 0.8), (-0.8, 1.5, 0.0), (0.8, -1.5, 0.0), (-0.8, -1.5, -0.8)] {
+            assert_eq!(C.lasting(i_q, omega), lasts);
+            assert_eq!(DcLinkConfig { u_brake: NEVER, ..C }.lasting(i_q, omega), i_q);
+        }
     }
 
     #[test]

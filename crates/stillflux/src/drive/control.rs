@@ -374,8 +374,11 @@ impl<R: Real> Control<R> {
         let omega = omega_turn - omega_r;
         let most = self.largest_torque_current(c, estimators.pull_out_flux(self.psi_ref), estimators.inv_leakage());
         let i_q = self.speed.demand().limit(c.speed_control.torque_max) * c.flux_control.reciprocal(self.psi_ref);
+        let i_q = i_q.limit(most);
+        #[cfg(feature = "dclink")]
+        let i_q = c.dclink.lasting(i_q, omega);
         let psi = (psi_rated, estimators.psi_s());
-        if self.weakening.limit(&c.weakening, omega, i_q.limit(most), psi, (u_max, u_sq)) {
+        if self.weakening.limit(&c.weakening, omega, i_q, psi, (u_max, u_sq)) {
             self.flux.leave_weakening();
         }
     }
