@@ -124,7 +124,13 @@ def test_braking_from_field_weakening_ends_at_the_link_voltage_that_is_set(name:
         scheme=scheme,
         settings={"u_dc_brake": 1.2 * u},
         plant={"J_load": 4.0 * motor.J, "dc_link": (0.45e-6 * motor.T_N * base, 0.5, None)},
-        omega_ref=[(0.0, 0.0), (2.0, 0.0), (there, 1.6 * base), (there + 0.5, 1.6 * base), (there + 0.5, base)],
+        omega_ref=[
+            (0.0, 0.0),
+            (2.0, 0.0),
+            (there, 1.6 * base),
+            (there + 0.5, 1.6 * base),
+            (there + 0.5, base),
+        ],
         duration=there + 1.5,
         signals=("omega_m", "torque", "u_dc", "status"),
     )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -43,6 +44,8 @@ PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
 """All of them, in the order in which they are run."""
 
 
+_MOST = 1.45
+"""Current at which the core blocks the gates, of the rated peak."""
 _FAR_INERTIA = 8.0
 """Factor from the inertia by the plate beyond which the one that is found is named."""
 
@@ -125,7 +128,8 @@ class Commissioning:
 
     `step` is called once a control period, with the same timing as `Drive.step`: currents sampled at the
     start of period k give the duties applied during period k + 1. At standstill every current flows along one
-    axis: a free shaft does not turn. The current stays below 1.5 times the rated one.
+    axis: a free shaft does not turn. The current stays below 1.5 times the rated one, which the current channels
+    have to show: of one that ends before, nothing is known beyond.
 
     Parameters
     ----------
@@ -261,6 +265,14 @@ def commission(
             known = [*PlantOptions.__annotations__, *inspect.signature(commission).parameters]
             raise TypeError(
                 f"neither commission nor the plant has the setting {key!r}{meant(key, known[:-1])}"
+            )
+    adc_range = plant.get("adc_range")
+    if isinstance(adc_range, (int, float)):
+        least = _MOST * math.sqrt(2.0) * plate.I_N
+        if not adc_range >= least:
+            raise ValueError(
+                f"adc_range = {adc_range:g} A is outside the admissible range {least:.4g} A to inf: the currents go up "
+                f"to {_MOST:g} times the rated peak, and a channel that ends before would let them grow beyond"
             )
     run = CommissioningRun(
         plate,

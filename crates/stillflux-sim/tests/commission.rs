@@ -42,6 +42,20 @@ fn star_for_delta_and_delta_for_star_are_wrong_plates_before_rated_current_flows
     }
 }
 
+/// A channel that ends below the currents of the commissioning reads the same from there on, and its current control would raise
+/// the voltage to its limit.
+#[test]
+fn a_current_that_does_not_come_to_its_reference_ends_it_and_keeps_what_was_found() {
+    let (plate, inverter, mut plant) = connected(1.0);
+    plant.adc.range = 0.5 * plate.I_N * 2f64.sqrt();
+    let mut run =
+        CommissioningRun::new(&plate, &inverter, Shaft::Locked, Arithmetic::F32, plant, Wiring::default()).unwrap();
+    while run.advance(10_000) {}
+    let status = run.commissioning().status();
+    assert!(matches!(status, Status::Faulted { cause: Cause::CurrentControl, .. }), "{status:?}");
+    assert!(found(&run).1);
+}
+
 /// The values of the result that are no longer the nameplate's.
 fn found(run: &CommissioningRun) -> (Deviation, bool) {
     let found = run.commissioning().result().unwrap();

@@ -206,7 +206,9 @@ impl<R: Real> CountsCommissioning<R> {
         &self.timer
     }
 
-    /// What has been found, and the content of the parameter page with it. Not for the control interrupt.
+    /// What has been found, and the content of the parameter page with it and the default settings of a drive
+    /// ([`Found::ready`]); settings of the application go into [`Found::params`] and [`Ready::new`]. What has not been found is
+    /// the nameplate's ([`crate::commission::Warnings::incomplete`]). Not for the control interrupt.
     ///
     /// # Errors
     /// A value found that no drive accepts.

@@ -27,6 +27,9 @@ use crate::space::AlphaBeta;
 #[cfg(feature = "legs")]
 use crate::space::Rotator;
 
+/// Deviation of a current from its reference that no transient of a healthy one has for long, per unit.
+const OFF: f64 = 0.15;
+
 /// What a procedure asks for in a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command<R: Real> {
@@ -90,8 +93,9 @@ pub(super) struct Excitation<R: Real> {
     target: AlphaBeta<R>,
     slope: AlphaBeta<R>,
     i_last: R,
-    /// Periods for which the voltage has been at its limit.
+    /// Periods for which the voltage has been at its limit, and for which the current has been off its reference.
     limited: u32,
+    off: u32,
 }
 
 impl<R: Real> Excitation<R> {
@@ -105,12 +109,18 @@ impl<R: Real> Excitation<R> {
             slope: AlphaBeta::default(),
             i_last: R::ZERO,
             limited: 0,
+            off: 0,
         }
     }
 
     /// Periods for which the voltage has been at its limit.
     pub fn limited(&self) -> u32 {
         self.limited
+    }
+
+    /// Periods for which the current has been off its reference by more than [`OFF`].
+    pub fn off(&self) -> u32 {
+        self.off
     }
 
     /// The sample of a period.
@@ -165,6 +175,7 @@ impl<R: Real> Excitation<R> {
     /// Voltage along the current, by its reference, the change of that, and the current.
     fn control(&mut self, c: &ExcitationConfig<R>, gain: R, [reference, change, i]: [R; 3]) -> R {
         let e = reference - i;
+        self.off = if e.within(R::from_f64(OFF)) { 0 } else { self.off.saturating_add(1) };
         let integral = self.integral.add_limited(c.k_i * gain, e, c.u_max);
         let wanted = gain * (c.k_p * e + c.l * change) + integral + c.r * reference;
         let u = wanted.limit(c.u_max);

@@ -58,7 +58,7 @@ const TRIP: f64 = 1.45;
 /// dc-link voltage relative to the rated one.
 const U_DC: (f64, f64) = (0.6, 1.45);
 /// Bandwidth of current control relative to the switching frequency, for the nameplate's leakage inductance.
-const BANDWIDTH: f64 = 0.012;
+const BANDWIDTH: f64 = 0.03;
 /// Periods in which the current goes from one value to the next.
 const RISE: u32 = 50;
 /// Periods from a command to the sample that shows it.
@@ -68,6 +68,9 @@ const DELAY: u32 = 2;
 const SETTLE: f64 = 0.2;
 /// Periods for which the voltage may be at its limit.
 const LIMITED: u32 = 400;
+/// Periods for which the current may be off its reference: a channel that is at the end of its range, which its reading does not
+/// show, would let the voltage drive it to many times that.
+const OFF: u32 = 8;
 /// Duration of a level of the magnetising curve in rotor time constants of the nameplate, and its limit, s.
 const LEVEL: f64 = 5.0;
 const LEVEL_MAX: f64 = 6.5;
@@ -313,10 +316,13 @@ impl<R: Real> Commissioning<R> {
                 Ok((command, x)) => {
                     let gain = if state.stage > Stage::Wiring { state.wiring.leakage } else { R::ONE };
                     let duty = state.excitation.duties(&c.excitation, gain, &command, &x);
-                    if state.excitation.limited() < LIMITED {
+                    if state.excitation.off() >= OFF {
+                        state.fault(Cause::CurrentControl);
+                    } else if state.excitation.limited() >= LIMITED {
+                        state.fault(Cause::WrongMotor);
+                    } else {
                         return Output { duty, gates_on: true };
                     }
-                    state.fault(Cause::WrongMotor);
                 }
                 Err(cause) => state.fault(cause),
             }

@@ -33,11 +33,13 @@ pub enum Cause {
     ChannelGain = 12,
     /// The machine is far from its nameplate.
     WrongMotor = 13,
+    /// A current does not come to its reference: a channel at the end of its range, or a gain that is far off.
+    CurrentControl = 14,
 }
 
 impl Cause {
     /// All causes.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Aborted,
         Self::Measurement,
         Self::DcLink,
@@ -51,9 +53,10 @@ impl Cause {
         Self::InvertedChannel,
         Self::ChannelGain,
         Self::WrongMotor,
+        Self::CurrentControl,
     ];
 
-    /// Its number, 1 to 13.
+    /// Its number, 1 to 14.
     #[must_use]
     pub fn code(self) -> u32 {
         self as u32
@@ -76,6 +79,7 @@ impl fmt::Display for Cause {
             Self::InvertedChannel => "inverted current channel",
             Self::ChannelGain => "gains of the current channels",
             Self::WrongMotor => "motor far from its nameplate",
+            Self::CurrentControl => "current off its reference",
         })
     }
 }

@@ -383,7 +383,8 @@ impl<'a> Conversion<'a> {
         let Self { p, pu, .. } = *self;
         let (r, b) = (rounded::<R>, pu.base);
         let u = |volts: Option<f64>, without: f64| volts.map_or(without, |u| u / b.u);
-        let (on, full) = p.u_dc_chopper.map_or((dclink::NEVER, dclink::NEVER + 1.0), |(on, full)| (on / b.u, full / b.u));
+        let (on, full) =
+            p.u_dc_chopper.map_or((dclink::NEVER, dclink::NEVER + 1.0), |(on, full)| (on / b.u, full / b.u));
         DcLinkConfig {
             u_brake: r(u(p.u_dc_brake, dclink::NEVER)),
             u_buffer: r(u(p.u_dc_buffer, -dclink::NEVER)),
