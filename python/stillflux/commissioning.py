@@ -128,8 +128,8 @@ class Commissioning:
 
     `step` is called once a control period, with the same timing as `Drive.step`: currents sampled at the
     start of period k give the duties applied during period k + 1. At standstill every current flows along one
-    axis: a free shaft does not turn. The current stays below 1.5 times the rated one, which the current channels
-    have to show: of one that ends before, nothing is known beyond.
+    axis: a free shaft does not turn. The current stays below 1.5 times the rated one, which the current
+    channels have to show: of one that ends before, nothing is known beyond.
 
     Parameters
     ----------

@@ -190,7 +190,22 @@ pub struct stillflux_encoder {
     pub state: u32,
 }
 
-/// State and estimates, SI.
+/// A latched fault with what was measured, SI.
+#[repr(C)]
+pub struct stillflux_fault_report {
+    /// Its code, STILLFLUX_FAULT_...
+    pub code: u32,
+    /// Control period in which it happened, since power-up.
+    pub period: u32,
+    /// What was measured: A, V, V s, mechanical rad/s or a number, by the cause; of a measurement or an open phase the number of the
+    /// channel or phase, 1 to 3, 4 for the dc link.
+    pub value: f32,
+    /// The limit that it violated, in the same unit; 0 where there is none.
+    pub limit: f32,
+}
+
+/// State and estimates, SI. While the bridge is blocked nothing is estimated: speed, frequency, torque, flux and currents stay
+/// those of the latest period before, whatever the shaft does.
 #[repr(C)]
 pub struct stillflux_telemetry {
     /// STILLFLUX_STOPPED to STILLFLUX_FAULTED.
@@ -264,7 +279,8 @@ pub struct stillflux_inverter {
     pub r_d: f64,
     /// Dead time, s.
     pub dead_time: f64,
-    /// Clock of the PWM timer, Hz; with f_s it gives the counts of a full duty, f_clk / (2 f_s).
+    /// Clock of the PWM timer, Hz; with f_s it gives the counts of a full duty, f_clk / (2 f_s). 0: the finest that compare values
+    /// have, 4194304, for a host.
     pub f_clk: f64,
     /// Capacitance of one leg's node, F.
     pub c_out: f64,
@@ -358,6 +374,9 @@ pub struct stillflux_settings {
     /// 1: the flux is taken to lie along the current where the torque is at its limit and the field stands still, also at
     /// half of the torque (feature `supervision`).
     pub realignment: u32,
+    /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered; 0: it is not
+    /// (enhanced scheme).
+    pub omega_s_min: f64,
     /// Amplitude of an oscillation of the torque near zero stator frequency in parts of rated torque, 0 to 0.3; 0: none (enhanced
     /// scheme, feature `dither`).
     pub dither: f64,
@@ -383,7 +402,8 @@ pub struct stillflux_settings {
     pub winding_heat: [f64; 2],
 }
 
-/// What a drive remembers over a stop, SI.
+/// What a drive remembers over a stop, SI. `stillflux_memory_of` fills it in for a drive that has not run; one that is all zero
+/// is refused.
 #[repr(C)]
 pub struct stillflux_memory {
     /// Offset voltage, V: real and imaginary part.
@@ -611,6 +631,16 @@ pub extern "C" fn stillflux_fault(drive: &stillflux_drive) -> u32 {
     }
 }
 
+/// The latched fault with what was measured.
+///
+/// Returns 1, or 0 without a fault or without a drive: `report` is untouched then.
+#[unsafe(no_mangle)]
+pub extern "C" fn stillflux_fault_read(drive: &stillflux_drive, report: &mut stillflux_fault_report) -> u32 {
+    let Some(f) = drive.get().and_then(CountsDrive::fault) else { return 0 };
+    *report = stillflux_fault_report { code: f.cause.code(), period: f.period, value: f.value, limit: f.limit };
+    1
+}
+
 /// Text of a fault's code in English, as much of it as `text` takes, terminated by a zero; "none" for a code without a
 /// fault. `size` is that of `text` in bytes.
 ///
@@ -760,6 +790,7 @@ pub extern "C" fn stillflux_defaults(
         supervision: u32::from(d.supervision),
         stall_time: d.stall_time,
         realignment: u32::from(d.realignment),
+        omega_s_min: d.enhanced.omega_s_min,
         dither: d.enhanced.dither,
         encoder_lines: d.encoder_lines,
         encoder_states: d.encoder_states,
@@ -825,6 +856,11 @@ pub unsafe extern "C" fn stillflux_page(
     error: &mut stillflux_error,
 ) -> u32 {
     let (m, i, s) = (machine_of(machine), inverter_of(inverter), settings);
+    if !matches!(s.scheme, STILLFLUX_PAPER | STILLFLUX_ENHANCED) {
+        let (value, min, max) = (f64::from(s.scheme), f64::from(STILLFLUX_PAPER), f64::from(STILLFLUX_ENHANCED));
+        *error = error_of(&ParamError { field: "scheme", value, min, max, unit: "", note: "" });
+        return STILLFLUX_ERROR_PARAMETER;
+    }
     let d = DriveParams::new(&m, &i);
     let some = |x: f64| (x != 0.0).then_some(x);
     let params = DriveParams {
@@ -877,6 +913,7 @@ pub unsafe extern "C" fn stillflux_page(
         encoder_deviation: s.encoder_deviation,
         encoder_fault: s.encoder_fault != 0,
         enhanced: EnhancedParams {
+            omega_s_min: s.omega_s_min,
             dither: s.dither,
             winding_temperature: (s.temperature != 0).then_some(s.winding_temperature),
             cage_constant: s.cage_constant,

@@ -17,6 +17,14 @@ fn closed() -> Box<MaybeUninit<stillflux_drive>> {
 
 /// With a change of the defaults.
 fn page(change: impl Fn(&mut stillflux_settings)) -> [u32; WORDS] {
+    page_of(change, |_| {}).unwrap_or_else(|field| panic!("{field} is refused"))
+}
+
+/// With a change of the defaults and of what is remembered; the name of the field that is refused.
+fn page_of(
+    change: impl Fn(&mut stillflux_settings),
+    remember: impl Fn(&mut stillflux_memory),
+) -> Result<[u32; WORDS], String> {
     let (m, i) = (Machine::preset_2k2(), Inverter::preset_2k2());
     let Saturation { L_u, a, S } = m.saturation.unwrap();
     let Machine { R_s, R_R, L_sigma, L_M, n_p, J, U_N, I_N, f_N, T_N, .. } = m;
@@ -44,13 +52,49 @@ fn page(change: impl Fn(&mut stillflux_settings)) -> [u32; WORDS] {
     unsafe {
         stillflux_defaults(&machine, &inverter, &mut *settings.as_mut_ptr());
         stillflux_memory_of(&machine, &inverter, &mut *memory.as_mut_ptr());
-        let (mut settings, memory): (stillflux_settings, stillflux_memory) =
+        let (mut settings, mut memory): (stillflux_settings, stillflux_memory) =
             (settings.assume_init(), memory.assume_init());
         change(&mut settings);
-        let done = stillflux_page(&machine, &inverter, &settings, &memory, page.as_mut_ptr(), &mut error);
-        assert_eq!(done, STILLFLUX_OK);
+        remember(&mut memory);
+        match stillflux_page(&machine, &inverter, &settings, &memory, page.as_mut_ptr(), &mut error) {
+            STILLFLUX_OK => Ok(page),
+            _ => Err(error.field.iter().take_while(|x| **x != 0).map(|x| char::from(*x as u8)).collect()),
+        }
     }
-    page
+}
+
+#[test]
+fn what_no_drive_can_take_is_refused_by_its_field() {
+    let blank = |memory: &mut stillflux_memory| {
+        // SAFETY: numbers alone.
+        *memory = unsafe { MaybeUninit::zeroed().assume_init() };
+    };
+    assert_eq!(page_of(|_| {}, blank), Err("memory R_s".into()));
+    assert_eq!(page_of(|_| {}, |memory| memory.knee = -1.0), Err("memory knee".into()));
+    assert_eq!(page_of(|settings| settings.scheme = 7, |_| {}), Err("scheme".into()));
+    assert_eq!(page_of(|settings| settings.omega_s_min = 100.0, |_| {}), Err("omega_s_min".into()));
+}
+
+#[test]
+fn a_fault_is_read_with_what_was_measured() {
+    let (page, mut state) = (page(|_| {}), closed());
+    let drive = state.as_mut_ptr();
+    let mut report = stillflux_fault_report { code: 99, period: 0, value: 1.0, limit: 1.0 };
+    let mut command = ZERO;
+    // SAFETY: memory of a drive, a page of so many words.
+    unsafe {
+        assert_eq!(stillflux_fault_read(&*drive, &mut report), 0, "no drive");
+        assert_eq!(stillflux_open(drive, size_of::<stillflux_drive>(), page.as_ptr()), STILLFLUX_OK);
+        stillflux_period(&mut *drive, &stillflux_counts { u_dc: 4045, ..COUNTS }, &SPEED, &mut command);
+        assert_eq!(stillflux_fault_read(&*drive, &mut report), 1);
+    }
+    assert_eq!((report.code, report.period), (Fault::UnderVoltage.code(), 1));
+    assert!(
+        (report.value - 100.0).abs() < 0.1 && (report.limit - 324.0).abs() < 0.1,
+        "{} {}",
+        report.value,
+        report.limit
+    );
 }
 
 #[test]

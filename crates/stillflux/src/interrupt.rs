@@ -19,7 +19,7 @@ use crate::params::{Inverter, ParamError};
 use crate::scalar::{Real, Timer};
 #[cfg(feature = "encoder")]
 use crate::telemetry::EncoderTelemetry;
-use crate::telemetry::{SetPoint, Telemetry, Units};
+use crate::telemetry::{FaultTelemetry, SetPoint, Telemetry, Units};
 
 /// What the timer's preload registers take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,7 +135,12 @@ impl<R: Real> CountsDrive<R> {
         self.drive().map_or(Status::Stopped, Drive::status)
     }
 
-    /// Leaves a fault; the drive is stopped then.
+    /// The latched fault with what was measured against which limit, SI.
+    pub fn fault(&self) -> Option<FaultTelemetry> {
+        self.0.as_ref().and_then(|p| p.units.fault(&p.drive))
+    }
+
+    /// Leaves a fault; the drive is stopped then, and starts with the next set point that is no stop.
     pub fn reset(&mut self) {
         if let Some(p) = &mut self.0 {
             p.drive.reset();

@@ -7,7 +7,7 @@
 //! [`crate::si`] is the same in double precision, for hosts.
 
 use crate::base::Base;
-use crate::drive::{Drive, Reference, Status};
+use crate::drive::{Drive, Fault, FaultReport, Quantity, Reference, Status, Trip};
 use crate::params::Machine;
 use crate::scalar::{Real, likely};
 use crate::words::{Words, layout};
@@ -100,6 +100,20 @@ pub struct EncoderTelemetry {
     pub state: u32,
 }
 
+/// A latched fault with what was measured, SI in single precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FaultTelemetry {
+    /// What happened.
+    pub cause: Fault,
+    /// Control period in which it happened, since power-up.
+    pub period: u32,
+    /// What was measured, in the unit of the cause's quantity ([`Fault::quantity`]).
+    pub value: f32,
+    /// The limit that it violated, in the same unit; zero where there is none.
+    pub limit: f32,
+}
+
 /// Base quantities in single precision, and the reciprocals that replace divisions by them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -164,6 +178,19 @@ impl Units {
             difference: e.difference.to_f32() * self.omega_m,
             state: e.state.code(),
         })
+    }
+
+    /// The latched fault of a drive with what was measured; `None` without one.
+    pub fn fault<R: Real>(&self, drive: &Drive<R>) -> Option<FaultTelemetry> {
+        let FaultReport { trip: Trip { cause, value, limit }, period } = drive.fault()?;
+        let base = match cause.quantity() {
+            Quantity::Current => self.i,
+            Quantity::Voltage => self.z * self.i,
+            Quantity::Flux => self.psi,
+            Quantity::Speed => self.omega_m,
+            Quantity::Nothing | Quantity::Number | Quantity::Channel => 1.0,
+        };
+        Some(FaultTelemetry { cause, period, value: value.to_f32() * base, limit: limit.to_f32() * base })
     }
 
     /// State and estimates of a drive.

@@ -48,6 +48,7 @@ def beyond(parser: argparse.ArgumentParser) -> None:
     from stillflux.evidence.conditions import SCHEMES
     from stillflux.evidence.courses import COURSES
     from stillflux.evidence.drives import DRIVES
+    from stillflux.evidence.population import DRAWN
 
     parser.add_argument(
         "targets",
@@ -56,7 +57,7 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         help="such as plane, plane-drift, mismatch; none: all of them; or alone one of the campaigns over "
         "installations drawn at random, tolerance, consistency, guarantee and commissioning, or operations",
     )
-    _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES])))
+    _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES, DRAWN])))
     drawn = parser.add_argument_group("tolerance, consistency, guarantee and commissioning")
     drawn.add_argument("--draws", type=_count, metavar="N", help="draws of each drive (and course)")
     drawn.add_argument("--draw", type=_index, action="append", metavar="K", help="only this draw")
@@ -378,12 +379,14 @@ def _draws(options: argparse.Namespace, default: int) -> Sequence[int]:
 def _tolerance(options: argparse.Namespace) -> int:
     from stillflux.evidence import tolerance
     from stillflux.evidence.courses import COURSES
+    from stillflux.evidence.population import DRAWN, POPULATION
     from stillflux.evidence.report import installations
     from stillflux.evidence.table import of_rate, update
     from stillflux.parallel import Stopped, run_jobs
 
-    machines, courses = _drives(options), options.course or tuple(COURSES)
-    draws = _draws(options, tolerance.DRAWS)
+    drawn = options.machine == DRAWN
+    machines, courses = (DRAWN,) if drawn else _drives(options), options.course or tuple(COURSES)
+    draws = _draws(options, POPULATION if drawn else tolerance.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
     settings = tuple(map(_setting, options.set or ()))
     if settings and options.metrics:

@@ -25,6 +25,7 @@ from stillflux.evidence import plane_points
 from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.population import DRAWN
 from stillflux.evidence.errors import ERRORS
 from stillflux.evidence.guarantee import (
     ENDED,
@@ -529,6 +530,17 @@ def _tolerance(table: Table, plant: str = "") -> str:
     return markdown(["lost of all draws", "target", *DRIVES, "all"], rows)
 
 
+def _population(table: Table) -> str:
+    """The same of drives of which each draw has another one."""
+    rows = []
+    for name, course in COURSES.items():
+        lines = table.find("tolerance", name, DRAWN, _ENHANCED)
+        kept = next((x for x in lines if x.quantity == "largest angle error of the runs kept"), None)
+        target = _UNKNOWN if course.target is None else f"{course.target:g} %"
+        rows.append([f"{course.title} (`{name}`)", target, _rate(lines), value(kept)])
+    return markdown(["lost of all drives", "target", "lost", "largest angle error of runs kept"], rows)
+
+
 def _tolerance_angles(table: Table) -> str:
     """Largest angle error of the runs that were kept."""
     rows = []
@@ -558,7 +570,7 @@ def _tolerance_confidence(table: Table) -> str:
     return markdown(head, rows)
 
 
-def _tolerance_losses(table: Table, plant: str = "") -> str:
+def _tolerance_losses(table: Table, plant: str = "", machines: Iterable[str] = tuple(DRIVES)) -> str:
     """Every loss, and how to run it again."""
     rows = [
         [
@@ -570,7 +582,7 @@ def _tolerance_losses(table: Table, plant: str = "") -> str:
             f"`{rerun(machine, name, int(line.seed), _ENHANCED, bool(plant))}`",
         ]
         for name in COURSES
-        for machine in DRIVES
+        for machine in machines
         for line in _losses(table.find("tolerance", name + plant, machine, _ENHANCED))
     ]
     return markdown(["drive", "course", "draw", "lost at", "by", "run again"], rows)
@@ -687,6 +699,8 @@ TABLES: Mapping[str, Callable[[Table], str]] = {
     "targets": _targets,
     "tolerance": _tolerance,
     "tolerance-angles": _tolerance_angles,
+    "population": _population,
+    "population-losses": partial(_tolerance_losses, machines=(DRAWN,)),
     "tolerance-confidence": _tolerance_confidence,
     "tolerance-losses": _tolerance_losses,
     "consistency": _consistency,

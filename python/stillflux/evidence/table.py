@@ -29,6 +29,7 @@ from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.consistency import Consistency
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.population import DRAWN
 from stillflux.evidence.guarantee import SCALES, Found
 from stillflux.evidence.machines import ALL_MACHINES
 from stillflux.evidence.operate import Performed
@@ -307,7 +308,7 @@ def order() -> list[Group]:
     for name in dict.fromkeys([*targets(), *verdicts]):
         found += [("target", name, machine, scheme) for machine in ALL_MACHINES for scheme in SCHEMES]
     for plant in ("", BEYOND_MODEL):
-        for machine in DRIVES:
+        for machine in (*DRIVES, DRAWN):
             found += [("tolerance", name + plant, machine, scheme) for name in COURSES for scheme in SCHEMES]
     for plant in ("", BEYOND_MODEL):
         name = "consistency" + plant

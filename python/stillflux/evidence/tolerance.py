@@ -23,11 +23,12 @@ import numpy as np
 from stillflux.evidence.claims import Claim, at_most, reported
 from stillflux.evidence.courses import COURSES, Course, Points
 from stillflux.evidence.draws import drawn, ripple
-from stillflux.evidence.drives import DRIVES
+from stillflux.evidence.drives import DRIVES, TypicalDrive
 from stillflux.evidence.effects import effects
 from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import CALM, CONFIDENT, EXCURSION, angle, confidence, stops
 from stillflux.evidence.machines import scaled
+from stillflux.evidence.population import drive_of
 from stillflux.evidence.seeds import seed_of
 from stillflux.metrics import running, speed_error
 from stillflux.parallel import run_jobs
@@ -194,10 +195,11 @@ def scenario(
     scale: float = 1.0,
     beyond_model: bool = False,
     signals: Sequence[str] | None = SIGNALS,
+    drive: TypicalDrive | None = None,
 ) -> tuple[Scenario, Mapping[str, float]]:
     """A drive on an installation, and what was drawn of it; `scale` as of `draws.drawn`. `beyond_model`: the
-    plant has `effects` as well. `signals` to record, None: all."""
-    drive = DRIVES[machine]
+    plant has `effects` as well. `signals` to record, None: all. `drive`: None is that of the name."""
+    drive = drive or DRIVES[machine]
     motor, found = drive.motor, drawn(drive, seed, scale)
     begin = start_up(motor, found.told) + 0.05
     omega, load = course.build(motor)
@@ -255,7 +257,14 @@ def run(
 
     seed = seed_of(machine, course, draw)
     made, numbers = scenario(
-        machine, COURSES[course], seed, scheme, arithmetic, beyond_model=beyond_model, signals=signals
+        machine,
+        COURSES[course],
+        seed,
+        scheme,
+        arithmetic,
+        beyond_model=beyond_model,
+        signals=signals,
+        drive=drive_of(machine, draw),
     )
     result = simulate(made.with_settings(**dict(settings)))
     begin = start_up(made.motor, made.inverter)

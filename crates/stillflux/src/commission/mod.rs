@@ -59,6 +59,9 @@ const TRIP: f64 = 1.45;
 const U_DC: (f64, f64) = (0.6, 1.45);
 /// Bandwidth of current control relative to the switching frequency, for the nameplate's leakage inductance.
 const BANDWIDTH: f64 = 0.03;
+/// Part of its gains while a square voltage shows the leakage inductance: it is not to answer to that, and the current is not
+/// at its reference then.
+const ASIDE: f64 = 0.4;
 /// Periods in which the current goes from one value to the next.
 const RISE: u32 = 50;
 /// Periods from a command to the sample that shows it.
@@ -314,9 +317,13 @@ impl<R: Real> Commissioning<R> {
             match state.procedure(c, measured) {
                 Ok((Command::Blocked, _)) => {}
                 Ok((command, x)) => {
-                    let gain = if state.stage > Stage::Wiring { state.wiring.leakage } else { R::ONE };
+                    let aside = state.stage == Stage::Leakage;
+                    let mut gain = if state.stage > Stage::Wiring { state.wiring.leakage } else { R::ONE };
+                    if aside {
+                        gain *= R::from_f64(ASIDE);
+                    }
                     let duty = state.excitation.duties(&c.excitation, gain, &command, &x);
-                    if state.excitation.off() >= OFF {
+                    if state.excitation.off() >= OFF && !aside {
                         state.fault(Cause::CurrentControl);
                     } else if state.excitation.limited() >= LIMITED {
                         state.fault(Cause::WrongMotor);
