@@ -360,6 +360,70 @@ def test_cells_are_named_by_file_line_and_column(run: sf.Result, tmp_path: Path)
         sf.replay(path, MOTOR, INVERTER, columns={"i_a": "Iu"})
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("quantity", "value", "expected"),
+    [
+        ("i_a", 1e6, r"line 502, column 'i_a': 1e\+06 A is outside .* -353.6 to 353.6 A, 50 times"),
+        ("i_b", -32768.0, r"line 502, column 'i_b': -32768 A is outside .* 353.6 A, 50 times the rated peak"),
+        ("u_a", 65535.0, r"line 502, column 'u_a': 65535 V is outside .* -3266 to 3266 V, 10 times"),
+        ("u_dc", 65535.0, r"line 502, column 'u_dc': 65535 V is outside .* -2700 to 2700 V, 5 times"),
+        ("i_a", 1e308, r"line 502, column 'i_a': 1e\+308 A is outside .* -1e\+09 to 1e\+09 A, nothing is"),
+        ("u_dc", -1e308, r"line 502, column 'u_dc': -1e\+308 V is outside .* 1e\+09 V, nothing is measured"),
+    ],
+)
+def test_a_single_value_that_no_drive_measures_is_named_by_its_place(
+    run: sf.Result, tmp_path: Path, quantity: str, value: float, expected: str
+) -> None:
+    # Two currents: with three of them their sum would speak.
+    log = {k: v[:2000].copy() for k, v in terminals(run).items() if k != "i_c"}
+    log["u_dc"] = np.full(2000, 540.0)
+    sf.replay(log, MOTOR, INVERTER)
+    log[quantity][500] = value
+    write_csv(tmp_path / "log.csv", log)
+    with pytest.raises(ValueError, match=rf"log.csv, {expected}"):
+        sf.replay(tmp_path / "log.csv", MOTOR, INVERTER)
+
+
+def test_a_single_wrong_value_in_another_unit_is_shown_as_it_stands_there(run: sf.Result) -> None:
+    log = terminals(run)
+    log["Iu"] = 1e3 * log.pop("i_a")
+    log["Iu"][500] = 1e6
+    expected = "row 500, column 'Iu': 1e\\+06, in SI 1000 A is outside"
+    with pytest.raises(ValueError, match=expected):
+        sf.replay(log, MOTOR, INVERTER, columns={"i_a": ("Iu", "mA")})
+
+
+def test_an_over_current_is_no_wrong_value(run: sf.Result) -> None:
+    """A short circuit at a sensor of twenty times the rated peak, the most that a drive admits."""
+    log = {k: v.copy() for k, v in terminals(run).items() if k != "i_c"}
+    log["i_a"][-50:] = 20.0 * MOTOR.base["i"]
+    assert np.isfinite(sf.replay(log, MOTOR, INVERTER).psi_s).all()
+
+
+@pytest.mark.parametrize(("quantity", "value"), [("i_a", 350.0), ("u_a", 3200.0)])
+def test_the_confidence_announces_a_single_value_that_is_just_admitted(
+    run: sf.Result, quantity: str, value: float
+) -> None:
+    log = {k: v.copy() for k, v in terminals(run).items() if k != "i_c"}
+    want = sf.replay(log, MOTOR, INVERTER)
+    log[quantity][5000] = value
+    found = sf.replay(log, MOTOR, INVERTER)
+    assert np.abs(found.omega_m - want.omega_m).max() < 0.1 * MOTOR.base["omega_m"]
+    assert found.confidence[5000:5500].min() < 0.2 < 0.8 < want.confidence[5000:5500].min()
+
+
+@pytest.mark.parametrize("scheme", ["enhanced", "paper"])
+def test_estimates_are_numbers_whatever_is_admitted(run: sf.Result, scheme: Scheme) -> None:
+    for quantity in ("i_a", "u_a", "u_dc"):
+        log = {k: v.copy() for k, v in terminals(run).items() if k != "i_c"} | {
+            "u_dc": np.full(10_001, 540.0)
+        }
+        log[quantity][[500, 5000]] = 1e9, -1e9
+        found = sf.replay(log, MOTOR, INVERTER, scheme, check=False)
+        assert all(np.isfinite(values).all() for values in found.columns().values())
+
+
 def test_decimal_commas_are_read_wherever_the_first_one_stands(run: sf.Result, tmp_path: Path) -> None:
     log = {k: v[:300].copy() for k, v in terminals(run).items()}
     rate = 1.0 / (log["t"][1] - log["t"][0])

@@ -35,7 +35,9 @@ from stillflux.logs.read import Columns, read_log
 from stillflux.logs.scale import scale_of
 from stillflux.logs.signals import (
     Rows,
+    check_computable,
     check_units,
+    check_values,
     effective,
     grid_of,
     resampled,
@@ -250,9 +252,10 @@ def replay(
         Longest gap (missing rows or NaN) in s that is bridged by a straight line. After a longer gap of the
         rows the estimators begin anew; a longer stretch of NaN is an error.
     check
-        Whether to look for wrong units, scales and swapped phases, and at what was identified: a voltage,
-        current or dc link that is wrong by √2, √3 or 2 is a note with what was measured and what may be the
-        cause.
+        Whether to look for wrong units, scales and swapped phases, for single values that no drive measures
+        (a current beyond 50 times the rated peak, a voltage beyond 10 times, a dc link beyond 5 times the
+        rated one: errors), and at what was identified: a voltage, current or dc link that is wrong by √2, √3
+        or 2 is a note with what was measured and what may be the cause.
     **settings
         Of the drive, see `stillflux.options.DriveSettings`; those about estimators act. A single shunt
         (`current_sensors=1`) is refused: a log holds phase currents.
@@ -293,11 +296,13 @@ def replay(
     if not 0.0 <= max_gap < math.inf:
         raise ValueError(f"max_gap = {max_gap:g} s is outside the admissible range from 0 s on")
     notes: list[str] = []
-    table = without_nan(table, rate, max_gap, notes)
+    check_computable(table)
+    given, table = table, without_nan(table, rate, max_gap, notes)
     t, pieces = times(table, rate, max_gap, notes)
     signals = signals_of(table, t, pieces, motor, inverter, delay, sampled)
     if check:
         check_units(table, signals, motor, inverter)
+        check_values(given, signals, motor, inverter)
     model = effective(inverter, kind)
     step = float(np.median(np.diff(t)))
     many, model = grid_of(step, model, notes)

@@ -1,14 +1,16 @@
-"""Voltages and currents of a log as space vectors on a uniform grid; gaps, NaN and wrong units by place."""
+"""Voltages and currents of a log as space vectors on a uniform grid; gaps, NaN, wrong units and single wrong
+values by place."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stillflux.logs.read import Log
+from stillflux.logs.read import QUANTITIES, Log
 from stillflux.parameters import Inverter, Motor
 
 if TYPE_CHECKING:
@@ -18,7 +20,9 @@ __all__ = [
     "TURN",
     "Rows",
     "Signals",
+    "check_computable",
     "check_units",
+    "check_values",
     "effective",
     "grid_of",
     "resampled",
@@ -30,6 +34,15 @@ __all__ = [
 
 _RATES = (1e3, 1e7)
 _C_OUT_MAX = 10e-9  # F
+_CURRENT_MAX = 50.0
+"""Largest current, of the rated peak: sensors reach 2.5 to 20 times it, direct starts and short circuits stay
+below. Single currents up to there cost some rad/s, at a low confidence."""
+_VOLTAGE_MAX = 10.0
+"""Largest voltage of a phase or between two, of the rated peak of a phase: it stays below twice the link."""
+_LINK_MAX = 5.0
+"""Largest dc link, of the rated one."""
+_COMPUTED = 1e9
+"""Largest value in SI with which is computed: nothing is measured beyond."""
 TURN = np.exp(2j * np.pi / 3)
 """Axis of phase b."""
 
@@ -62,6 +75,12 @@ def effective(inverter: Inverter, voltage: str) -> Inverter:
         return inverter
     inverter = inverter.replace(u_th=0.0, dead_time=0.0, c_out=0.0)
     return inverter.replace(r_d=0.0) if voltage == "terminal" else inverter
+
+
+def check_computable(log: Log) -> None:
+    """Raises ValueError for a value so large that nothing finite would come of it."""
+    most = {name: _COMPUTED for name in log.data if QUANTITIES[name] not in ("time", "")}
+    _check_largest(log, most, "nothing is measured beyond")
 
 
 def without_nan(log: Log, rate: float | None, max_gap: float, notes: list[str]) -> Log:
@@ -269,14 +288,14 @@ def check_units(log: Log, signals: Signals, motor: Motor, inverter: Inverter) ->
     """Magnitudes that no machine of this rating has: a unit is wrong by a factor of 1000."""
     base = motor.base
     i = float(np.quantile(np.abs(signals.i), 0.99)) / base["i"]
-    if i > 50.0 or i < 0.01:
+    if i > _CURRENT_MAX or i < 0.01:
         _wrong_unit(log, signals.currents, i, base["i"], "A", 0.02, 20.0)
     u_dc = float(np.median(signals.u_dc)) / inverter.u_dc
-    if "u_dc" in log.data and not 0.2 < u_dc < 5.0:
-        _wrong_unit(log, ("u_dc",), u_dc, inverter.u_dc, "V", 0.2, 5.0)
+    if "u_dc" in log.data and not 0.2 < u_dc < _LINK_MAX:
+        _wrong_unit(log, ("u_dc",), u_dc, inverter.u_dc, "V", 0.2, _LINK_MAX)
     u = float(np.quantile(np.abs(signals.u), 0.99)) / base["u"]
-    if signals.voltages[0] != "d_a" and (u > 10.0 or u < 0.002):
-        _wrong_unit(log, signals.voltages, u, base["u"], "V", 0.002, 10.0)
+    if signals.voltages[0] != "d_a" and (u > _VOLTAGE_MAX or u < 0.002):
+        _wrong_unit(log, signals.voltages, u, base["u"], "V", 0.002, _VOLTAGE_MAX)
 
 
 def _wrong_unit(
@@ -291,6 +310,37 @@ def _wrong_unit(
                 f"({log.names.get(quantities[0], quantities[0])!r}, '{prefix}{unit}'), …}}, or check=False"
             )
     raise ValueError(f"{what}: not a log of this machine? check=False accepts it")
+
+
+def check_values(log: Log, signals: Signals, motor: Motor, inverter: Inverter) -> None:
+    """Single values that no drive of this machine measures, in a log whose units are right: raises ValueError
+    for the first one."""
+    kinds = (
+        ("current", _CURRENT_MAX, motor.base["i"], "the rated peak current"),
+        ("voltage", _VOLTAGE_MAX, motor.base["u"], "the rated peak voltage of a phase"),
+    )
+    for kind, times, rated, of in kinds:
+        names = [name for name in (*signals.currents, *signals.voltages) if QUANTITIES[name] == kind]
+        _check_largest(log, dict.fromkeys(names, times * rated), f"{times:g} times {of}")
+    if "u_dc" in log.data:
+        _check_largest(log, {"u_dc": _LINK_MAX * inverter.u_dc}, f"{_LINK_MAX:g} times the rated dc link")
+
+
+def _check_largest(log: Log, most: Mapping[str, float], why: str) -> None:
+    """Raises ValueError for the first value beyond the largest of its quantity; passes over what is no
+    number."""
+    for name, limit in most.items():
+        values = log.data[name]
+        with np.errstate(over="ignore", invalid="ignore"):
+            bad = np.flatnonzero(np.isfinite(values) & (np.abs(values) > limit))
+        if len(bad):
+            value, scale = values[bad[0]], log.scales.get(name, 1.0)
+            unit = {"current": "A", "voltage": "V", "flux": "V·s", "angle": "rad"}[QUANTITIES[name]]
+            given = "" if scale == 1.0 else f"{value / scale:.6g}, in SI "
+            raise ValueError(
+                f"{log.place(name, int(bad[0]))}: {given}{value:.6g} {unit} is outside the admissible range "
+                f"{-limit:.4g} to {limit:.4g} {unit}, {why}"
+            )
 
 
 @dataclass(frozen=True)
