@@ -153,7 +153,7 @@ def test_channels_that_end_below_the_largest_current_are_refused_before_any_flow
 @pytest.mark.parametrize("f_s", [4e3, 6e3, 16e3])
 @pytest.mark.parametrize("name", ["2.2kW", "0.75kW"])
 def test_a_small_motor_is_found_at_any_switching_frequency(name: str, f_s: float) -> None:
-    """With current control at 0.012 of the frequency L_M was 18 % too large at 4 kHz: the current was not constant."""
+    """With current control at 0.012 of f_s L_M was 18 % too large at 4 kHz: the current was not constant."""
     motor, inverter = DRIVES[name].motor, DRIVES[name].inverter.replace(f_s=f_s)
     found = sf.commission(sf.Nameplate.of(motor), inverter, plant_motor=motor, adc_noise=0.005 * motor.I_N)
     assert found.status == "done"

@@ -34,7 +34,7 @@ from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.journal import Journal, from_json, to_json
 from stillflux.evidence.machines import OwnMachine
 from stillflux.evidence.seeds import SEEDS
-from stillflux.evidence.table import DRAWN, Line, Table, agree
+from stillflux.evidence.table import DRAWS, Line, Table, agree
 from stillflux.parallel import Stopped
 from stillflux.result import Result
 from test_architecture import circle
@@ -317,7 +317,7 @@ def test_table_keeps_what_agrees_and_what_was_not_measured() -> None:
 def test_what_other_draws_have_shown_is_written_anew() -> None:
     def measured(draws: int, nees: float) -> list[Line]:
         of = replace(line(nees), kind="consistency", name="consistency", scheme="enhanced")
-        number = replace(of, quantity=DRAWN, value=f"{draws}", bound="", direction="reported")
+        number = replace(of, quantity=DRAWS, value=f"{draws}", bound="", direction="reported")
         return [number, replace(of, bound="2")]
 
     table = Table(measured(10, 0.5))

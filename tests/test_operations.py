@@ -140,7 +140,8 @@ def test_braking_from_field_weakening_ends_at_the_link_voltage_that_is_set(name:
     # Without the setting the same step ends by its energy.
     free = sf.simulate(braked.replace(settings={}))
     assert free.status.fault == "over-voltage", free.status
-    assert free.status.time is not None and free.status.time > there + 0.5
+    assert free.status.time is not None
+    assert free.status.time > there + 0.5
 
 
 def test_a_link_on_a_capacitor_keeps_its_energy() -> None:

@@ -9,7 +9,6 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -218,15 +217,17 @@ def _simulate(options: argparse.Namespace) -> int:
         scenario = Scenario.from_dict(found)
     if scenario.plant_motor is None:
         _say_guess(options.motor or data.get("motor"))
+    status, ended = 0, ""
     try:
-        result, status = simulate(scenario, progress=True), 0
+        result = simulate(scenario, progress=True)
     except Interrupted as stop:
-        result, status = stop.result, 130
-        print(f"\nstillflux: {stop}", file=sys.stderr)
+        result, status, ended = stop.result, 130, f"\nstillflux: {stop}"
     except DivergenceError as stop:
-        result, status = stop.result, 2
-        print(f"stillflux: {stop}", file=sys.stderr)
-    keep(result.summary(), record=(options.save, result.save), plot=(options.plot, _plot(result.plot)))
+        result, status, ended = stop.result, 2, f"stillflux: {stop}"
+    with undisturbed():
+        if ended:
+            print(ended, file=sys.stderr)
+        keep(result.summary(), record=(options.save, result.save), plot=(options.plot, _plot(result.plot)))
     return status
 
 
@@ -283,15 +284,16 @@ def _sweep(options: argparse.Namespace) -> int:
         asked = sweep_file.parse(tables)
     if not any(point.scenario and point.scenario.plant_motor for point in asked.points):
         _say_guess(options.motor or data["scenario"].get("motor"))
-    status = 0
+    status, ended = 0, ""
     try:
         found = sweep(asked.points, list(asked.metrics), resume=options.resume, progress=True)
     except SweepInterrupted as stop:
-        found, status = stop.result, 130
-        print(f"stillflux: {stop}", file=sys.stderr)
-    said = "\n".join([found.summary(), *(f"failed: {row['error']}" for row in found.failed[:5])])
-    figure = partial(found.map, **asked.plot) if asked.plot else found.spread
-    with undisturbed() if status else nullcontext():
+        found, status, ended = stop.result, 130, f"stillflux: {stop}"
+    with undisturbed():
+        if ended:
+            print(ended, file=sys.stderr)
+        said = "\n".join([found.summary(), *(f"failed: {row['error']}" for row in found.failed[:5])])
+        figure = partial(found.map, **asked.plot) if asked.plot else found.spread
         keep(said, rows=(options.out, found.save), plot=(options.plot if len(found) else None, _plot(figure)))
     return status
 

@@ -17,6 +17,7 @@ from stillflux.machine_file import machine_to_toml, priors
 from stillflux.messages import meant
 from stillflux.nameplate import Nameplate
 from stillflux.options import DriveSettings, PlantOptions
+from stillflux.parallel import undisturbed
 from stillflux.parameters import Inverter, Motor, instance
 from stillflux.simulation import check_progress, in_pieces, progress_bar
 
@@ -271,8 +272,8 @@ def commission(
         least = _MOST * math.sqrt(2.0) * plate.I_N
         if not adc_range >= least:
             raise ValueError(
-                f"adc_range = {adc_range:g} A is outside the admissible range {least:.4g} A to inf: the currents go up "
-                f"to {_MOST:g} times the rated peak, and a channel that ends before would let them grow beyond"
+                f"adc_range = {adc_range:g} A is outside the admissible range {least:.4g} A to inf: currents "
+                f"go up to {_MOST:g} times the rated peak; a channel that ends before lets them grow on"
             )
     run = CommissioningRun(
         plate,
@@ -299,7 +300,8 @@ def commission(
     try:
         in_pieces(run.advance, show)
     except KeyboardInterrupt:
-        raise CommissioningInterrupted(_result(run, plate, run.time, run.extremes)) from None
+        with undisturbed():
+            raise CommissioningInterrupted(_result(run, plate, run.time, run.extremes)) from None
     return _result(run, plate, run.time, run.extremes)
 
 

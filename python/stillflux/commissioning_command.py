@@ -58,6 +58,7 @@ from stillflux.machine_file import (
 )
 from stillflux.nameplate import Nameplate
 from stillflux.outputs import apart, check_file, keep, write_text
+from stillflux.parallel import undisturbed
 from stillflux.parameters import PRESETS, Inverter, Motor, leg_delay
 from stillflux.simulation import progress_bar
 
@@ -123,7 +124,7 @@ def _run(options: argparse.Namespace) -> int:
     apart({"MACHINE": source, "--out": options.out, "--report": options.report})
     task = _task(source)
     bar = progress_bar("commissioning")
-    status = 0
+    status, ended = 0, ""
     try:
         with nullcontext() if source in PRESETS else in_file(source):
             found = run_commissioning(
@@ -138,8 +139,16 @@ def _run(options: argparse.Namespace) -> int:
                 **task.options,
             )
     except CommissioningInterrupted as stop:
-        found, status = stop.result, 130
-        print(f"\nstillflux: {stop}", file=sys.stderr)
+        found, status, ended = stop.result, 130, f"\nstillflux: {stop}"
+    with undisturbed():
+        if ended:
+            print(ended, file=sys.stderr)
+        _keep(task, found, options)
+    return status or int(found.cause is not None)
+
+
+def _keep(task: _Task, found: Commissioned, options: argparse.Namespace) -> None:
+    """Prints what was found and writes it."""
     if task.told is not None:
         # The rating is that of the motor, not of the rounded plate that the procedures go by.
         found = replace(found, motor=found.motor.replace(I_N=task.told.I_N, T_N=task.told.T_N))
@@ -155,7 +164,6 @@ def _run(options: argparse.Namespace) -> int:
         motor_file=(options.out, lambda path: write_text(path, text)),
         report=(options.report, lambda path: write_text(path, report(task.name, found, rows, far))),
     )
-    return status or int(found.cause is not None)
 
 
 def _task(source: str) -> _Task:

@@ -62,7 +62,7 @@ class Pool(ProcessPoolExecutor):
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Ctrl-C does nothing meanwhile: for the short work that is left after one."""
+    """Ctrl-C does nothing meanwhile: for the short work that is left after one, or after a long run."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

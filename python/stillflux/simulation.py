@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from stillflux._core import Run
+from stillflux.parallel import undisturbed
 from stillflux.parameters import instance
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -63,7 +64,8 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
     try:
         in_pieces(run.advance, show)
     except KeyboardInterrupt:
-        raise Interrupted(_result(scenario, run)) from None
+        with undisturbed():
+            raise Interrupted(_result(scenario, run)) from None
     result = _result(scenario, run)
     begun = {
         name: int(np.argmin(finite))

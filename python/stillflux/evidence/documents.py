@@ -25,7 +25,6 @@ from stillflux.evidence import plane_points
 from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
-from stillflux.evidence.population import DRAWN
 from stillflux.evidence.errors import ERRORS
 from stillflux.evidence.guarantee import (
     ENDED,
@@ -39,10 +38,11 @@ from stillflux.evidence.guarantee import (
 )
 from stillflux.evidence.guarantee import rerun as rerun_guarantee
 from stillflux.evidence.machines import ALL_MACHINES, MACHINES
+from stillflux.evidence.population import DRAWN
 from stillflux.evidence.registry import experiments, figures, operations, targets
 from stillflux.evidence.sensitivity import FIGURES as OF_MARGINS
 from stillflux.evidence.sensitivity import LESS, MORE, Margin
-from stillflux.evidence.table import BEYOND_MODEL, DRAWN, LOST_AFTER, Group, Kind, Line, Table, guarantee_at
+from stillflux.evidence.table import BEYOND_MODEL, DRAWS, LOST_AFTER, Group, Kind, Line, Table, guarantee_at
 from stillflux.evidence.tolerance import EXCURSIONS, MISSES, NEEDLESS, interval, rerun
 
 __all__ = ["DOCUMENTS", "PLANE", "TABLES", "draw_plane", "drawn_from", "rendered", "tests_named", "update"]
@@ -506,7 +506,7 @@ def _losses(lines: Iterable[Line]) -> list[Line]:
 
 
 def _draws(lines: Iterable[Line]) -> int:
-    return sum(round(line.number) for line in lines if line.quantity == DRAWN)
+    return sum(round(line.number) for line in lines if line.quantity == DRAWS)
 
 
 def _rate(lines: Sequence[Line]) -> str:
@@ -534,7 +534,7 @@ def _population(table: Table) -> str:
     """The same of drives of which each draw has another one."""
     rows = []
     for name, course in COURSES.items():
-        lines = table.find("tolerance", name, DRAWN, _ENHANCED)
+        lines = table.find("tolerance", name, DRAWS, _ENHANCED)
         kept = next((x for x in lines if x.quantity == "largest angle error of the runs kept"), None)
         target = _UNKNOWN if course.target is None else f"{course.target:g} %"
         rows.append([f"{course.title} (`{name}`)", target, _rate(lines), value(kept)])

@@ -1,7 +1,7 @@
 """Drives drawn at random: motors of 0.18 to 250 kW and the bridges that feed them, one for each number.
 
-Ten drives are few: what holds for them may hold by their choice. These have resistances, reactances and inertias
-that follow the size as in catalogues, each with a spread of its own,
+Ten drives are few: what holds for them may hold by their choice. These have resistances, reactances and
+inertias that follow the size as in catalogues, each with a spread of its own,
 
 | quantity | of a motor of P kW | 1σ, log-normal, or range |
 |---|---|---|
@@ -17,8 +17,8 @@ that follow the size as in catalogues, each with a spread of its own,
 | threshold; differential resistance | 0.7 … 1.4 V; 0.006 pu | 0.3 |
 | dc link over rated voltage | 1.35, up to 8 % more | |
 
-with per-unit values of rated voltage and current. A switching frequency that leaves fewer than 40 periods in a
-turn at rated frequency is raised to that: with fewer than 30 a drive does not go there.
+with per-unit values of rated voltage and current. A switching frequency that leaves fewer than 40 periods in
+a turn at rated frequency is raised to that: with fewer than 30 a drive does not go there.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def drive(number: int) -> TypicalDrive:
     X_ls = (0.085 + r.uniform(-0.02, 0.02)) * about(0.15)
     X_lr = X_ls * r.uniform(0.8, 1.3)
     X_m = 1.75 * P**0.12 * about(0.12) * (1.0 if n_p <= 2 else 0.8)
-    I = P * 1e3 / (math.sqrt(3.0) * U * min(0.62 * P**0.07, 0.84))
-    z, omega = U / (math.sqrt(3.0) * I), 2.0 * math.pi * f
+    I_N = P * 1e3 / (math.sqrt(3.0) * U * min(0.62 * P**0.07, 0.84))
+    z, omega = U / (math.sqrt(3.0) * I_N), 2.0 * math.pi * f
     omega_N = omega / n_p * (1.0 - min(1.05 * R_r, 0.09))
     T = P * 1e3 / omega_N
     motor = Motor.t_model(
@@ -69,7 +69,7 @@ def drive(number: int) -> TypicalDrive:
         n_p=n_p,
         J=0.075 * P**0.33 * about(0.4) * T / omega_N,
         U_N=U,
-        I_N=I,
+        I_N=I_N,
         f_N=f,
         T_N=T,
     )

@@ -29,10 +29,10 @@ from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.consistency import Consistency
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
-from stillflux.evidence.population import DRAWN
 from stillflux.evidence.guarantee import SCALES, Found
 from stillflux.evidence.machines import ALL_MACHINES
 from stillflux.evidence.operate import Performed
+from stillflux.evidence.population import DRAWN
 from stillflux.evidence.registry import experiments, operations, targets
 from stillflux.evidence.reproduce import Outcome
 from stillflux.evidence.sensitivity import Margin
@@ -65,7 +65,7 @@ Group: TypeAlias = tuple[Kind, str, str, str]
 """Kind, name, machine, scheme: lines that are measured together."""
 
 _OF_PAPER, _BEYOND = SCHEMES
-DRAWN = "draws"
+DRAWS = "draws"
 """Quantity of a campaign: over how many drawn installations the others of its group are."""
 LOST_AFTER = "time of the loss, not before the mechanism is needed"
 """Quantity of a control: when it was lost, held against its event."""
@@ -257,7 +257,7 @@ class Table:
                 measured |= {("control", name, machine, _OF_PAPER), ("figure", name, machine, _BEYOND)}
         kept = [line for line in self.lines if line.group not in measured]
         # A group that was measured over another number of draws is taken as a whole.
-        others = {x.group for x in fresh if x.quantity == DRAWN and known.get(x.key, x).value != x.value}
+        others = {x.group for x in fresh if x.quantity == DRAWS and known.get(x.key, x).value != x.value}
         standing = {
             x.key for x in fresh if x.key in known and x.group not in others and _stands(known[x.key], x)
         }
