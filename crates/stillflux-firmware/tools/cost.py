@@ -52,7 +52,9 @@ FEATURES: dict[str, tuple[tuple[str, ...], ...]] = {
         ("additions", "modes"),
         ("additions", "shunt"),
         ("additions", "encoder"),
+        ("additions", "dither"),
         ("additions", "supervision", "dclink", "legs", "restart"),
+        ("additions", "supervision", "dclink", "legs", "restart", "dither"),
     ),
 }
 ISR = "control_isr"
