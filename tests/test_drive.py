@@ -535,6 +535,37 @@ def test_an_estimate_and_a_true_state_can_be_copied(motor: sf.Motor, inverter: s
         assert repr(kept["seen"]) == repr(kept["again"]) == repr(one)
 
 
+@pytest.mark.parametrize(
+    ("setting", "text"),
+    [
+        ({"current_sensors": -1}, "current_sensors = -1 is outside the admissible range 1 to 3"),
+        ({"current_sensors": 1 << 32}, "current_sensors = 4294967296 is outside .* 1 to 3"),
+        ({"current_sensors": 2.5}, "current_sensors = 2.5 is not a whole number$"),
+        (
+            {"encoder_lines": 10},
+            "encoder_lines = 10 is outside .* 32 to 65536: at least 16 lines a pole pair; 0",
+        ),
+        ({"encoder_mode": "control"}, "encoder_lines = 0 .*encoder_mode and encoder_fault need an encoder"),
+        (
+            {"u_dc_chopper": 700.0},
+            r"u_dc_chopper = 700\.0 is not \(voltage from which on .*in V\), nor None$",
+        ),
+        ({"u_dc_chopper": ("a", 1)}, r"u_dc_chopper = \('a', 1\) is not \(voltage from"),
+        ({"noise_gain": 1.0, "scheme": "paper"}, r"noise_gain = 1\.0 is not \(smallest gain, .*unit\)$"),
+        ({"noise_gain": None, "scheme": "paper"}, "noise_gain = None is not"),
+        (
+            {"u_dc_max": 540.0},
+            "u_dc_max = 540 V is outside .* 567 to 1620 V: 1.05 to 3 times the rated voltage",
+        ),
+    ],
+)
+def test_a_setting_that_cannot_be_says_what_it_can_be(
+    setting: dict[str, Any], text: str, motor: sf.Motor, inverter: sf.Inverter
+) -> None:
+    with pytest.raises((ValueError, TypeError), match=text):
+        sf.Drive(motor, inverter, **setting)
+
+
 def test_what_a_drive_says_of_itself(motor: sf.Motor, inverter: sf.Inverter) -> None:
     drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
     assert repr(drive) == "<Drive: stopped, gates off>"

@@ -375,6 +375,8 @@ def test_plain_data_gives_an_equal_scenario(scenario: sf.Scenario, tmp_path: Pat
         ({"plant": {"speed": 1e5}}, "speed = 100000 is outside the admissible range -3141.59 to 3141.59"),
         ({"changes": [(0.1, {"speed": 1e5})]}, "speed = 100000"),
         ({"plant": {"seed": 1 << 64}}, "seed = "),
+        ({"plant": {"adc_bits": -1}}, "adc_bits = -1 bit is outside the admissible range 0 to 32"),
+        ({"plant": {"encoder_lines": -1}}, "plant encoder_lines = -1 is outside the admissible range 1 to"),
         ({"changes": 3}, "changes = 3 is not a list"),
         ({"settings": {1: 1}}, "settings: 1 is not a name"),
         ({"plant": {1: 1}}, "plant: 1 is not a name"),

@@ -37,7 +37,6 @@ _MOST_POINTS = 2_000_000
 _TORQUE_LIMIT = 10.0  # largest load and reference, of rated torque
 _SPEED_LIMIT = 20.0  # largest speed reference, of rated frequency
 _LEAST_LINK = 0.3  # least rated dc link over that of the motor's rated voltage, √2 U_N
-_COUNTS = ("adc_bits", "seed")
 _OFFSETS = ("current_offset", "current_offset_drift", "u_off")
 
 
@@ -216,10 +215,6 @@ class Scenario:
 
     def _check(self) -> None:
         """What the compiled part cannot see or would not name."""
-        for name in _COUNTS:
-            value = self.plant.get(name, 0)
-            if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 64:
-                raise ValueError(f"{name} = {value!r} is not a whole number from 0 to 2^64 - 1")
         times = [t for t, _ in self.changes]
         for before, t in pairwise(times):
             if t < before:

@@ -10,7 +10,7 @@ use stillflux::params::check;
 use stillflux::si::{Arithmetic, MeasurementSi};
 use stillflux_sim::commission::{self as sim, Wiring};
 
-use crate::convert::{extract, extract_some, finite, parts, three, value_error};
+use crate::convert::{counted, extract, extract_some, finite, parts, three, value_error};
 use crate::parameters::{Inverter, Motor, arithmetic, found, inverter_dict, machine_dict, names_of};
 use crate::plant::plant_params;
 
@@ -210,11 +210,9 @@ impl CommissioningCore {
     ) -> PyResult<Self> {
         let inverter = inverter.params()?;
         let (shaft, arithmetic) = (self::shaft(shaft)?, arithmetic_of(arithmetic)?);
-        let current_sensors = extract("current_sensors", current_sensors)?;
         let only = self::only(only, shaft)?;
-        let inner = SiCommissioning::new(&plate.plate(), &inverter, shaft, arithmetic)
-            .and_then(|inner| inner.current_sensors(current_sensors))
-            .map_err(value_error)?;
+        let inner = SiCommissioning::new(&plate.plate(), &inverter, shaft, arithmetic).map_err(value_error)?;
+        let inner = counted("current_sensors", current_sensors, |sensors| inner.current_sensors(sensors))?;
         let inner = match only {
             Some(stage) => inner.only(stage),
             None => inner,
@@ -313,12 +311,11 @@ impl CommissioningRun {
             finite("channel_factor", *factor)?;
         }
         let (shaft, arithmetic) = (self::shaft(shaft)?, arithmetic_of(arithmetic)?);
-        let current_sensors = extract("current_sensors", current_sensors)?;
         let only = self::only(only, shaft)?;
         let wiring = Wiring { channels, gain };
         let run = sim::CommissioningRun::new(&plate.plate(), &inverter, shaft, arithmetic, plant, wiring)
-            .and_then(|run| run.current_sensors(current_sensors))
             .map_err(value_error)?;
+        let run = counted("current_sensors", current_sensors, |sensors| run.current_sensors(sensors))?;
         let run = match only {
             Some(stage) => run.only(stage),
             None => run,

@@ -47,8 +47,8 @@ fn tuple<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
 /// What a type is, or has as option, to Python.
 enum Kind {
     Number,
-    /// With its range.
-    Whole(i128, i128),
+    /// With its range, where that is not only the type's.
+    Whole(Option<(i128, i128)>),
     Truth,
     Text,
     /// Two numbers for each of three legs.
@@ -61,11 +61,10 @@ fn kind_of<T>() -> Kind {
     let inner = name.strip_prefix("core::option::Option<").and_then(|rest| rest.strip_suffix('>'));
     match inner.unwrap_or(name) {
         "f64" | "num_complex::Complex<f64>" => Kind::Number,
-        "i64" => Kind::Whole(i64::MIN.into(), i64::MAX.into()),
-        "u16" => Kind::Whole(0, u16::MAX.into()),
-        "u32" => Kind::Whole(0, u32::MAX.into()),
-        "u64" => Kind::Whole(0, u64::MAX.into()),
-        "usize" => Kind::Whole(0, usize::MAX as i128),
+        "i64" => Kind::Whole(Some((i64::MIN.into(), i64::MAX.into()))),
+        "u16" => Kind::Whole(Some((0, u16::MAX.into()))),
+        "u32" | "usize" => Kind::Whole(None),
+        "u64" => Kind::Whole(Some((0, u64::MAX.into()))),
         "bool" => Kind::Truth,
         "alloc::string::String" => Kind::Text,
         "[[f64; 2]; 3]" => Kind::Legs,
@@ -93,11 +92,13 @@ fn refused<T>(name: &str, value: &Bound<'_, PyAny>, e: &PyErr) -> PyErr {
             PyValueError::new_err(format!("{name} is a whole number beyond the range of a float, 1.8e308"))
         }
         Kind::Number => is_not(name, value, "not a number"),
-        Kind::Whole(least, most) if too_large => PyValueError::new_err(format!(
+        Kind::Whole(Some((least, most))) if too_large => PyValueError::new_err(format!(
             "{name} = {} is outside the admissible range {least} to {most}",
             shown(value)
         )),
-        Kind::Whole(least, most) => is_not(name, value, &format!("not a whole number from {least} to {most}")),
+        Kind::Whole(Some((least, most))) => is_not(name, value, &format!("not a whole number from {least} to {most}")),
+        Kind::Whole(None) if too_large => PyValueError::new_err(format!("{name} = {} is not admissible", shown(value))),
+        Kind::Whole(None) => is_not(name, value, "not a whole number"),
         Kind::Truth => is_not(name, value, "neither True nor False"),
         Kind::Text => is_not(name, value, "not a text"),
         Kind::Legs => is_not(name, value, "not a pair of numbers for each of three legs"),
@@ -173,8 +174,16 @@ pub fn parts<'py, T>(name: &str, value: &Bound<'py, PyAny>, meaning: &str) -> Py
 where
     T: for<'a> FromPyObject<'a, 'py>,
 {
-    let wrong = |_| PyTypeError::new_err(format!("{name} = {value} is not ({meaning}), nor None"));
-    tuple(value)?.extract::<Option<T>>().map_err(|e: <Option<T> as FromPyObject<'_, 'py>>::Error| wrong(e.into()))
+    let what = || format!("not ({meaning}), nor None");
+    tuple(value)?.extract::<Option<T>>().map_err(|_| is_not(name, value, &what()))
+}
+
+/// Extracts a tuple; an error says what its parts are.
+pub fn all_parts<'py, T>(name: &str, value: &Bound<'py, PyAny>, meaning: &str) -> PyResult<T>
+where
+    T: for<'a> FromPyObject<'a, 'py>,
+{
+    tuple(value)?.extract::<T>().map_err(|_| is_not(name, value, &format!("not ({meaning})")))
 }
 
 /// Refuses complex numbers where real ones are meant, whose imaginary parts numpy would drop, and masked values, behind which
@@ -239,6 +248,59 @@ pub fn each_keyword<'py>(
         }
     }
     Ok(())
+}
+
+/// Parameters that are changed by keywords, as `each_keyword` has them, and checked.
+///
+/// A whole number that the type of its field cannot hold is outside the range that the core admits, as the type's largest is:
+/// the error has that range, which a user can do something with.
+pub fn changed<'py, P>(
+    mut params: P,
+    keywords: Option<&Bound<'py, PyDict>>,
+    (owner, known): (&str, &[&str]),
+    mut set: impl FnMut(&mut P, &str, &Bound<'py, PyAny>) -> PyResult<bool>,
+    validate: impl FnOnce(&P) -> Result<(), ParamError>,
+) -> PyResult<P> {
+    let mut beyond = None;
+    each_keyword(keywords, owner, known, |name, value| {
+        let py = value.py();
+        let error = match set(&mut params, name, value) {
+            Err(e) if e.is_instance_of::<PyValueError>(py) => e,
+            done => return done,
+        };
+        let largest = u32::MAX.into_pyobject(py)?.into_any();
+        let (Ok(given), Ok(true)) = (value.extract::<f64>(), set(&mut params, name, &largest)) else {
+            return Err(error);
+        };
+        beyond = Some((name.to_owned(), given, error));
+        Ok(true)
+    })?;
+    match (validate(&params), beyond) {
+        (Ok(()), None) => Ok(params),
+        (Ok(()), Some((_, _, error))) => Err(error),
+        (Err(e), Some((name, given, _))) => Err(value_error(of_given(e, &name, given))),
+        (Err(e), None) => Err(value_error(e)),
+    }
+}
+
+/// An error of the core with the value that was given for a field, which its type could not hold.
+fn of_given(e: ParamError, name: &str, value: f64) -> ParamError {
+    // "plant encoder_lines" is a field of the plant, beside one of the drive.
+    if e.field.rsplit(' ').next() == Some(name) { ParamError { value, ..e } } else { e }
+}
+
+/// Hands a count to the core, whose error has the count as it was given.
+pub fn counted<T>(
+    name: &str,
+    value: &Bound<'_, PyAny>,
+    hand: impl FnOnce(u32) -> Result<T, ParamError>,
+) -> PyResult<T> {
+    let count = match extract(name, value) {
+        Err(e) if e.is_instance_of::<PyValueError>(value.py()) => u32::MAX,
+        count => count?,
+    };
+    let given = value.extract().unwrap_or(f64::INFINITY);
+    hand(count).map_err(|e| value_error(of_given(e, name, given)))
 }
 
 /// Three phase values from a numpy array or any iterable of numbers.

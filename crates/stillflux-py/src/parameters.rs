@@ -8,7 +8,7 @@ use stillflux::config::{DriveParams, EncoderMode, EnhancedParams, LowConfidence,
 use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
 use stillflux::si::Arithmetic;
 
-use crate::convert::{each_keyword, extract, fields_of, parts, value_error};
+use crate::convert::{all_parts, changed, extract, fields_of, parts, value_error};
 
 /// What is read from a Python `Motor`.
 #[derive(FromPyObject)]
@@ -327,12 +327,13 @@ fn check_scheme(scheme: Scheme, name: &str) -> PyResult<()> {
     Ok(())
 }
 
-/// What the two numbers of a setting are.
-const PAIRS: [(&str, &str); 6] = [
+/// What the two numbers of a setting are that may be None.
+const PAIRS: [(&str, &str); 7] = [
     ("torque_limits", "negative limit, positive limit in N m"),
     ("speed_limits", "negative limit, positive limit in rad/s"),
     ("machine_overload", "continuous current in A rms, time constant in s"),
     ("bridge_overload", "continuous current in A rms, time constant in s"),
+    ("u_dc_chopper", "voltage from which on the chopper takes current, voltage at which its duty is 1, in V"),
     ("initial_flux", "alpha, beta per unit of rated flux"),
     ("winding_heat", "rise at rated current in K, time constant in s"),
 ];
@@ -345,14 +346,16 @@ pub fn drive_params(
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<DriveParams> {
     let scheme = one_of("scheme", scheme, &SCHEMES)?;
-    let mut p = DriveParams { scheme, ..DriveParams::new(machine, inverter) };
-    each_keyword(settings, "the drive", SETTINGS, |name, value| {
+    let p = DriveParams { scheme, ..DriveParams::new(machine, inverter) };
+    let set = |p: &mut DriveParams, name: &str, value: &Bound<'_, PyAny>| {
         check_scheme(scheme, name)?;
         if let Some((_, meaning)) = PAIRS.iter().find(|(pair, _)| *pair == name) {
             parts::<[f64; 2]>(name, value, meaning)?;
         }
-        set(&mut p, name, value)
-    })?;
-    p.validate(machine, inverter).map_err(value_error)?;
-    Ok(p)
+        if name == "noise_gain" {
+            all_parts::<[f64; 2]>(name, value, "smallest gain, largest gain per unit")?;
+        }
+        set(p, name, value)
+    };
+    changed(p, settings, ("the drive", SETTINGS), set, |p| p.validate(machine, inverter))
 }

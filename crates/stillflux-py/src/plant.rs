@@ -13,7 +13,7 @@ use stillflux_sim::{
 };
 
 use crate::convert::{
-    Given, complex, each_keyword, extract, fields, finite, finite_parts, offsets, parts, three, value_error,
+    Given, changed, complex, extract, fields, finite, finite_parts, offsets, parts, three, value_error,
 };
 use crate::parameters::{found, inverter_of, machine_of, names_of, one_of};
 
@@ -129,10 +129,7 @@ pub fn plant_params(
     inverter: params::Inverter,
     options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<PlantParams> {
-    let mut p = PlantParams::new(machine, inverter);
-    each_keyword(options, "the plant", OPTIONS, |name, value| set(&mut p, name, value))?;
-    p.validate().map_err(value_error)?;
-    Ok(p)
+    changed(PlantParams::new(machine, inverter), options, ("the plant", OPTIONS), set, PlantParams::validate)
 }
 
 /// Stator resistance that a plant admits.

@@ -167,7 +167,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         rng.ratio(0.05, 5.0) * machine.T_N,
         rng.ratio(0.01 * omega_n, (3.0 * omega_n).min(fastest).max(0.01 * omega_n)),
     );
-    let (u_dc_min, u_dc_max) = (rng.within(0.0, 1.0) * inverter.u_dc, rng.within(1.0, 3.0) * inverter.u_dc);
+    let (u_dc_min, u_dc_max) = (rng.within(0.0, 1.0) * inverter.u_dc, rng.within(1.05, 3.0) * inverter.u_dc);
     let acceleration = rng.chance(2).then(|| rng.ratio(1e-3 * omega_n, 1e3 * omega_n));
     let body = |rng: &mut Rng| {
         let current = rng.ratio(1.1 * i_0, i_max.max(1.1 * i_0)) / 2f64.sqrt();

@@ -457,7 +457,9 @@ impl DriveParams {
         check("i_trip", self.i_trip, self.i_max, 8.0 * i_n, "A")?;
         check("i_range", self.i_range, self.i_trip, 20.0 * i_n, "A")?;
         check("u_dc_min", self.u_dc_min, 0.0, inverter.u_dc, "V")?;
-        check("u_dc_max", self.u_dc_max, inverter.u_dc, 3.0 * inverter.u_dc, "V")?;
+        // The link at its rated voltage, with ripple and noise of the reading, is no fault.
+        check("u_dc_max", self.u_dc_max, 1.05 * inverter.u_dc, 3.0 * inverter.u_dc, "V")
+            .map_err(|e| e.with_note("1.05 to 3 times the rated voltage of the dc link"))?;
         check("current_bandwidth", self.current_bandwidth, 10.0, FASTEST_CURRENT * f_s, "Hz")?;
         let fastest = flux_bandwidth_at(FLUX_POLE.1, machine, inverter, self.current_bandwidth);
         check("flux_bandwidth", self.flux_bandwidth, 0.1, fastest.min(30.0), "Hz")
@@ -623,8 +625,11 @@ impl DriveParams {
     /// Encoder and its counter.
     fn validate_encoder(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
         const BUILT: bool = cfg!(feature = "encoder");
-        const NOTE: &str =
-            if BUILT { "encoder_mode and encoder_fault need an encoder" } else { "needs the feature `encoder`" };
+        let note = match (BUILT, self.encoder_lines) {
+            (false, _) => "needs the feature `encoder`",
+            (true, 0) => "encoder_mode and encoder_fault need an encoder",
+            (true, _) => "at least 16 lines a pole pair; 0 is no encoder",
+        };
         let (lines, omega_n) = (f64::from(self.encoder_lines), machine.omega_sR() / f64::from(machine.n_p));
         let used = self.encoder_lines > 0 || self.encoder_fault || self.encoder_mode != EncoderMode::Compare;
         let (least, most) = match (used, BUILT) {
@@ -633,7 +638,7 @@ impl DriveParams {
             (true, false) => (0.0, 0.0),
         };
         check("encoder_lines", if used && !BUILT { lines.max(1.0) } else { lines }, least, most, "")
-            .map_err(|e| e.with_note(NOTE))?;
+            .map_err(|e| e.with_note(note))?;
         let turns = f64::from(speed_periods(self.scheme, slow_periods(inverter))) / inverter.f_c() * self.omega_max
             / core::f64::consts::TAU;
         check(
