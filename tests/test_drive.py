@@ -466,7 +466,7 @@ def test_a_large_heavy_shaft_is_kept_through_steps_of_the_load_whatever_the_roto
 def test_an_argument_of_a_step_is_named_with_its_value(
     motor: sf.Motor, inverter: sf.Inverter, arguments: dict[str, Any], text: str
 ) -> None:
-    drive = sf.Drive(motor, inverter)
+    drive = sf.Drive(motor, inverter, encoder_lines=1024)
     with pytest.raises((ValueError, TypeError), match=text):
         drive.step(**{"i_abc": [0.0] * 3, "u_dc": 540.0, **arguments})
     of_numpy: dict[str, Any] = {"cycle": np.int64(65535), "encoder": np.int32(-3)}

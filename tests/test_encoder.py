@@ -28,9 +28,11 @@ def test_a_stopped_drive_tells_the_speed_of_a_shaft_that_turns() -> None:
     assert drive.encoder[2] == "silent"
 
 
-def test_without_an_encoder_there_is_nothing_to_say() -> None:
+def test_without_an_encoder_there_is_nothing_to_say_and_a_position_is_refused() -> None:
     drive = sf.Drive(MOTOR, INVERTER)
-    drive.step([0.0, 0.0, 0.0], 540.0, encoder=3)
+    drive.step([0.0, 0.0, 0.0], 540.0, encoder=None)
+    with pytest.raises(ValueError, match=r"encoder = 3: this drive has none; .* the setting encoder_lines"):
+        drive.step([0.0, 0.0, 0.0], 540.0, encoder=3)
     assert drive.encoder is None
     assert sf.Plant(MOTOR, INVERTER).encoder is None
 

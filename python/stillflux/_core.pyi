@@ -264,9 +264,8 @@ class Drive:
             with the setting `encoder_lines`. None: it has not been read.
 
         Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
-        Raises ValueError if both references are given or one is not finite. Implausible measurements do
-        not
-        raise: they are faults, see `status`.
+        Raises ValueError if both references are given or one is not finite, and for an encoder without that
+        setting. Implausible measurements do not raise: they are faults, see `status`.
         """
     @property
     def pulses(self) -> tuple[list[float], list[float], list[float]] | None:

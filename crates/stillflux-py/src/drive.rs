@@ -382,8 +382,8 @@ impl Drive {
     ///     `encoder_lines`. None: it has not been read.
     ///
     /// Returns the duties of the three legs for the next period, an array of shape (3,) in [0, 1].
-    /// Raises ValueError if both references are given or one is not finite. Implausible measurements do not
-    /// raise: they are faults, see `status`.
+    /// Raises ValueError if both references are given or one is not finite, and for an encoder without that setting.
+    /// Implausible measurements do not raise: they are faults, see `status`.
     #[pyo3(signature = (i_abc, u_dc, omega_ref=None, torque_ref=None, cycle=None, encoder=None))]
     fn step<'py>(
         &mut self,
@@ -421,6 +421,11 @@ impl Drive {
     }
 
     /// Pulses of the next period with `current_sensors=1`: half widths of the three legs' pulses before and after the middle
+            if self.drive.encoder().is_none() {
+                return Err(PyValueError::new_err(format!(
+                    "encoder = {position}: this drive has none; it is told of one by the setting encoder_lines"
+                )));
+            }
     /// of the carrier period, and the two instants after it at which the shunt is sampled, all in half periods of the
     /// carrier. None with more sensors.
     #[getter]
