@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import pickle
 import re
@@ -528,6 +529,13 @@ def test_a_commissioning_shows_where_it_is(capsys: pytest.CaptureFixture[str]) -
     assert repr(run).startswith("<Commissioning: fault: aborted at ")
     sf.commission(PLATE, sf.Inverter(), plant_motor=PLATE.motor(), only="wiring", progress=True)
     assert "commissioning: done" in capsys.readouterr().err
+
+def test_a_commissioning_is_not_copied_as_half_of_itself() -> None:
+    running = sf.Commissioning(PLATE, sf.Inverter())
+    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="a Commissioning is not copied, nor pickled: keep its result"):
+            copied(running)
+
 
 
 @pytest.mark.filterwarnings("ignore::stillflux.MachineWarning")

@@ -535,6 +535,18 @@ def test_an_estimate_and_a_true_state_can_be_copied(motor: sf.Motor, inverter: s
         assert repr(kept["seen"]) == repr(kept["again"]) == repr(one)
 
 
+def test_an_estimate_and_a_true_state_go_to_other_processes(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
+    plant.set_state(0.5 - 0.25j, 0.4 - 0.2j, 1.0 / 3.0)
+    for one in (drive.estimate, plant.state):
+        again = pickle.loads(pickle.dumps(one))
+        assert type(again) is type(one)
+        assert again.__getnewargs__() == one.__getnewargs__()
+    assert plant.state.__getnewargs__()[0] == plant.state.psi_s == 0.5 - 0.25j
+    with pytest.raises(TypeError, match="psi_s = 'a' is not a number"):
+        sf.PlantState("a", *plant.state.__getnewargs__()[1:])  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("setting", "text"),
     [

@@ -134,6 +134,30 @@ class Status:
 class Estimate:
     """Everything a drive estimates, of the latest period. Stator coordinates unless named `dq`."""
 
+    def __new__(
+        cls,
+        psi_s: complex,
+        psi_r: complex,
+        psi_1: complex,
+        i_s: complex,
+        u_s: complex,
+        u_i: complex,
+        u_off: complex,
+        u_hf: complex,
+        i_dq: complex,
+        i_dq_ref: complex,
+        psi_ref: float,
+        omega_m: float,
+        omega_s: float,
+        omega_r: float,
+        torque: float,
+        R_s: float,
+        epsilon: float,
+        innovation: float,
+        nis: float,
+        angle_deviation: float,
+        confidence: float,
+    ) -> Estimate: ...
     @property
     def psi_s(self) -> complex:
         """Stator flux linkage, V·s."""
@@ -201,6 +225,7 @@ class Estimate:
     @property
     def confidence(self) -> float:
         """Confidence in the field angle, 0 to 1."""
+    def __getnewargs__(self) -> tuple[complex, ...]: ...
     def __copy__(self) -> Self: ...
     def __deepcopy__(self, memo: dict[int, Any], /) -> Self: ...
 
@@ -435,6 +460,21 @@ class RecordEstimator:
 class PlantState:
     """The true state of a plant at the end of the last period. Stator coordinates."""
 
+    def __new__(
+        cls,
+        psi_s: complex,
+        psi_r: complex,
+        i_s: complex,
+        u_s: complex,
+        t: float,
+        omega_m: float,
+        omega_s: float,
+        theta_m: float,
+        torque: float,
+        load_torque: float,
+        R_s: float,
+        u_dc: float,
+    ) -> PlantState: ...
     @property
     def t(self) -> float:
         """Time, s."""
@@ -471,6 +511,7 @@ class PlantState:
     @property
     def u_dc(self) -> float:
         """dc-link voltage, V."""
+    def __getnewargs__(self) -> tuple[complex, ...]: ...
     def __copy__(self) -> Self: ...
     def __deepcopy__(self, memo: dict[int, Any], /) -> Self: ...
 

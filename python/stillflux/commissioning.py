@@ -210,6 +210,10 @@ class Commissioning:
         """Blocks the gates for good; what has been found stays."""
         self._core.abort()
 
+    def __reduce__(self) -> Any:
+        # A shallow copy would share what runs: two halves of one commissioning, each with every other sample.
+        raise TypeError("a Commissioning is not copied, nor pickled: keep its result, or begin a new one")
+
     def __repr__(self) -> str:
         return f"<Commissioning: {self.status}, {self.stage}, {100 * self.progress:.0f} %>"
 

@@ -6,7 +6,7 @@ use numpy::{Complex64, PyArray1};
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyString};
+use pyo3::types::{PyComplex, PyDict, PyFloat, PyString, PyTuple};
 use stillflux::drive::{self as core, Fault};
 use stillflux::si::{MeasurementSi, MemorySi, ReferenceSi, SiDrive};
 
@@ -177,6 +177,19 @@ macro_rules! estimate {
 
         #[pymethods]
         impl Estimate {
+            #[new]
+            #[allow(clippy::too_many_arguments)]
+            fn new($($z: &Bound<'_, PyAny>,)* $($x: &Bound<'_, PyAny>,)*) -> PyResult<Self> {
+                Ok(Self { $($z: extract(stringify!($z), $z)?,)* $($x: extract(stringify!($x), $x)?,)* })
+            }
+
+            // For pickle.
+            fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+                let complex = [$(self.$z),*].map(|z| PyComplex::from_doubles(py, z.re, z.im).into_any());
+                let real = [$(self.$x),*].map(|x| PyFloat::new(py, x).into_any());
+                PyTuple::new(py, complex.into_iter().chain(real).collect::<Vec<_>>())
+            }
+
             fn __repr__(&self) -> String {
                 let complex = [$((stringify!($z), self.$z)),*];
                 let real = [$((stringify!($x), self.$x)),*];
@@ -408,6 +421,11 @@ impl Drive {
         };
         let sample = MeasurementSi { i_abc: three("i_abc", i_abc)?, u_dc: extract("u_dc", u_dc)? };
         if let Some(position) = encoder {
+            if self.drive.encoder().is_none() {
+                return Err(PyValueError::new_err(format!(
+                    "encoder = {position}: this drive has none; it is told of one by the setting encoder_lines"
+                )));
+            }
             self.drive.set_encoder(position);
         }
         let out = match cycle {
@@ -421,11 +439,6 @@ impl Drive {
     }
 
     /// Pulses of the next period with `current_sensors=1`: half widths of the three legs' pulses before and after the middle
-            if self.drive.encoder().is_none() {
-                return Err(PyValueError::new_err(format!(
-                    "encoder = {position}: this drive has none; it is told of one by the setting encoder_lines"
-                )));
-            }
     /// of the carrier period, and the two instants after it at which the shunt is sampled, all in half periods of the
     /// carrier. None with more sensors.
     #[getter]

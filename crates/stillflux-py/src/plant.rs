@@ -3,7 +3,7 @@
 use numpy::{Complex64, PyArray1};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyComplex, PyDict, PyFloat, PyTuple};
 use stillflux::control::shunt::Pulses;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
@@ -181,6 +181,19 @@ macro_rules! plant_state {
 
         #[pymethods]
         impl PlantState {
+            #[new]
+            #[allow(clippy::too_many_arguments)]
+            fn new($($z: &Bound<'_, PyAny>,)* $($x: &Bound<'_, PyAny>,)*) -> PyResult<Self> {
+                Ok(Self { $($z: extract(stringify!($z), $z)?,)* $($x: extract(stringify!($x), $x)?,)* })
+            }
+
+            // For pickle.
+            fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+                let complex = [$(self.$z),*].map(|z| PyComplex::from_doubles(py, z.re, z.im).into_any());
+                let real = [$(self.$x),*].map(|x| PyFloat::new(py, x).into_any());
+                PyTuple::new(py, complex.into_iter().chain(real).collect::<Vec<_>>())
+            }
+
             fn __repr__(&self) -> String {
                 let complex = [$((stringify!($z), self.$z)),*];
                 let real = [$((stringify!($x), self.$x)),*];
