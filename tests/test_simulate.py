@@ -350,6 +350,18 @@ def test_plain_data_gives_an_equal_scenario(scenario: sf.Scenario, tmp_path: Pat
     assert sf.Result.load(path).scenario == full
 
 
+def test_plain_data_that_are_no_space_vector_are_named() -> None:
+    data = {"motor": "2.2kW", "duration": 0.1}
+    for wrong, text in (
+        ({"plant": {"current_offset": ["a", 1]}}, r"current_offset\[0\] = 'a' is not a number"),
+        ({"plant": {"current_offset_drift": [0.1, True]}}, r"current_offset_drift\[1\] = True is not"),
+        ({"changes": [[0.01, {"current_offset": [[1], 1]}]]}, r"current_offset\[0\] = \[1\] is not"),
+        ({"memory": {"u_off": [None, 1]}}, r"u_off\[0\] = None is not a number"),
+    ):
+        with pytest.raises(TypeError, match=text):
+            sf.Scenario.from_dict({**data, **wrong})
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [

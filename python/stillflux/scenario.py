@@ -455,6 +455,7 @@ def rich(value: Any, key: str = "") -> Any:
         return {key: rich(item, key) for key, item in value.items()}
     if isinstance(value, list):
         if key in _OFFSETS and len(value) == 2:
-            return complex(*value)
+            # A text, a truth value or a list in a file is no part of a space vector.
+            return complex(*(number(f"{key}[{k}]", part) for k, part in enumerate(value)))
         return tuple(rich(item) for item in value)
     return value
