@@ -186,14 +186,42 @@ def test_an_error_of_what_is_in_a_file_names_the_file(
         ("simulate", 'motor = "2.2kW"\nduration = 1\nsettings = {psi_reff = 1}\n', "own.toml: the drive has"),
         ("sweep", "[scenario]\n", "own.toml: a sweep file has [scenario] and one of"),
         ("commission", "[motr]\n", "own.toml: motr is not known in a commissioning file"),
-        ("commission", f"{PLATE}[plant]\nadc_nois = 1.0\n", "own.toml: neither commission nor"),
-        ("commission", f"{PLATE}[inverter]\nudc = 540.0\n", "own.toml: udc is not known"),
+        ("commission", f"{PLATE}[inverter]\nudc = 540.0\n", "own.toml: [inverter] udc is not known; 'u_dc'?"),
     ):
         Path("own.toml").write_text(text)
         assert main([command, "own.toml"]) == 2
         errors = [line for line in capsys.readouterr().err.splitlines() if "[plant.motor]" not in line]
         assert errors[0].startswith(f"stillflux: {expected}")
         assert errors[0].count("own.toml") == len(errors) == 1
+
+
+def test_what_a_commissioning_file_cannot_have_is_named_with_its_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for table, expected in (
+        ("[plant]\nadc_nois = 1.0", "[plant] adc_nois is not known; 'adc_noise'?"),
+        ("[plant]\nadc_noise = 'x'", "[plant] adc_noise = 'x' is not a number"),
+        ("[plant]\nprogress = 5", "[plant] progress is not known; there are mode, seed, "),
+        ("[plant]\nplant_motor = 5", "[plant] plant_motor is not known; 'motor'?"),
+        ("[plant]\nchannels = [0, 1, 5]", "[plant] channels = 5 is outside the admissible range 0 to 2"),
+        (
+            "[plant]\ncurrent_sensors = -1",
+            "[plant] current_sensors = -1 is outside the admissible range 2 to 3",
+        ),
+        ("[plant]\nmotor = 5", "[plant.motor] 5 is not a table of fields"),
+        ("[plant.inverter]\nudc = 5.0", "[plant.inverter] udc is not known; 'u_dc'?"),
+        ("[plant.inverter]\nu_dc = 'a'", "[plant.inverter] u_dc = 'a' is not a number"),
+        ("[plant]\ninverter = 5", "[plant.inverter] 5 is not a table of fields"),
+        ("[deviation]\nRs = 0.1", "[deviation] Rs is not known; 'R_s'?"),
+        ("[deviation]\nR_s = 'a'", "[deviation] R_s = 'a' is outside 0 … 10"),
+        ("plant = 5", "plant is not a table: write [plant] and its fields below it"),
+        ("deviation = 5", "deviation is not a table: write [deviation] and its fields below it"),
+    ):
+        Path("own.toml").write_text(f"{PLATE}{table}\n" if "[" in table[:1] else f"{table}\n{PLATE}")
+        assert main(["commission", "own.toml", "--only", "wiring"]) == 2
+        errors = capsys.readouterr().err.splitlines()
+        assert errors[-1].startswith(f"stillflux: own.toml: {expected}")
 
 
 PLATE = "[nameplate]\nP_N = 4000.0\nU_N = 400.0\nI_N = 8.2\nf_N = 50.0\nn_N = 1435.0\ncos_phi = 0.82\n"

@@ -398,6 +398,15 @@ def test_a_file_takes_a_preset_and_refuses_a_motor_beside_its_plate(tmp_path: Pa
         _task(str(file))
 
 
+def test_a_file_and_a_scenario_take_the_same_forms_of_an_offset(tmp_path: Path) -> None:
+    file = tmp_path / "motor.toml"
+    for given in ([0.01, 0.02], [0.01, 0.02, -0.03]):
+        file.write_text(FILE.replace("[plant]", f"[plant]\ncurrent_offset = {given}"))
+        plant = {"current_offset": given}
+        scenario = sf.Scenario.from_dict({"motor": "2.2kW", "duration": 0.1, "plant": plant})
+        assert _task(str(file)).options["current_offset"] == scenario.plant["current_offset"]
+
+
 def test_a_plate_alone_is_commissioned_on_the_motor_that_follows_from_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -521,6 +530,13 @@ def test_an_argument_of_a_commissioning_is_named(change: dict[str, Any], text: s
             sf.Commissioning(change["plate"], sf.Inverter())
 
 
+def test_a_commissioning_is_not_copied_as_half_of_itself() -> None:
+    running = sf.Commissioning(PLATE, sf.Inverter())
+    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="a Commissioning is not copied, nor pickled: keep its result"):
+            copied(running)
+
+
 def test_a_commissioning_shows_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     run = sf.Commissioning(PLATE, sf.Inverter())
     run.step([0.0] * 3, 540.0)
@@ -529,13 +545,6 @@ def test_a_commissioning_shows_where_it_is(capsys: pytest.CaptureFixture[str]) -
     assert repr(run).startswith("<Commissioning: fault: aborted at ")
     sf.commission(PLATE, sf.Inverter(), plant_motor=PLATE.motor(), only="wiring", progress=True)
     assert "commissioning: done" in capsys.readouterr().err
-
-def test_a_commissioning_is_not_copied_as_half_of_itself() -> None:
-    running = sf.Commissioning(PLATE, sf.Inverter())
-    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
-        with pytest.raises(TypeError, match="a Commissioning is not copied, nor pickled: keep its result"):
-            copied(running)
-
 
 
 @pytest.mark.filterwarnings("ignore::stillflux.MachineWarning")

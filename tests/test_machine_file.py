@@ -58,10 +58,10 @@ def test_every_circuit_and_a_changed_preset(tmp_path: Path) -> None:
         ("warnings = 'x'\n[motor]\npreset = '2.2kW'\n", "warnings = 'x' is not a list of texts"),
         ("[motor]\nR_s = 3.7\n", r"\[motor\] has no complete equivalent circuit"),
         ("[motor]\npreset = '2.2kW'\nR_s = -1.0\n", r"\[motor\] R_s = -1"),
-        ("[motor]\npreset = '2.2kW'\nR_x = 1.0\n", r"\[motor\] R_x is not known; there are R_s, R_R,"),
+        ("[motor]\npreset = '2.2kW'\nR_x = 1.0\n", r"\[motor\] R_x is not known; 'R_s'"),
         (
             "[motor]\npreset = '2.2kW'\n[inverter]\nudc = 3\n",
-            r"\[inverter\] udc is not known; there are u_dc",
+            r"\[inverter\] udc is not known; 'u_dc'",
         ),
         ("[nameplate]\nP_N = 4e3\nU_N = 400.0\n", r"\[nameplate\] has no I_N, f_N, n_N, cos_phi"),
         ("[motor]\npreset = '2.2kW'\n[inverter]\nf_s = 1.0\n", r"\[inverter\] f_s = 1"),
@@ -69,7 +69,7 @@ def test_every_circuit_and_a_changed_preset(tmp_path: Path) -> None:
         ("[motor]\npreset = '2.2kW'\n[plant]\nmotor = 3\n", r"\[plant.motor\] 3 is not a table of fields"),
         (
             "[motor]\npreset = '2.2kW'\n[deviation]\nR_S = 0.1\n",
-            r"\[deviation\] R_S is not known; there are R_s, ",
+            r"\[deviation\] R_S is not known; 'R_s'",
         ),
         ("[engine]\n", "engine is not known"),
         ("name = '../x'\n[motor]\npreset = '2.2kW'\n", "name = '../x' is no file name"),

@@ -66,7 +66,7 @@ def test_without_an_inverter_a_scenario_takes_that_of_the_motors_preset() -> Non
     assert sf.Scenario.from_dict(made.to_dict()) == made
     for wrong, text in (
         ({"preset": "2.2kW", "R_s": -1.0}, "motor: R_s = -1 ohm is outside the admissible range"),
-        ({"preset": "2.2kW", "Rs": 1.0}, "motor: Rs is not known; there are R_s"),
+        ({"preset": "2.2kW", "Rs": 1.0}, "motor: Rs is not known; 'R_s'"),
         (asdict(motor), "inverter is missing: .* inverter = {} is one that suits the motor"),
     ):
         with pytest.raises(ValueError, match=text):

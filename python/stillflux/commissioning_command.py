@@ -12,8 +12,8 @@ cos_phi = 0.82
 [inverter]                     # what its data sheet says, or preset = "2.2kW" and what differs; optional
 u_dc = 540.0
 
-[plant]                        # options of stillflux.Plant; optional
-adc_noise = 0.03
+[plant]                        # options of stillflux.Plant, and channels, channel_factor, current_sensors
+adc_noise = 0.03               # of stillflux.commission; optional
 
 [plant.motor]                  # the motor that is simulated; without it that of [motor] or of the plate
 R_s = 1.5
@@ -31,10 +31,12 @@ from __future__ import annotations
 
 import argparse
 import html
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,9 +46,10 @@ from stillflux.commissioning import PROCEDURES, Commissioned, CommissioningInter
 from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
 from stillflux.machine_file import (
-    NOTES,
+    check_tables,
     checked,
     checked_name,
+    deviation_of,
     in_file,
     inverter_of,
     load_machine,
@@ -56,10 +59,13 @@ from stillflux.machine_file import (
     read_toml,
     simulated_guess,
 )
+from stillflux.messages import meant
 from stillflux.nameplate import Nameplate
+from stillflux.options import PlantOptions
 from stillflux.outputs import apart, check_file, keep, write_text
 from stillflux.parallel import undisturbed
 from stillflux.parameters import PRESETS, Inverter, Motor, leg_delay
+from stillflux.scenario import rich
 from stillflux.simulation import progress_bar
 
 if TYPE_CHECKING:
@@ -72,6 +78,15 @@ _FRICTION = 0.005
 acceleration and braking. Allowance: 0.2 to 0.3 % were found on machines without friction."""
 _FAR = 4.0
 """Deviations of the nameplate's value beyond which one is named: as the core's warning has it."""
+_PLANT = (
+    *PlantOptions.__annotations__,
+    "motor",
+    "inverter",
+    "channels",
+    "channel_factor",
+    "current_sensors",
+)
+"""What [plant] may have: options of a plant, its two tables, and the faults of the wiring."""
 _UNITS = {"R_s": "Ω", "R_R": "Ω", "L_sigma": "mH", "L_M": "mH", "J": "kg·m²"}
 
 
@@ -126,7 +141,7 @@ def _run(options: argparse.Namespace) -> int:
     bar = progress_bar("commissioning")
     status, ended = 0, ""
     try:
-        with nullcontext() if source in PRESETS else in_file(source):
+        with nullcontext() if source in PRESETS else in_file(source), _in_plant(task.options):
             found = run_commissioning(
                 task.plate,
                 task.sheet,
@@ -179,11 +194,16 @@ def _task(source: str) -> _Task:
 
 def _of_file(path: Path, data: Mapping[str, Any]) -> _Task:
     """What the tables of a file say. Raises ValueError, TypeError."""
-    unknown = set(data) - {"name", "nameplate", "motor", "inverter", "plant", "deviation", *NOTES}
-    if unknown:
-        raise ValueError(f"{', '.join(sorted(unknown))} is not known in a commissioning file")
+    check_tables(path, data, "commissioning", named=("motor", "inverter"))
+    # What is found has its own; those of the file are only what a motor file may have.
+    deviation_of(path, data)
     plant = dict(data.get("plant", {}))
-    motor = part(Motor, plant.pop("motor")) if "motor" in plant else None
+    for key in plant:
+        if key not in _PLANT:
+            raise ValueError(f"[plant] {key} is not known{meant(key, _PLANT)}")
+    motor = None
+    if "motor" in plant:
+        motor = checked(path, "plant.motor", partial(part, Motor), plant.pop("motor"))
     changes = plant.pop("inverter", {})
     if ("nameplate" in data) == ("motor" in data):
         raise ValueError(
@@ -197,18 +217,25 @@ def _of_file(path: Path, data: Mapping[str, Any]) -> _Task:
             print(simulated_guess(path))
             motor = plate.motor()
     else:
-        told = part(Motor, data["motor"])
+        told = checked(path, "motor", partial(part, Motor), data["motor"])
         plate, motor = Nameplate.of(told), motor or told
-    sheet = inverter_of(data.get("inverter"), plate.motor())
-    inverter = sheet.replace(**changes)
-    options = {key: _tuples(value) for key, value in plant.items()}
+    sheet = checked(path, "inverter", lambda t: inverter_of(t, plate.motor()), data.get("inverter"))
+    inverter = checked(path, "plant.inverter", lambda t: part(Inverter, t, sheet), changes)
+    with _in_plant(plant):
+        options = {key: rich(value, key) for key, value in plant.items()}
     name = checked_name(path, data.get("name", path.stem))
     return _Task(name, plate, sheet, motor, inverter, options, told)
 
 
-def _tuples(value: Any) -> Any:
-    """Arrays of a TOML file as the options of a plant have them."""
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+@contextmanager
+def _in_plant(options: Mapping[str, Any]) -> Iterator[None]:
+    """Puts the name of the table in front of an error that begins with one of the plant's options."""
+    try:
+        yield
+    except (ValueError, TypeError) as error:
+        if re.split(r"\W", str(error), maxsplit=1)[0] not in options:
+            raise
+        raise type(error)(f"[plant] {error}") from None
 
 
 def _rows(task: _Task, found: Commissioned) -> Iterator[tuple[str, str, str, str]]:

@@ -54,7 +54,7 @@ from pathlib import Path
 from typing import Any
 
 from stillflux import _core
-from stillflux.messages import MachineWarning, outside
+from stillflux.messages import MachineWarning, meant, outside
 from stillflux.nameplate import Nameplate
 from stillflux.options import DriveSettings
 from stillflux.parameters import PRESETS, Inverter, Motor
@@ -67,8 +67,10 @@ else:
 __all__ = [
     "NOTES",
     "Machine",
+    "check_tables",
     "checked",
     "checked_name",
+    "deviation_of",
     "in_file",
     "inverter_beside",
     "inverter_of",
@@ -157,22 +159,10 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         return Machine(name=source, motor=Motor.preset(source), inverter=Inverter.preset(source))
     path = motor_file(source)
     data = read_toml(path)
-    for key, value in data.items():
-        if key not in (*_TABLES, "name", *NOTES):
-            raise ValueError(
-                f"{path}: {key} is not known in a motor file; there are "
-                f"{', '.join((*_TABLES, 'name', *NOTES))}"
-            )
-        if key in _TABLES and not isinstance(value, dict):
-            raise ValueError(f"{path}: {key} is not a table: write [{key}] and its fields below it")
+    check_tables(path, data, "motor")
     if ("motor" in data) == ("nameplate" in data):
         raise ValueError(f"{path}: give one of the tables [motor] and [nameplate]")
-    deviation = dict(data.get("deviation", {}))
-    for key, value in deviation.items():
-        if key not in _DEVIATIONS:
-            raise ValueError(f"{path}: [deviation] {key} is not known; there are {', '.join(_DEVIATIONS)}")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 10.0:
-            raise ValueError(f"{path}: [deviation] {key} = {value!r} is outside 0 … 10")
+    deviation = deviation_of(path, data)
     if "motor" in data:
         motor = checked(path, "motor", _motor, data["motor"])
     else:
@@ -214,6 +204,28 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         plant_inverter=plant_inverter,
         of_plate="nameplate" in data,
     )
+
+
+def check_tables(path: Path, data: Mapping[str, Any], kind: str, named: Sequence[str] = ()) -> None:
+    """Raises ValueError for what a kind of file does not have, and for what has to be a table and is none;
+    those of `named` may be a text, the name of a preset or of a file."""
+    known = (*_TABLES, "name", *NOTES)
+    for key, value in data.items():
+        if key not in known:
+            raise ValueError(f"{path}: {key} is not known in a {kind} file{meant(key, known)}")
+        if key in _TABLES and not isinstance(value, (dict, str) if key in named else dict):
+            raise ValueError(f"{path}: {key} is not a table: write [{key}] and its fields below it")
+
+
+def deviation_of(path: Path, data: Mapping[str, Any]) -> dict[str, float]:
+    """The table of deviations of a file. Raises ValueError naming file, table and field."""
+    deviation = dict(data.get("deviation", {}))
+    for key, value in deviation.items():
+        if key not in _DEVIATIONS:
+            raise ValueError(f"{path}: [deviation] {key} is not known{meant(key, _DEVIATIONS)}")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 10.0:
+            raise ValueError(f"{path}: [deviation] {key} = {value!r} is outside 0 … 10")
+    return deviation
 
 
 def motor_file(source: str | os.PathLike[str]) -> Path:
@@ -397,7 +409,7 @@ def _only(table: Mapping[str, Any], known: Sequence[str]) -> None:
     """Raises ValueError for a field that there is not."""
     for name in table:
         if name not in known:
-            raise ValueError(f"{name} is not known; there are {', '.join(known)}")
+            raise ValueError(f"{name} is not known{meant(name, known)}")
 
 
 def plate_of(table: Mapping[str, Any]) -> Nameplate:
