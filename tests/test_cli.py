@@ -286,6 +286,33 @@ def test_a_console_without_greek_letters_loses_nothing(tmp_path: Path) -> None:
     assert "status: running" in run.stdout
 
 
+def test_a_motor_that_is_no_file_is_called_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("run.toml").write_text(SCENARIO)
+    for command in (
+        ["simulate", "run.toml", "--motor", ""],
+        ["commission", "--motor", ""],
+        ["commission", ""],
+    ):
+        assert main(command) == 2
+        assert "motor = '' is neither a preset (2.2kW, 11kW) nor a motor file" in capsys.readouterr().err
+    with pytest.raises(ValueError, match=r"is neither a preset .* nor a motor file"):
+        sf.load_machine(tmp_path)
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder that takes no files, whoever asks")
+def test_a_folder_that_takes_no_file_is_said_before_the_run_and_by_the_name_that_was_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "run.toml").write_text(SCENARIO)
+    assert main(["simulate", str(tmp_path / "run.toml"), "--save", "/proc/x.npz"]) == 2
+    assert capsys.readouterr().err == "stillflux: /proc/x.npz cannot be written\n"
+    with pytest.raises(OSError, match=r"'/proc/x\.txt'$"):
+        write_text(Path("/proc/x.txt"), "text")
+
+
 def test_a_run_that_diverges_keeps_its_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import warnings
 from typing import Any
 
@@ -129,5 +130,7 @@ def test_a_value_of_another_circuit_is_named_as_it_was_given() -> None:
 def test_a_word_or_a_curve_that_is_none_is_named() -> None:
     with pytest.raises(TypeError, match="preset = 5 is not a text"):
         sf.Motor.preset(5)  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match=r"saturation = 5 is not \(L_u, a, S\), nor None"):
-        sf.Motor.preset("2.2kW").replace(saturation=5)
+    for none in (5, np.array(5.0), b"abc", {"L_u": 1.0}):
+        shown = re.escape(repr(none))
+        with pytest.raises(TypeError, match=rf"saturation = {shown} is not \(L_u, a, S\), nor None"):
+            sf.Motor.preset("2.2kW").replace(saturation=none)

@@ -389,6 +389,7 @@ def test_plain_data_that_are_no_space_vector_are_named() -> None:
         ({"plant": {"seed": 1 << 64}}, "seed = "),
         ({"plant": {"adc_bits": -1}}, "adc_bits = -1 bit is outside the admissible range 0 to 32"),
         ({"plant": {"encoder_lines": -1}}, "plant encoder_lines = -1 is outside the admissible range 1 to"),
+        ({"duration": 0.0}, "duration = 0 s is outside .* 0.0001 to 100000 s: one control period at least"),
         ({"changes": 3}, "changes = 3 is not a list"),
         ({"settings": {1: 1}}, "settings: 1 is not a name"),
         ({"plant": {1: 1}}, "plant: 1 is not a name"),

@@ -464,6 +464,7 @@ def test_what_no_sweep_takes_is_named() -> None:
         (lambda: sf.sweep([BASE], None), "metrics = None is not a list"),  # type: ignore[arg-type]
         (lambda: sf.sweep(None), "scenarios = None are no scenarios"),  # type: ignore[arg-type]
         (lambda: sf.sweep([BASE], {1: len}), "metrics: 1 is not a name"),  # type: ignore[dict-item]
+        (lambda: sf.sweep([BASE], [["angle_max"]]), r"metrics: \['angle_max'\] is not one of"),  # type: ignore[list-item]
         (lambda: sf.sweep([BASE], progress=5), "progress = 5 is neither a function nor True"),  # type: ignore[arg-type]
         (lambda: sf.grid(5, {}), "base = 5 is not a stillflux.Scenario"),  # type: ignore[arg-type]
         (lambda: sf.grid(BASE, 5), "axes = 5 is not a mapping"),  # type: ignore[arg-type]

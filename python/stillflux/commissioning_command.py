@@ -133,7 +133,7 @@ def commission(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    source = options.machine or options.motor
+    source = options.motor if options.machine is None else options.machine
     check_file(options.out)
     check_file(options.report, ".html", ".htm")
     apart({"MACHINE": source, "--out": options.out, "--report": options.report})

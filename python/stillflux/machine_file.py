@@ -232,7 +232,8 @@ def motor_file(source: str | os.PathLike[str]) -> Path:
     """The file of what is no preset's name. Raises ValueError for what is no file's either."""
     path = Path(source)
     # "5.5kW" is no file name with the ending ".5kW".
-    if path.suffix != ".toml" and not path.exists():
+    # Nothing at all is the path of the folder.
+    if path.is_dir() or (path.suffix != ".toml" and not path.exists()):
         raise ValueError(
             f"motor = {str(source)!r} is neither a preset ({', '.join(PRESETS)}) nor a motor file"
         )

@@ -7,6 +7,7 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 
 __all__ = ["apart", "check_file", "check_folder", "keep", "naming", "whole", "write_text"]
 
@@ -25,9 +26,18 @@ def check_file(path: Path | None, *suffixes: str) -> None:
         raise ValueError(f"{path}: there is no folder {folder if path.is_symlink() else path.parent}")
     writable = not path.exists() or os.access(path, os.W_OK)
     # A pipe or a device is written itself.
-    beside = os.access(folder, os.W_OK) or (path.exists() and not path.is_file())
+    beside = (path.exists() and not path.is_file()) or _takes_files(folder)
     if not (writable and beside):
         raise ValueError(f"{path} cannot be written")
+
+
+def _takes_files(folder: Path) -> bool:
+    """Whether a file can be made in a folder: where the system keeps its own, none can, whatever it says."""
+    try:
+        with TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 def apart(files: Mapping[str, Path | str | None]) -> None:
@@ -65,12 +75,14 @@ def check_folder(path: Path) -> None:
 
 
 @contextmanager
-def naming(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Names the file in an OSError of writing it, which the system leaves out when a disk is full."""
+def naming(path: str | os.PathLike[str], part: Path | None = None) -> Iterator[None]:
+    """Names the file in an OSError of writing it, which the system leaves out when a disk is full, or where
+    it names the part that is written in its place."""
     try:
         yield
     except OSError as error:
-        if error.filename is not None or error.errno is None:
+        other = error.filename is not None and (part is None or error.filename not in (part, str(part)))
+        if other or error.errno is None:
             raise
         raise OSError(error.errno, error.strerror, str(path)) from None
 
@@ -90,7 +102,7 @@ def whole(path: Path) -> Iterator[Path]:
     place = path.resolve()
     part = place.with_name(f".{uuid.uuid4().hex}{place.suffix}")
     try:
-        with naming(path):
+        with naming(path, part):
             yield part
             os.replace(part, place)
     except BaseException:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -123,9 +123,14 @@ class Motor:
 
     def __post_init__(self) -> None:
         if self.saturation is not None:
-            if not isinstance(self.saturation, Iterable) or isinstance(self.saturation, str):
+            try:
+                # An array without dimensions says that it can be gone through, and cannot.
+                given = None if isinstance(self.saturation, str | bytes | Mapping) else [*self.saturation]
+            except TypeError:
+                given = None
+            if given is None:
                 raise TypeError(f"saturation = {self.saturation!r} is not (L_u, a, S), nor None")
-            curve = tuple(number("saturation", x) for x in self.saturation)
+            curve = tuple(number("saturation", x) for x in given)
             if len(curve) != 3:
                 raise ValueError(f"saturation has {len(curve)} values, three are needed: L_u, a, S")
             object.__setattr__(self, "saturation", curve)

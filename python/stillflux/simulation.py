@@ -59,7 +59,7 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
 
     def show() -> None:
         if report is not None:
-            report(min(1.0, run.time / scenario.duration) if scenario.duration else 1.0)
+            report(min(1.0, run.time / scenario.duration))
 
     try:
         in_pieces(run.advance, show)

@@ -437,7 +437,7 @@ def named_metrics(metrics: Metrics) -> dict[str, Metric]:
         if name is not None and not isinstance(name, str):
             raise TypeError(f"metrics: {name!r} is not a name")
         if not callable(metric):
-            if metric not in METRICS:
+            if not isinstance(metric, str) or metric not in METRICS:
                 raise ValueError(f"metrics: {metric!r} is not one of {', '.join(METRICS)}, nor a function")
             name, metric = name or metric, METRICS[metric]
         elif name is None:

@@ -305,7 +305,9 @@ impl<'s> Run<'s> {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
     pub fn new(scenario: Cow<'s, Scenario>) -> Result<Self, ParamError> {
         let s = &*scenario;
-        check("duration", s.duration, 0.0, 1e5, "s")?;
+        // Without a period there is no sample of which anything could be said.
+        check("duration", s.duration, 1.0 / s.inverter.f_c(), 1e5, "s")
+            .map_err(|e| e.with_note("one control period at least"))?;
         check("record_every", f64::from(s.record_every), 1.0, 1e9, "periods")?;
         s.plant.check_period(&s.inverter)?;
         let mut last = 0.0;
