@@ -1,0 +1,73 @@
+"""Drives drawn at random: which they are, and the campaign over them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stillflux as sf
+from stillflux.cli import main
+from stillflux.evidence import tolerance
+from stillflux.evidence.drives import DRIVES, pull_out
+from stillflux.evidence.population import DRAWN, POPULATION, drive, drive_of
+
+NUMBERS = range(0, POPULATION, 4)
+
+
+def test_a_drive_follows_from_its_number() -> None:
+    assert drive(7) == drive(7)
+    assert drive(7) != drive(8)
+    assert drive_of(DRAWN, 7) == drive(7)
+    assert drive_of("4kW", 7) == DRIVES["4kW"]
+    # The same on every processor and under every version: pinned.
+    assert drive(7).motor.R_s == pytest.approx(42.3179860, rel=1e-8)
+
+
+def test_drawn_drives_are_admissible_and_can_do_what_the_courses_ask_for() -> None:
+    for number in NUMBERS:
+        motor, inverter = drive(number).motor, drive(number).inverter
+        sf.Drive(motor, inverter)
+        assert inverter.f_s >= 40.0 * motor.f_N
+        assert pull_out(motor) > 1.5, number
+
+
+def test_drawn_drives_are_spread_over_sizes_frequencies_and_bridges() -> None:
+    motors = [drive(number).motor for number in NUMBERS]
+    power = np.array([m.T_N * m.base["omega_m"] / 1e3 for m in motors])
+    assert power.min() < 0.4
+    assert power.max() > 150.0
+    assert {m.f_N for m in motors} == {50.0, 60.0, 87.0, 100.0}
+    assert {m.n_p for m in motors} == {1, 2, 3, 4}
+    r_s = np.array([m.R_s * m.base["i"] / m.base["u"] for m in motors])
+    # Small motors have the larger resistance.
+    assert np.corrcoef(np.log(power), np.log(r_s))[0, 1] < -0.8
+
+
+def test_the_run_of_a_drawn_drive_is_that_of_the_campaign(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    outcome, _ = tolerance.run(DRAWN, "hold", 3)
+    arguments = [
+        "beyond",
+        "tolerance",
+        "--machine",
+        DRAWN,
+        "--course",
+        "hold",
+        "--draw",
+        "3",
+        "--out",
+        str(tmp_path),
+    ]
+    assert main(arguments) == 0
+    assert not outcome.why
+    assert f"kept, angle ≤ {outcome.angle:.3g}°" in capsys.readouterr().out
+
+
+def test_a_start_whose_estimate_runs_off_begins_anew_at_the_settled_flux() -> None:
+    # 0.3 kW, τ_r 31 ms: resistance, loss and inductance ran off in the start, and with them the flux, by half.
+    outcome, _ = tolerance.run(DRAWN, "low-speed", 284)
+    assert not outcome.why
+    assert outcome.angle < 10.0
