@@ -67,7 +67,7 @@ def test_the_run_of_a_drawn_drive_is_that_of_the_campaign(
 
 
 def test_a_start_whose_estimate_runs_off_begins_anew_at_the_settled_flux() -> None:
-    # 0.3 kW, τ_r 31 ms: resistance, loss and inductance ran off in the start, and with them the flux, by half.
+    # 0.3 kW, τ_r 31 ms: resistance, loss and inductance ran off in the start, and the flux by half with them.
     outcome, _ = tolerance.run(DRAWN, "low-speed", 284)
     assert not outcome.why
     assert outcome.angle < 10.0

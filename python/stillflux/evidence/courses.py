@@ -86,6 +86,17 @@ def _reversal(motor: Motor) -> tuple[Points, Points]:
     ]
 
 
+def _weakening(motor: Motor) -> tuple[Points, Points]:
+    """Steps to 1.9 times rated speed, to its opposite and to rest, without load and without a ramp, each with four
+    times what the largest inertia takes to rated speed with rated torque. A drive whose switching frequency does not
+    carry this field ends at the speed that it does."""
+    step = max(0.5, 4.0 * 3.0 * motor.J * motor.base["omega_m"] / motor.T_N)
+    omega: Points = [(0, 0)]
+    for t, speed in [(0.3, 1.9), (0.3 + step, -1.9), (0.3 + 2.2 * step, 0.0)]:
+        omega += [(t, omega[-1][1]), (t, speed)]
+    return [*omega, (0.3 + 3.2 * step, 0)], [(0, 0)]
+
+
 def _light_load(motor: Motor) -> tuple[Points, Points]:
     """A fifth of rated torque that grows from 3 to 6 s at zero speed and stays until 14 s. Without load the
     field stands or all but stands, with a direct current, and nothing shows its angle when the load comes."""
@@ -102,6 +113,7 @@ COURSES: Mapping[str, Course] = {
     "beside-rated": Course("15 s beside ω_s = 0 at T_N", _beside(1.0), 1.0),
     "beside-half": Course("15 s beside ω_s = 0 at T_N/2", _beside(0.5), None),
     "reversal": Course("to rated speed and its opposite", _reversal, None),
+    "weakening": Course("steps to ±1.9 times rated speed", _weakening, None),
     "light-load": Course("light load that comes within 3 s at rest, T_N/5", _light_load, None),
 }
 """By name."""

@@ -56,6 +56,9 @@ const LIMIT_HIGH: f64 = 2.0;
 /// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control. At 17 a
 /// drive of 160 kW and 4 kHz oscillates at twice rated speed, at 15 one of 10 kHz does not.
 const SPEED_GAIN: f64 = 12.0;
+/// Control periods of a violation before a phase is open, where they are more than 4 ms: the current comes up to a reference that
+/// has stepped within that many.
+const OPEN_PERIODS: u32 = 24;
 /// Time for which the field stands at the torque limit before the torque is halved to see why, and the least time for which
 /// it is halved, s ([`crate::control::realign`]).
 #[cfg(feature = "supervision")]
@@ -287,6 +290,7 @@ impl<'a> Conversion<'a> {
             r(pu.r_s + pu.r_r * (pu.l_s / pu.l_m) * (pu.l_s / pu.l_m) / 0.8),
             r(self.time(self.adapt_periods) * pu.hz(p.flux_bandwidth) / 2.0),
             r((1.0 / (u_max * u_max)).min(100.0)),
+            r(weakening::RISE * f64::from(self.slow_periods) / self.inverter.f_c()),
         )
     }
 
@@ -320,7 +324,7 @@ impl<'a> Conversion<'a> {
             phases: PhaseConfig {
                 floor_sq: r(0.05 * 0.05),
                 small_floor_sq: r(0.02 * 0.02),
-                calls_open: watched(0.004),
+                calls_open: watched(0.004).max(OPEN_PERIODS / SUPERVISION_PERIODS),
                 calls_control: watched(0.25),
                 calls_zero: watched(0.004),
                 t_s: r(pu.t_s * f64::from(SUPERVISION_PERIODS)),

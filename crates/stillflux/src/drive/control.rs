@@ -285,8 +285,9 @@ impl<R: Real> Control<R> {
         }
         let inv_leakage = estimators.inv_leakage();
         let mut i_q_max = self.largest_torque_current(c, pull_out, inv_leakage);
-        if !likely(u_sq <= u_max * u_max) {
-            i_q_max = i_q_max.min(self.i_q_at_voltage_limit(speed.omega_s));
+        let at_limit = u_sq > u_max * u_max;
+        if !likely(!at_limit && !self.weakening.limits_torque()) {
+            i_q_max = i_q_max.min(self.i_q_by_voltage(c, speed.omega_s, at_limit));
         }
         let mut torque_max = i_q_max * psi;
         if c.low_confidence == LowConfidence::LimitTorque {
@@ -398,16 +399,20 @@ impl<R: Real> Control<R> {
         (self.i_dq_ref, self.i_q_room) = (i_dq_ref, room.min(c.i_q_max));
     }
 
-    /// Largest torque current while the voltage is at its limit: braking needs less voltage and is not limited.
+    /// Largest torque current while the voltage is at its limit, or was of late: braking needs less voltage and is not limited.
     #[cold]
     #[inline(never)]
-    fn i_q_at_voltage_limit(&self, omega_s: R) -> R {
+    fn i_q_by_voltage(&mut self, c: &DriveConfig<R>, omega_s: R, at_limit: bool) -> R {
         let (i_q, i_q_ref) = (self.i_dq.im(), self.i_dq_ref.im());
-        if i_q_ref * omega_s <= R::ZERO {
-            return R::from_f64(100.0);
-        }
-        let along = if i_q_ref < R::ZERO { -i_q } else { i_q };
-        along.max(R::ZERO) + R::from_f64(AHEAD_OF_CURRENT)
+        let now = if i_q_ref * omega_s <= R::ZERO {
+            Some(R::from_f64(100.0))
+        } else if at_limit {
+            let along = if i_q_ref < R::ZERO { -i_q } else { i_q };
+            Some(along.max(R::ZERO) + R::from_f64(AHEAD_OF_CURRENT))
+        } else {
+            None
+        };
+        self.weakening.torque_current(&c.weakening, now, c.flux_control.psi_rated)
     }
 }
 

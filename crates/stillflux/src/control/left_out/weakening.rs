@@ -6,6 +6,8 @@ use core::marker::PhantomData;
 
 /// Part of the largest voltage that field weakening would leave to the steady state.
 pub(crate) const UTILISATION: f64 = 0.97;
+/// Rise of a limit that there is not.
+pub(crate) const RISE: f64 = 0.0;
 
 /// No settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,7 +20,7 @@ words!(WeakeningConfig: of);
 
 impl<R: Real> WeakeningConfig<R> {
     /// Of none.
-    pub fn new(_: R, _: R, _: R, _: R) -> Self {
+    pub fn new(_: R, _: R, _: R, _: R, _: R) -> Self {
         Self { of: PhantomData }
     }
 
@@ -71,6 +73,18 @@ impl<R: Real> Weakening<R> {
         return !self.follows_flux;
         #[cfg(not(feature = "enhanced"))]
         true
+    }
+
+    /// Nothing of late.
+    #[inline(always)]
+    pub fn limits_torque(&self) -> bool {
+        false
+    }
+
+    /// The one at the limit of the voltage.
+    #[inline(always)]
+    pub fn torque_current(&mut self, _: &WeakeningConfig<R>, now: Option<R>, _: R) -> R {
+        now.unwrap_or(R::from_f64(100.0))
     }
 
     /// Nothing that could end.
