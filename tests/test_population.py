@@ -10,8 +10,11 @@ import pytest
 import stillflux as sf
 from stillflux.cli import main
 from stillflux.evidence import tolerance
+from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES, pull_out
 from stillflux.evidence.population import DRAWN, POPULATION, drive, drive_of
+from stillflux.evidence.seeds import seed_of
+from stillflux.status import StatusCode
 
 NUMBERS = range(0, POPULATION, 4)
 
@@ -71,3 +74,45 @@ def test_a_start_whose_estimate_runs_off_begins_anew_at_the_settled_flux() -> No
     outcome, _ = tolerance.run(DRAWN, "low-speed", 284)
     assert not outcome.why
     assert outcome.angle < 10.0
+
+
+@pytest.mark.parametrize(
+    "number",
+    [
+        # 3 kHz: the torque current followed the ripple of the link, beyond what the mean voltage can drive.
+        6,
+        # 100 Hz at 8 kHz: the field turned further between two runs of the speed estimator than it followed.
+        282,
+    ],
+)
+def test_a_drive_steps_to_1_9_times_rated_speed_and_back_on_a_rectified_link(number: int) -> None:
+    outcome, result = tolerance.run(DRAWN, "weakening", number)
+    assert not outcome.why
+    omega = np.asarray(result["omega_m"]) / result.scenario.motor.base["omega_m"]
+    assert omega.max() > 1.85
+    assert omega.min() < -1.85
+
+
+def test_a_slow_machine_restarts_with_the_flux_that_is_left() -> None:
+    # The torque of the current that turns changed the speed, by which a flux elsewhere was found.
+    number, omega, pause = 36, 0.028, 0.778
+    made, _ = tolerance.scenario(
+        DRAWN, COURSES["reversal"], seed_of("rs", 3, number), drive=drive(number), signals=None
+    )
+    motor, begin = made.motor, tolerance.start_up(made.motor, made.inverter) + 0.1
+    speed = omega * motor.base["omega_m"]
+    stop = begin + 1.0 + 2.0 * motor.tau_r
+    again = stop + pause
+    result = sf.simulate(
+        made.replace(
+            omega_ref=[(0.0, 0.0), (begin, 0.0), (begin + 0.4, speed)],
+            load_torque=0.0,
+            changes=[(stop, {"stop": True}), (again, {"stop": False})],
+            duration=again + 1.5,
+        )
+    )
+    assert result.status.state == "running", result.status
+    after = result.window(again)
+    running = after["status"] == StatusCode.RUNNING
+    assert np.degrees(np.abs(after["angle_error"][running])).max() < 15.0
+    assert abs(result["omega_m"][-1] - speed) < 0.01 * motor.base["omega_m"]

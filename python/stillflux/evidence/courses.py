@@ -87,9 +87,9 @@ def _reversal(motor: Motor) -> tuple[Points, Points]:
 
 
 def _weakening(motor: Motor) -> tuple[Points, Points]:
-    """Steps to 1.9 times rated speed, to its opposite and to rest, without load and without a ramp, each with four
-    times what the largest inertia takes to rated speed with rated torque. A drive whose switching frequency does not
-    carry this field ends at the speed that it does."""
+    """Steps to 1.9 times rated speed, to its opposite and to rest, without load and without a ramp, for four
+    times as long as the largest inertia takes to rated speed with rated torque. A drive whose switching
+    frequency does not carry this field ends at the speed that it does."""
     step = max(0.5, 4.0 * 3.0 * motor.J * motor.base["omega_m"] / motor.T_N)
     omega: Points = [(0, 0)]
     for t, speed in [(0.3, 1.9), (0.3 + step, -1.9), (0.3 + 2.2 * step, 0.0)]:

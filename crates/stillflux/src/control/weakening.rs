@@ -19,9 +19,9 @@
 //! is the rated flux and `κ = U`. `|ψ_s|/|ψ_R|` is taken as constant, that at 80 % of pull-out.
 //!
 //! **Ripple of the link.** Where the voltage reference is at its limit, the torque current is limited to the one that flows
-//! ([`crate::drive`]). A rectified link has that voltage and more by turns, 300 times a second: with 2 % of it a current
-//! of `0.02/(ω_s σl_s)`, at large motors more than the rated one, and a reference that follows goes beyond what the mean voltage can
-//! drive. So the limit rises again by [`RISE`] only.
+//! ([`crate::drive`]). A rectified link has that voltage and more by turns, 100 or 300 times a second: with 2 % of it a current
+//! of `0.02/(ω_s σl_s)`, at large motors more than the rated one. A reference that follows asks for what the mean voltage
+//! cannot drive. So the limit rises by [`RISE`] only.
 
 use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::words::words;
@@ -31,7 +31,7 @@ pub(crate) const UTILISATION: f64 = 0.97;
 /// Least part.
 const UTILISATION_MIN: f64 = 0.9;
 /// Rise of the largest torque current where the voltage is no longer at its limit, per unit in a second: in half a period of the
-/// ripple 0.15 pu. Allowance.
+/// ripple of a three-phase rectifier 0.17 pu. Allowance.
 pub(crate) const RISE: f64 = 100.0;
 /// No limit of the torque current, and the current from which on it is none.
 const FREE: f64 = 100.0;

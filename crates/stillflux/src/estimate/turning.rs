@@ -133,7 +133,11 @@ impl<R: Real> Catch<R> {
             };
         };
         if certain && !by_angle.within(r(BY_FLUX)) {
-            return self.flux(c, &self.e, by_angle, t_p, None);
+            return match self.flux(c, &self.e, by_angle, t_p, None) {
+                // Of a speed that changes fast the angle of a turn says nothing, and the flux that follows from it differs.
+                Found::Flux(found, _) if !is_like(&found, &psi_r) => Found::Uncertain,
+                found => found,
+            };
         }
         let (inv_psi, t) = (psi_r.norm_sq().rsqrt(), t_p * of_turns);
         let psi = psi_r.norm_sq() * inv_psi;
@@ -170,6 +174,12 @@ impl<R: Real> Catch<R> {
         let along = e.to_stator(&Dq::new(conjugate.axis().re(), conjugate.axis().im()));
         if psi < r(LARGEST) { Found::Flux(along * psi, omega) } else { Found::Nothing }
     }
+}
+
+/// Whether a flux has the magnitude of another one, within a factor of two.
+fn is_like<R: Real>(psi_r: &AlphaBeta<R>, other: &AlphaBeta<R>) -> bool {
+    let (square, of_other) = (psi_r.norm_sq(), other.norm_sq());
+    square > of_other.quarter() && square.quarter() < of_other
 }
 
 /// A magnitude with the sign of a quantity.

@@ -68,6 +68,9 @@ const PREVAILS: f64 = 0.1;
 /// which nothing is looked for.
 const RESIDUAL: f64 = 0.15;
 const GONE: f64 = if cfg!(feature = "restart") { 0.02 } else { RESIDUAL };
+/// Cosine of the angle by which a flux of known direction can be aside.
+#[cfg(feature = "restart")]
+const ASIDE: f64 = 0.3;
 /// Flux that is multiplied by [`SCALE`] before its direction is taken: [`Rotator::of`] takes that of a vector near zero as 0.
 const FAINT: f64 = 0.1;
 const SCALE: f64 = 16.0;
@@ -289,6 +292,14 @@ impl<R: Real> EnhancedEstimators<R> {
         #[cfg(not(feature = "legs"))]
         let left = false;
         match (found, kept) {
+            // Elsewhere than where it is known to be, and hardly turning: the speed has changed meanwhile.
+            (Found::Flux(psi_r, omega), Some((kept, true)))
+                if turning
+                    && psi_r.dot(&kept) < kept.norm_sq() * R::from_f64(ASIDE)
+                    && (c.enhanced.filter.t_s * omega * R::from_f64(64.0)).periods(stage).within(R::HALF) =>
+            {
+                return Ok(Some((kept, R::ZERO)));
+            }
             (Found::Flux(psi_r, omega), _) => return Ok(Some((psi_r, omega))),
             (Found::Nothing, Some((psi_r, true))) if turning => return Ok(Some((psi_r, R::ZERO))),
             (Found::Nothing, None) if first && !left => return Ok(None),
