@@ -18,7 +18,7 @@
 //! holds at zero a phase that is to carry next to nothing (the published scheme before its first offset). Nor is a
 //! deviation by which the current is where its reference was at the call before: it follows one that moves, after a load
 //! that is taken away. Not while a violation is remembered: after a step of the reference the current comes up to it from beside, by as much as the
-//! field turns, and a healthy phase may stay at its zero for some ms. After 4 ms and 24 periods of violation (leaky, [`super::leaky`])
+//! field turns, and a healthy phase may stay at its zero for some ms. After 4 ms and 20 periods of violation (leaky, [`super::leaky`])
 //! an open phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped
 //! or inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
 //!
