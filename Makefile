@@ -76,6 +76,7 @@ metrics: build
 	@mkdir -p target
 	$(BIN)/stillflux reproduce --sensitivity --beyond --metrics $(METRICS) --journal target/metrics.journal
 	$(BIN)/stillflux beyond tolerance --metrics $(METRICS) --journal target/tolerance.journal
+	$(BIN)/stillflux beyond tolerance --machine drawn --metrics $(METRICS) --journal target/drawn.journal
 	$(BIN)/stillflux beyond tolerance --beyond-model --draws 12 --metrics $(METRICS) --journal target/effects.journal
 	$(BIN)/stillflux beyond guarantee --metrics $(METRICS) --journal target/guarantee.journal
 	$(BIN)/stillflux beyond consistency --metrics $(METRICS) --journal target/consistency.journal

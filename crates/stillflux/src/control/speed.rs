@@ -28,10 +28,12 @@ pub struct SpeedControlConfig<R: Real> {
 words!(SpeedControlConfig: k_p, k_i, inv_gain, torque_max, torque_pos, torque_neg);
 
 impl<R: Real> SpeedControlConfig<R> {
-    /// Part of the deviation that counts at a flux of so much of the rated one.
+    /// Part of the deviation that counts at a flux of so much of the rated one: it limits the gain from speed to torque current
+    /// to one that falls with the flux, since an error of the leakage turns the flux by `Δl i_q/|ψ_R|`, and the estimated speed
+    /// contains the derivative of that.
     #[inline(always)]
     pub fn part(&self, of_rated: R) -> R {
-        (of_rated * self.inv_gain).max(of_rated).min(R::ONE)
+        (of_rated * of_rated * self.inv_gain).max(of_rated).min(R::ONE)
     }
 
     /// Limits of the torque, of which `torque_max` is available now.
