@@ -534,7 +534,7 @@ def _population(table: Table) -> str:
     """The same of drives of which each draw has another one."""
     rows = []
     for name, course in COURSES.items():
-        lines = table.find("tolerance", name, DRAWS, _ENHANCED)
+        lines = table.find("tolerance", name, DRAWN, _ENHANCED)
         kept = next((x for x in lines if x.quantity == "largest angle error of the runs kept"), None)
         target = _UNKNOWN if course.target is None else f"{course.target:g} %"
         rows.append([f"{course.title} (`{name}`)", target, _rate(lines), value(kept)])
