@@ -223,6 +223,24 @@ mod tests {
     }
 
     #[test]
+    fn the_torque_current_rises_slowly_after_the_limit_of_the_voltage_and_is_free_for_braking() {
+        let mut weakening = Weakening::default();
+        let mut current =
+            |now, psi_rated| (weakening.torque_current(&CONFIG, now, psi_rated), weakening.limits_torque());
+        // Below field weakening nothing is remembered.
+        assert_eq!(current(Some(0.6), 0.0), (0.6, false));
+        assert_eq!(current(Some(0.6), 1.0), (0.6, true));
+        assert_eq!(current(None, 1.0), (0.61, true));
+        assert_eq!(current(None, 1.0), (0.62, true));
+        assert_eq!(current(Some(0.5), 1.0), (0.5, true));
+        assert_eq!(current(Some(FREE), 1.0), (FREE, false));
+        // It ends by itself.
+        assert_eq!(current(Some(2.98), 1.0), (2.98, true));
+        assert!(current(None, 1.0).1);
+        assert!((0..3).map(|_| current(None, 1.0).1).any(|limits| !limits));
+    }
+
+    #[test]
     fn it_does_not_while_the_flux_has_not_yet_followed() {
         let mut weakening = Weakening::default();
         let psi = (0..3000).map(|_| weakening.step(&CONFIG, 2.0, 0.0, (1.0, 0.7), (1.0, 2.0))).last();
