@@ -97,14 +97,19 @@ impl<R: Real> SpeedEstimator<R> {
         let omega_s = omega_m + omega_r;
         let omega_turn = omega_s + c.k_p * error;
         let turn = (c.t_s * omega_turn).limit(R::ONE);
-        self.angle = if likely(turn.within(R::HALF)) {
-            self.angle.turned(turn)
-        } else {
-            // Up to 0.84 rad, where the loop runs in every fourth of 30 periods a turn.
-            self.angle.turned(turn.half()).turned(turn.half())
-        };
+        // The published scheme has every second period: 0.42 rad.
+        let near = cfg!(not(feature = "enhanced")) || likely(turn.within(R::HALF));
+        self.angle = if near { self.angle.turned(turn) } else { turned_far(&self.angle, turn) };
         SpeedEstimate { psi_r: *psi_r, omega_m, omega_r, omega_s, omega_turn }
     }
+}
+
+/// Turned by up to 0.84 rad, where the loop runs in every fourth of 30 periods a turn.
+#[cold]
+#[inline(never)]
+fn turned_far<R: Real>(angle: &Rotator<R>, turn: R) -> Rotator<R> {
+    let half = turn.half();
+    angle.turned(half).turned(half)
 }
 
 /// `1/|ψ̂_R|` without a value to start from, limited where the flux vanishes.

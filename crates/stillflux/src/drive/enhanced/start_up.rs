@@ -140,7 +140,10 @@ impl<R: Real> EnhancedEstimators<R> {
                 let omega = self.settle(c);
                 self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), omega);
             } else if stage == c.magnetise_periods && !self.is_dragged(c) {
-                self.filter.settle_again(&c.enhanced.filter, c.flux_control.psi_rated);
+                let psi_s = c.flux_control.psi_rated;
+                if !self.filter.settle_again(&c.enhanced.filter, psi_s) {
+                    self.filter.settle(&c.enhanced.filter, psi_s);
+                }
             }
         }
         i_ref
