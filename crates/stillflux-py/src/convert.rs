@@ -358,6 +358,13 @@ pub fn fields(complex: &[(&str, Complex64)], real: &[(&str, f64)]) -> String {
     complex.chain(real).collect::<Vec<_>>().join(", ")
 }
 
+/// The same quantities as the arguments of a constructor that takes them in this order, for pickle.
+pub fn arguments<'py>(py: Python<'py>, complex: &[Complex64], real: &[f64]) -> PyResult<Bound<'py, PyTuple>> {
+    let complex = complex.iter().map(|z| PyComplex::from_doubles(py, z.re, z.im).into_any());
+    let real = real.iter().map(|x| PyFloat::new(py, *x).into_any());
+    PyTuple::new(py, complex.chain(real).collect::<Vec<_>>())
+}
+
 /// Six digits of a number, with a sign of plus if wanted.
 fn digits(x: f64, plus: bool) -> String {
     if !x.is_finite() {

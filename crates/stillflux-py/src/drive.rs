@@ -6,11 +6,13 @@ use numpy::{Complex64, PyArray1};
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyComplex, PyDict, PyFloat, PyString, PyTuple};
+use pyo3::types::{PyDict, PyString, PyTuple};
 use stillflux::drive::{self as core, Fault};
 use stillflux::si::{MeasurementSi, MemorySi, ReferenceSi, SiDrive};
 
-use crate::convert::{Given, complex, extract, extract_some, fields, finite, is_not, pair, three, value_error};
+use crate::convert::{
+    Given, arguments, complex, extract, extract_some, fields, finite, is_not, pair, three, value_error,
+};
 use crate::parameters::{
     arithmetic, drive_params, found, inverter_of, leg_delay_tuple, machine_of, names_of, one_of, settings_dict,
 };
@@ -185,9 +187,7 @@ macro_rules! estimate {
 
             // For pickle.
             fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-                let complex = [$(self.$z),*].map(|z| PyComplex::from_doubles(py, z.re, z.im).into_any());
-                let real = [$(self.$x),*].map(|x| PyFloat::new(py, x).into_any());
-                PyTuple::new(py, complex.into_iter().chain(real).collect::<Vec<_>>())
+                arguments(py, &[$(self.$z),*], &[$(self.$x),*])
             }
 
             fn __repr__(&self) -> String {

@@ -3,7 +3,7 @@
 use numpy::{Complex64, PyArray1};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyComplex, PyDict, PyFloat, PyTuple};
+use pyo3::types::{PyDict, PyTuple};
 use stillflux::control::shunt::Pulses;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
@@ -13,7 +13,7 @@ use stillflux_sim::{
 };
 
 use crate::convert::{
-    Given, changed, complex, extract, fields, finite, finite_parts, offsets, parts, three, value_error,
+    Given, arguments, changed, complex, extract, fields, finite, finite_parts, offsets, parts, three, value_error,
 };
 use crate::parameters::{found, inverter_of, machine_of, names_of, one_of};
 
@@ -189,9 +189,7 @@ macro_rules! plant_state {
 
             // For pickle.
             fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-                let complex = [$(self.$z),*].map(|z| PyComplex::from_doubles(py, z.re, z.im).into_any());
-                let real = [$(self.$x),*].map(|x| PyFloat::new(py, x).into_any());
-                PyTuple::new(py, complex.into_iter().chain(real).collect::<Vec<_>>())
+                arguments(py, &[$(self.$z),*], &[$(self.$x),*])
             }
 
             fn __repr__(&self) -> String {

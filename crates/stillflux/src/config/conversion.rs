@@ -54,8 +54,8 @@ const WEAK_GAIN: f64 = 0.15;
 const WEAK_RATE: f64 = 0.05;
 const LIMIT_HIGH: f64 = 2.0;
 /// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control, at rated flux; it falls
-/// with the flux. Where it did not, a drive of 160 kW and 4 kHz oscillated at twice rated speed with 17, one of 10 kHz not
-/// with 15, and with 12 28 of 100 fan motors with deep bars and rotor slots did, of which 6 are left.
+/// with the flux. While it did not, a drive of 160 kW and 4 kHz oscillated at twice rated speed at a gain of 17, one of 10 kHz
+/// did not at 15, and at this one 28 of 100 fan motors with deep bars and rotor slots did; now 6 do.
 const SPEED_GAIN: f64 = 12.0;
 /// Control periods of a violation before a phase is open, where they are more than 4 ms: the current comes up to a reference that
 /// has stepped within that many.

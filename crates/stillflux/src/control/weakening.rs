@@ -33,8 +33,8 @@ const UTILISATION_MIN: f64 = 0.9;
 /// Rise of the largest torque current where the voltage is no longer at its limit, per unit in a second: in half a period of the
 /// ripple of a three-phase rectifier 0.17 pu. Allowance.
 pub(crate) const RISE: f64 = 100.0;
-/// No limit of the torque current, and the current from which on it is none.
-const FREE: f64 = 100.0;
+/// A limit of the torque current that is none, per unit, and the one from which on it counts as none.
+pub(crate) const FREE: f64 = 100.0;
 const I_Q_MAX: f64 = 3.0;
 /// Excess of the flux over its reference, per unit, from which on the flux has not yet followed.
 const LAGGING: f64 = 0.01;

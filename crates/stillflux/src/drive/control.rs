@@ -27,7 +27,7 @@ use crate::control::ramp::Ramp;
 #[cfg(feature = "supervision")]
 use crate::control::realign::Realign;
 use crate::control::speed::SpeedController;
-use crate::control::weakening::Weakening;
+use crate::control::weakening::{FREE, Weakening};
 #[cfg(feature = "encoder")]
 use crate::estimate::encoder::Encoder;
 use crate::estimate::speed::SpeedEstimate;
@@ -405,7 +405,7 @@ impl<R: Real> Control<R> {
     fn i_q_by_voltage(&mut self, c: &DriveConfig<R>, omega_s: R, at_limit: bool) -> R {
         let (i_q, i_q_ref) = (self.i_dq.im(), self.i_dq_ref.im());
         let now = if i_q_ref * omega_s <= R::ZERO {
-            Some(R::from_f64(100.0))
+            Some(R::from_f64(FREE))
         } else if at_limit {
             let along = if i_q_ref < R::ZERO { -i_q } else { i_q };
             Some(along.max(R::ZERO) + R::from_f64(AHEAD_OF_CURRENT))

@@ -6,6 +6,8 @@ use core::marker::PhantomData;
 
 /// Part of the largest voltage that field weakening would leave to the steady state.
 pub(crate) const UTILISATION: f64 = 0.97;
+/// A limit of the torque current that is none, per unit.
+pub(crate) const FREE: f64 = 100.0;
 /// Rise of a limit that there is not.
 pub(crate) const RISE: f64 = 0.0;
 
@@ -75,16 +77,16 @@ impl<R: Real> Weakening<R> {
         true
     }
 
-    /// Nothing of late.
+    /// No limit is remembered.
     #[inline(always)]
     pub fn limits_torque(&self) -> bool {
         false
     }
 
-    /// The one at the limit of the voltage.
+    /// The torque current at the limit of the voltage.
     #[inline(always)]
     pub fn torque_current(&mut self, _: &WeakeningConfig<R>, now: Option<R>, _: R) -> R {
-        now.unwrap_or(R::from_f64(100.0))
+        now.unwrap_or(R::from_f64(FREE))
     }
 
     /// Nothing that could end.

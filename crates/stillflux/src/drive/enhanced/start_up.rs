@@ -68,7 +68,7 @@ const PREVAILS: f64 = 0.1;
 /// which nothing is looked for.
 const RESIDUAL: f64 = 0.15;
 const GONE: f64 = if cfg!(feature = "restart") { 0.02 } else { RESIDUAL };
-/// Cosine of the angle by which a flux of known direction can be aside.
+/// Least cosine of the angle between a flux that is found and its known direction, 73°. Allowance.
 #[cfg(feature = "restart")]
 const ASIDE: f64 = 0.3;
 /// Flux that is multiplied by [`SCALE`] before its direction is taken: [`Rotator::of`] takes that of a vector near zero as 0.
@@ -295,7 +295,8 @@ impl<R: Real> EnhancedEstimators<R> {
         #[cfg(not(feature = "legs"))]
         let left = false;
         match (found, kept) {
-            // Elsewhere than where it is known to be, and hardly turning: the speed has changed meanwhile.
+            // A flux far from its known direction that hardly turns: the torque of the search has changed the speed, by which it
+            // was found there. The known flux counts.
             (Found::Flux(psi_r, omega), Some((kept, true)))
                 if turning
                     && psi_r.dot(&kept) < kept.norm_sq() * R::from_f64(ASIDE)

@@ -195,7 +195,8 @@ impl<R: Real> Filter<R> {
     /// integrated since, for which the same error of the inductance counts as there. Where it contradicts a smaller flux
     /// the shaft was turned, and the filter goes on. A larger one than that of the current there cannot be: at short rotor time
     /// constants resistance, loss and inductance now and then run off together, with the flux that they integrate, in
-    /// the direction that a standing field does not show. Returns whether it is there, or is to [`Filter::settle`] anew.
+    /// the direction that a standing field does not show. Returns whether the filter goes on; if not, it is to begin anew with
+    /// [`Filter::settle`].
     #[cold]
     #[inline(never)]
     #[must_use]
