@@ -267,6 +267,7 @@ impl<'a> Conversion<'a> {
     pub fn flux_control<R: Real>(&self) -> FluxControlConfig<R> {
         let Self { p, pu, flux_gain, i_0, .. } = *self;
         let (r, t_slow) = (rounded::<R>, self.time(self.slow_periods));
+        let memory = p.flux_memory(self.machine, self.inverter);
         FluxControlConfig {
             psi_rated: r(p.psi_ref),
             inv_psi_rated: r(1.0 / p.psi_ref),
@@ -274,11 +275,12 @@ impl<'a> Conversion<'a> {
             one_minus_sigma: r(1.0 - pu.sigma_l_s / pu.l_s),
             root_i_q: r(4.0 * pu.sigma_l_s * pu.sigma_l_s),
             inv_two_sigma_l_s: r(0.5 / pu.sigma_l_s),
-            k_p: r(flux_gain * pu.tau_r),
+            memory: r(memory),
+            k_p: r((1.0 - memory) * flux_gain * pu.tau_r),
             k_i: r(t_slow * flux_gain),
             limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
             limit_high: r((LIMIT_HIGH * i_0).min(100.0)),
-            k_p_weak: r((WEAK_GAIN / pu.sigma_l_s).min(100.0)),
+            k_p_weak: r(((1.0 - memory) * WEAK_GAIN / pu.sigma_l_s).min(100.0)),
             k_i_weak: r((t_slow * WEAK_RATE * pu.hz(p.current_bandwidth) / pu.sigma_l_s).min(100.0)),
         }
     }

@@ -15,8 +15,11 @@
 //! The PI part corrects errors of the inductances; with `e = ψ* - |ψ̂_s|`,
 //!
 //! ```text
-//! Δi_d = w k_p e + x,    dx/dτ = k_i (w e - (1 - w) x),    |x|, |Δi_d| ≤ limit
+//! Δi_d = y + x,    y = m y⁻ + (1 - m) w k_p e,    dx/dτ = k_i (w e - (1 - w) x),    |x|, |Δi_d| ≤ limit
 //! ```
+//!
+//! The low-pass filter, `m` = 1/2, is for machines with a long rotor time constant, whose gain through the leakage is
+//! large; `m` is zero at others.
 //!
 //! Its weight `w`, 0 to 1, is the scheme's: in the published one it falls to zero between `|ω_s|` = 0.06 and 0.02 pu
 //! ([`weight_by_frequency`]), where the noise compensator holds the amplitude of the estimate, so that it contains no
@@ -75,7 +78,9 @@ pub struct FluxControlConfig<R: Real> {
     pub root_i_q: R,
     /// `1 / (2 σl_s)`.
     pub inv_two_sigma_l_s: R,
-    /// Proportional gain.
+    /// Part `m` of the last proportional correction that is kept.
+    pub memory: R,
+    /// Proportional gain times `1 - m`.
     pub k_p: R,
     /// Integral gain times the time between two calls.
     pub k_i: R,
@@ -83,14 +88,14 @@ pub struct FluxControlConfig<R: Real> {
     pub limit: R,
     /// Largest correction at high frequency.
     pub limit_high: R,
-    /// Gains in field weakening.
+    /// Proportional gain in field weakening times `1 - m`.
     pub k_p_weak: R,
-    /// Integral gain times the time between two calls.
+    /// Integral gain there times the time between two calls.
     pub k_i_weak: R,
 }
 words! {
     FluxControlConfig:
-    psi_rated, inv_psi_rated, inv_l_s, one_minus_sigma, root_i_q, inv_two_sigma_l_s, k_p, k_i, limit, limit_high, k_p_weak, k_i_weak,
+    psi_rated, inv_psi_rated, inv_l_s, one_minus_sigma, root_i_q, inv_two_sigma_l_s, memory, k_p, k_i, limit, limit_high, k_p_weak, k_i_weak,
 }
 
 /// State of the flux controller.
@@ -99,6 +104,8 @@ words! {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct FluxController<R: Real> {
     x: Integrator<R>,
+    /// Proportional correction behind its low-pass filter.
+    y: R,
     /// Reciprocal root of the radicand of the last call.
     inv_root: R,
 }
@@ -160,7 +167,8 @@ impl<R: Real> FluxController<R> {
         let p = psi * inv_leakage.map_or(c.one_minus_sigma, |x| c.one_minus_sigma + (x - R::ONE));
         let radicand = (p * p - i_q * i_q * c.root_i_q).max(R::ZERO);
         self.inv_root = radicand.rsqrt_near(self.inv_root);
-        c.no_load(psi) + (p - radicand * self.inv_root) * c.inv_two_sigma_l_s + (error * k_p * weight + x).limit(limit)
+        self.y = error * k_p * weight + self.y * c.memory;
+        c.no_load(psi) + (p - radicand * self.inv_root) * c.inv_two_sigma_l_s + (self.y + x).limit(limit)
     }
 }
 
@@ -177,6 +185,7 @@ mod tests {
             one_minus_sigma: 1.0 - sl / l_s,
             root_i_q: 4.0 * sl * sl,
             inv_two_sigma_l_s: 0.5 / sl,
+            memory: 0.0,
             k_p: 1.0,
             k_i: 0.003,
             limit: 0.2,
