@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,8 @@ def test_a_start_whose_estimate_runs_off_begins_anew_at_the_settled_flux() -> No
     [
         # 3 kHz: the torque current followed the ripple of the link, beyond what the mean voltage can drive.
         6,
+        # 56 kW, L_σ 14 % above its parameter: the flux oscillated at half the rate of its control.
+        140,
         # 100 Hz at 8 kHz: the field turned further between two runs of the speed estimator than it followed.
         282,
     ],
@@ -116,3 +119,48 @@ def test_a_slow_machine_restarts_with_the_flux_that_is_left() -> None:
     running = after["status"] == StatusCode.RUNNING
     assert np.degrees(np.abs(after["angle_error"][running])).max() < 15.0
     assert abs(result["omega_m"][-1] - speed) < 0.01 * motor.base["omega_m"]
+
+
+@pytest.mark.parametrize(
+    ("number", "omega", "pause"),
+    [
+        # 40 control periods a turn: without voltage the flux drives 1.1 times the rated current in each.
+        (67, 1.095, 0.0057),
+        (153, -1.158, 0.0056),
+        # The direction of the flux has long been lost.
+        (249, -1.17, 0.0869),
+    ],
+)
+def test_the_surge_of_a_restart_with_a_flux_that_turns_fast_ends_after_a_period(
+    number: int, omega: float, pause: float
+) -> None:
+    made, _ = tolerance.scenario(
+        DRAWN, COURSES["reversal"], seed_of("rs", 3, number), drive=drive(number), signals=None
+    )
+    motor, begin = made.motor, tolerance.start_up(made.motor, made.inverter) + 0.1
+    assert made.plant_motor is not None
+    ramp = 2.6 * abs(omega) * made.plant_motor.J * motor.base["omega_m"] / motor.T_N
+    stop = begin + ramp + 0.6
+    result = sf.simulate(
+        made.replace(
+            omega_ref=[(0.0, 0.0), (begin, 0.0), (begin + ramp, omega * motor.base["omega_m"])],
+            load_torque=0.0,
+            changes=[(stop, {"stop": True}), (stop + pause, {"stop": False})],
+            duration=stop + pause + 0.5,
+            record_every=1,
+        )
+    )
+    after = result.window(stop + pause)
+    assert result.status.state == "running", result.status
+    caught = after["status"] != StatusCode.RUNNING
+    peak = np.abs(after["i_s"][caught][: round(0.004 * made.inverter.f_c)]).max() / (
+        math.sqrt(2.0) * motor.I_N
+    )
+    assert 0.8 < peak < 1.6
+
+
+def test_a_light_shaft_restarts_where_the_flux_is_known_to_be() -> None:
+    # The torque of the search current stops the shaft and turns it back: its speed is not a constant one.
+    outcome, _ = tolerance.run("4kW", "restart", 48)
+    assert not outcome.why
+    assert outcome.angle < 25.0

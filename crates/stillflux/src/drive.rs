@@ -303,7 +303,7 @@ impl<R: Real> Common<R> {
         if period & 3 == 2 && !likely(self.supervise(c, estimators, reference, (&i_abc, &field), running)) {
             return self.blocked();
         }
-        Output { duty, gates_on: true }
+        Output { duty, gates_on: start_up.is_none_or(|at| !estimators.blocks(at)) }
     }
 
     /// Phase currents of the readings of a single shunt. A reading at or beyond its range stays what it is, and is found as

@@ -60,7 +60,7 @@ const SPEED_GAIN: f64 = 12.0;
 /// Control periods of a violation before a phase is open, where they are more than 4 ms: the current comes up to a reference that
 /// has stepped within that many.
 #[cfg(feature = "supervision")]
-const OPEN_PERIODS: u32 = 20;
+const OPEN_PERIODS: u32 = 24;
 /// Time for which the field stands at the torque limit before the torque is halved to see why, and the least time for which
 /// it is halved, s ([`crate::control::realign`]).
 #[cfg(feature = "supervision")]

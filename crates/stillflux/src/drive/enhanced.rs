@@ -34,11 +34,34 @@ use crate::space::{AlphaBeta, Dq, Rotator};
 /// Angle up to which the flux may have turned in the pause with its direction still taken as known, rad, and speed below which
 /// a shaft that was stopped is taken to stand still.
 const DIRECTION: f64 = 0.5;
+/// Pause within which it has turned with the speed of the stop, blocks of the catch of 1 ms: where a load changes the speed of a light
+/// shaft by 10 pu/s it has changed by 0.1 then, and the angle by 0.15 rad (50 Hz).
+const PAUSE_BLOCKS: u32 = 10;
 const STANDING: f64 = 0.035;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
 /// Stator frequency against the torque up to which the field may be about to pass zero frequency.
 const CROSSING: f64 = 0.0025;
+
+/// How the direction of the flux of a stop is known when the drive starts again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+enum Direction {
+    /// It is not.
+    Unknown,
+    /// If the shaft still stands, as it did at the stop.
+    Standing,
+    /// In the pause the flux has hardly turned.
+    Known,
+}
+
+/// Part of a free rotor flux that is left after a number of periods, `e⁻ˣ`.
+fn remaining<R: Real>(c: &DriveConfig<R>, periods: u32) -> R {
+    let x = c.enhanced.decay.periods(periods).min(R::from_f64(10.0));
+    let root = (R::ONE + x.quarter() * (R::ONE + x.quarter().half())).recip();
+    root * root * root * root
+}
 
 /// What a start-up knows of the machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,9 +72,8 @@ enum Start<R: Real> {
     Unknown,
     /// Nothing, and the last run, or start, may have left a flux. It has decayed in this period of the start-up.
     Decaying(u32),
-    /// Its parameters are fresh; the rotor flux that it has if its speed is that of the stop, and whether that tells its
-    /// direction.
-    Fresh(AlphaBeta<R>, bool),
+    /// Its parameters are fresh; the rotor flux that it has if its speed is that of the stop, and how well that tells its direction.
+    Fresh(AlphaBeta<R>, Direction),
     /// Its parameters are fresh, and it has no flux.
     Empty,
     /// It has a flux, and the filter follows it.
@@ -199,23 +221,25 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             until => Start::Decaying(until),
         };
         self.start = pause.map_or(unknown, |pause| {
-            // A free rotor flux decays, by e⁻ˣ.
-            let x = c.enhanced.decay.periods(pause).min(r(10.0));
-            let root = (R::ONE + x.quarter() * (R::ONE + x.quarter().half())).recip();
-            let mut psi_r = self.filter.rotor_flux(&c.enhanced.filter) * (root * root * root * root);
+            let mut psi_r = self.filter.rotor_flux(&c.enhanced.filter) * remaining(c, pause);
             // It turns with the rotor, whose speed of the stop is the best guess where nothing is induced.
             let turned = |omega: R| (c.enhanced.filter.t_s * omega * r(64.0)).periods(pause);
             let omega = self.speed.omega_m;
-            let within = turned(omega.abs().max(r(LEAST))) <= r(DIRECTION);
+            let within =
+                turned(omega.abs().max(r(LEAST))) <= r(DIRECTION) || pause <= PAUSE_BLOCKS * c.enhanced.catch.block;
             let mut angle = turned(omega);
-            let directed = angle.within(r(6.0)) && (within || omega.within(r(STANDING)));
+            let direction = match angle.within(r(6.0)) {
+                true if within => Direction::Known,
+                true if omega.within(r(STANDING)) => Direction::Standing,
+                _ => Direction::Unknown,
+            };
             angle = angle.limit(r(6.0));
             while !angle.within(R::ZERO) {
                 let part = angle.limit(R::HALF);
                 angle -= part;
                 psi_r = Rotator::default().turned(part).turn(&psi_r);
             }
-            Start::Fresh(psi_r, directed)
+            Start::Fresh(psi_r, direction)
         });
         self.search = SpeedSearch::new();
         #[cfg(feature = "modes")]
@@ -341,6 +365,12 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         self.filter.turn_to_current(&c.enhanced.filter);
         self.speed.omega_m = self.speed.omega_s;
         self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), self.speed.omega_s);
+    }
+
+    #[cfg(feature = "restart")]
+    #[inline(always)]
+    fn blocks(&self, at: StartUp) -> bool {
+        at.stage == 2 && self.catch.is_surge()
     }
 
     fn idle(&mut self, i_s: &AlphaBeta<R>) {

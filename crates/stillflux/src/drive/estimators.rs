@@ -112,6 +112,12 @@ pub(super) trait Estimators<R: Real> {
         start_up: Option<StartUp>,
     ) -> PeriodOutput<R>;
 
+    /// Whether the bridge is to be blocked until the next sample, in a period of the start-up.
+    #[inline(always)]
+    fn blocks(&self, _: StartUp) -> bool {
+        false
+    }
+
     /// A current sample with the bridge blocked.
     fn idle(&mut self, i_s: &AlphaBeta<R>);
 

@@ -72,7 +72,7 @@ impl<R: Real> Reference<R> {
 pub struct Output<R: Real> {
     /// Duties of the next period, each in [0, 1].
     pub duty: Duty<R>,
-    /// `false`: block the bridge at once.
+    /// `false`: block the bridge at once. A start blocks it for one period where a flux that turns drives the current on.
     pub gates_on: bool,
 }
 

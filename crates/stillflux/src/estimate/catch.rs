@@ -9,8 +9,11 @@
 //!
 //! Without current the voltage of the machine is the one that its rotor flux induces. Current control at zero finds it:
 //! the latest voltage less that of the leakage, `ê = u - σl_s Δi/t_s`, is fed forward, which ends the surge of the first
-//! periods after two delays. Eight blocks of `T` = 1 ms; the first three pass with the surge, the others give `e` as the
-//! difference of the integrated flux.
+//! periods after two delays. With the feature `restart` the bridge is blocked in the second period if the first one, without
+//! voltage, has driven the current on: else the surge would last for three, 2.4 to 3.1 times the rated current with a rated
+//! flux and 40 periods a turn. What it shows of `e` is fed forward from the next period on.
+//!
+//! Eight blocks of `T` = 1 ms; the first three pass with the surge, the others give `e` as the difference of the integrated flux.
 //!
 //! The sign of `ω` taken wrong would be a flux of the opposite direction. The error of the inverter model turns `e` by up
 //! to some tenths of a radian, which is more than a slow flux turns within four blocks: `n` = 8 is raised until `e` has
@@ -31,7 +34,6 @@ pub(crate) const BLOCKS: u32 = 8;
 const SURGE: u32 = 3;
 /// Voltage without current from which on that shows the direction of the flux; below it the current turns, and the normalised
 /// time of a turn: half of it is what a machine at 1.25 pu turns by `3/4`.
-#[cfg(feature = "restart")]
 const STRONG: f64 = 0.2;
 #[cfg(feature = "restart")]
 const TURN: f64 = 1.2;
@@ -129,7 +131,7 @@ pub(crate) struct Catch<R: Real> {
     /// current turns, the integrated flux at the beginning of the first turn, and the turns since then.
     pub(super) first: AlphaBeta<R>,
     pub(super) blocks: u32,
-    /// Sums of the speed; the first is the swept area where the current turns.
+    /// Sums of the speed, and before there are any, its sign in the first; the first is the swept area where the current turns.
     pub(super) numerator: R,
     denominator: R,
     /// Current of the period before, or the direction of the one that turns.
@@ -144,19 +146,41 @@ impl<R: Real> Catch<R> {
     }
 
     /// One period, counted from one, with the voltage applied before the sample, the current, and the integrated rotor
-    /// flux. Returns field axis and flux for which current control at zero and `ω_s` = 1 feeds `ê` forward.
+    /// flux. Returns field axis, flux and `ω_s` = ±1 for which current control at zero feeds `ê` forward, ahead in its direction.
+    /// `blocked`: the bridge was, before the first period.
+    #[cfg_attr(not(feature = "restart"), allow(unused_variables))]
     pub fn step(
         &mut self,
         c: &CatchConfig<R>,
-        period: u32,
+        (period, blocked): (u32, bool),
         (u_s, i_s, psi_r): (&AlphaBeta<R>, AlphaBeta<R>, AlphaBeta<R>),
-    ) -> (Rotator<R>, R) {
+    ) -> (Rotator<R>, R, R) {
         let r = R::from_f64;
-        let e = if period > 2 { *u_s - (i_s - self.i_s) * c.leakage } else { AlphaBeta::default() };
+        let driven = (self.i_s - i_s) * c.leakage;
+        let e = match period {
+            // Without voltage from the first sample to the second.
+            #[cfg(feature = "restart")]
+            2 if blocked && driven.norm_sq() > r(STRONG * STRONG) => {
+                self.first = driven;
+                driven
+            }
+            // Blocked from the second to the third.
+            #[cfg(feature = "restart")]
+            3 if self.is_surge() => self.first,
+            ..=2 => AlphaBeta::default(),
+            _ => *u_s + driven,
+        };
+        #[cfg(feature = "restart")]
+        if period == 4 && self.is_surge() {
+            self.numerator = self.first.cross(&e);
+        }
         self.i_s = i_s;
         if period.is_multiple_of(c.block) {
             let block = period / c.block.max(1);
             let mean = (psi_r - self.psi_r) * c.inv_t_block;
+            if block == SURGE + 2 {
+                self.numerator = R::ZERO;
+            }
             if block == SURGE + 1 || (block > BLOCKS && mean.norm_sq() < r(LEAST * LEAST)) {
                 (self.first, self.blocks) = (mean, 0);
             } else if block > SURGE {
@@ -173,14 +197,25 @@ impl<R: Real> Catch<R> {
             }
             (self.psi_r, self.e) = (psi_r, mean);
         }
+        let square = e.norm_sq();
+        // The sign of a small voltage is that of its noise.
+        let back = self.numerator < R::ZERO && square > r(STRONG * STRONG);
+        let omega_s = if back { -R::ONE } else { R::ONE };
         // jω_s ψ_s is fed forward.
-        if e.norm_sq() > R::from_f64(1e-4) {
+        if square > R::from_f64(1e-4) {
             let (direction, magnitude) = Rotator::of(&e);
-            let axis = AlphaBeta::new(direction.axis().im(), -direction.axis().re());
-            (Rotator::of(&axis).0, magnitude.min(R::TWO))
+            let axis = AlphaBeta::new(direction.axis().im(), -direction.axis().re()) * omega_s;
+            (Rotator::of(&axis).0, magnitude.min(R::TWO), omega_s)
         } else {
-            (Rotator::default(), R::ZERO)
+            (Rotator::default(), R::ZERO, omega_s)
         }
+    }
+
+    /// In the second period: the machine drives the current on, and the bridge is to be blocked for a period.
+    #[cfg(feature = "restart")]
+    #[inline(always)]
+    pub fn is_surge(&self) -> bool {
+        self.first != AlphaBeta::default()
     }
 
     /// What there is by now; `known`: flux of the stop, and whether its direction is known.

@@ -162,6 +162,11 @@ impl<R: Real> Catch<R> {
         Found::Uncertain
     }
 
+    /// Speed of a flux by what the last turn has induced.
+    pub fn speed_of(&self, psi_r: &AlphaBeta<R>) -> R {
+        (psi_r.cross(&self.e) * R::from_f64(1.0 / SCALE) * psi_r.norm_sq().recip()).limit(R::TWO)
+    }
+
     /// `e/(jω - 1/τ_r)` at the end of the time `t` of which `e`, at [`SCALE`], is the mean, with the magnitude that is known.
     #[cold]
     #[inline(never)]

@@ -18,7 +18,7 @@
 //! holds at zero a phase that is to carry next to nothing (the published scheme before its first offset). Nor is a
 //! deviation by which the current is where its reference was at the call before: it follows one that moves, after a load
 //! that is taken away. Not while a violation is remembered: after a step of the reference the current comes up to it from beside, by as much as the
-//! field turns, and a healthy phase may stay at its zero for some ms. After 4 ms and 20 periods of violation (leaky, [`super::leaky`])
+//! field turns, and a healthy phase may stay at its zero for some ms. After 4 ms and 24 periods of violation (leaky, [`super::leaky`])
 //! an open phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped
 //! or inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
 //!
@@ -33,6 +33,9 @@
 //! as far as they are below the values above, and from 0.05 on: at no current there is no phase to carry it. Along the
 //! axis of a phase the other two carry half of the current each, and the line of a phase that is open is 30° or 90°
 //! away: the deviation is at least half of the reference.
+//!
+//! A reference of the start-up that steps to a larger one begins the count anew: deviations from a small one, or from zero while
+//! the flux of a turning machine is caught, would make the first calls of the step those of an open phase.
 //!
 //! Validity: the deviation of a healthy drive is over within some ms, in the voltage limit within tens of ms.
 
@@ -51,6 +54,8 @@ const ZERO: f64 = 0.03;
 const AIMED: f64 = 0.25;
 /// Angle by which the field turns while an open phase stays there, rad.
 const PASSED: f64 = 0.1;
+/// Reference of a start-up, relative to that of the deviation before, at which the count begins anew.
+const RISEN: f64 = 1.2;
 /// Current of an open phase relative to its reference, mean magnitudes: noise, and samples that still deviated
 /// otherwise.
 const OPEN: f64 = 0.15;
@@ -166,6 +171,10 @@ impl<R: Real> Phases<R> {
         let r = R::from_f64;
         let open = |phase: f64| Some(Trip::new(Fault::OpenPhase, r(phase), R::ZERO));
         let [measured, wanted, before] = [i, i_ref, &self.i_ref].map(|i| field.to_stator(i).to_phases());
+        let n2 = i_ref.norm_sq();
+        if omega_s.is_none() && n2 > self.i_ref.norm_sq() * r(RISEN * RISEN) + c.floor_sq {
+            self.counter = LeakyCounter::default();
+        }
         self.i_ref = *i_ref;
         let omega_s = omega_s.map(R::abs);
         let turned = omega_s.filter(|omega_s| *omega_s > r(TURNS)).map(|omega_s| omega_s * c.t_s);
@@ -196,7 +205,6 @@ impl<R: Real> Phases<R> {
             (self.measured, self.wanted) = ([R::ZERO; 3], [R::ZERO; 3]);
         }
         let (mut floor_sq, mut carries) = (c.floor_sq, r(CARRIES));
-        let n2 = i_ref.norm_sq();
         if omega_s.is_none() && n2 > floor_sq {
             floor_sq = floor_sq.min(n2 * r(FLOOR_PART * FLOOR_PART));
             carries = carries.min(n2.sqrt() * r(CARRIES_PART));
@@ -272,6 +280,16 @@ mod tests {
         assert_eq!(found(0.04, None), None);
         assert_eq!(found(0.13, Some(0.0)), None);
         assert!(found(0.3, Some(0.0)).is_some_and(|call| call <= CALLS));
+    }
+
+    #[test]
+    fn a_larger_reference_of_a_start_up_begins_the_count_anew() {
+        let (mut phases, field) = (Phases::default(), Rotator::default());
+        let mut step = |i: Dq<f64>, i_ref: f64| phases.step(&CONFIG, &i, &Dq::new(i_ref, 0.0), &field, None);
+        // A flux is caught, with some current where there is to be none; then the largest current is asked for.
+        assert!((0..3 * CALLS).all(|_| step(Dq::new(0.07, 0.0), 0.0).is_none()));
+        assert!((0..CALLS - 1).all(|_| step(Dq::new(0.07, 0.01), 1.8).is_none()));
+        assert!((0..2).any(|_| step(Dq::new(0.07, 0.01), 1.8).is_some_and(|trip| trip.cause == Fault::OpenPhase)));
     }
 
     #[test]
