@@ -325,6 +325,18 @@ def test_what_other_draws_have_shown_is_written_anew() -> None:
     assert table.updated(measured(40, 0.45)).lines == measured(40, 0.45)
 
 
+def test_counts_and_rates_of_a_campaign_are_those_of_one_measurement() -> None:
+    def measured(rate: float, angle: float) -> list[Line]:
+        of = replace(
+            line(rate), kind="tolerance", name="hold", scheme="enhanced", bound="", direction="reported"
+        )
+        return [replace(of, unit="%"), replace(of, quantity="y", value=f"{angle:g}", unit="°")]
+
+    rate, _ = measured(0.75, 9.0)
+    _, angle = measured(1.0, 10.0)
+    assert Table(measured(1.0, 10.0)).updated(measured(0.75, 9.0)).lines == [rate, angle]
+
+
 def test_what_fails_is_written_anew() -> None:
     assert not agree(line(1.1, ok=False), line(1.2, ok=False))
     assert agree(line(1.1, ok=False), line(1.1, ok=False))

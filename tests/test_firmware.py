@@ -286,18 +286,18 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: 16 KiB of flash, 1024 bytes of RAM and 512 of stack, which the published scheme meets. The enhanced one,
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (13_510, 15_860), "ram_drive": (868, 888), "stack_step": (376, 408)},
-    "enhanced": {"flash_library": (29_930, 40_240), "ram_drive": (1564, 1588), "stack_step": (472, 504)},
+    "paper": {"flash_library": (13_560, 15_920), "ram_drive": (876, 896), "stack_step": (376, 408)},
+    "enhanced": {"flash_library": (30_250, 40_500), "ram_drive": (1572, 1596), "stack_step": (480, 512)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
-WITH_ADDITIONS = {"flash_library": (17_830, 20_800), "ram_drive": (1012, 1036), "stack_step": (400, 432)}
+WITH_ADDITIONS = {"flash_library": (17_830, 20_820), "ram_drive": (1020, 1044), "stack_step": (400, 432)}
 
 #: Instructions a call, mean and worst case, of the same images. The design asks for 150 of the flux
 #: estimator in f32, 480 / 680 of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the
 #: enhanced one. All are met.
 BUDGET = {
     "flux_estimator": {"f32": 138, "q": 182},
-    "drive_step": {"f32": 475, "q": 808, "f32_worst": 664, "q_worst": 1096},
+    "drive_step": {"f32": 477, "q": 808, "f32_worst": 664, "q_worst": 1096},
     "drive_step_enhanced": {"f32": 588, "q": 960, "f32_worst": 752, "q_worst": 1308},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},

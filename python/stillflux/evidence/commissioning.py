@@ -269,7 +269,7 @@ def run(seed: int, arithmetic: str = "f32", shaft: Any = "free", courses: Sequen
         **made.plant,
     )
     drives = {
-        f"{told}, {course}": _drive(made, found, told, course, arithmetic)
+        f"{told}, {course}": _drive(made, found, told, (course, seed), arithmetic)
         for course in courses
         for told in TOLD
     }
@@ -290,7 +290,9 @@ def run(seed: int, arithmetic: str = "f32", shaft: Any = "free", courses: Sequen
     )
 
 
-def _drive(made: Draw, found: Commissioned, told: str, name: str, arithmetic: str) -> tuple[float, str]:
+def _drive(
+    made: Draw, found: Commissioned, told: str, course: tuple[str, int], arithmetic: str
+) -> tuple[float, str]:
     """Largest angle error and what was lost on a course."""
     settings: DriveSettings = {}
     if told == "true":
@@ -299,9 +301,9 @@ def _drive(made: Draw, found: Commissioned, told: str, name: str, arithmetic: st
         motor, inverter, settings = found.motor, found.inverter, found.settings
     else:
         motor, inverter = made.plate.motor(), made.sheet
-    course = COURSES[name]
+    name, seed = course
     begin = start_up(motor, inverter) + 0.05
-    omega, load = course.build(made.motor)
+    demand = COURSES[name].build(made.motor, seed)
 
     def after(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         return [(0.0, points[0][1]), *((begin + t, value) for t, value in points)]
@@ -314,9 +316,10 @@ def _drive(made: Draw, found: Commissioned, told: str, name: str, arithmetic: st
         arithmetic=arithmetic,
         settings=settings,
         plant=made.plant,
-        omega_ref=scaled(after(omega), made.motor.base["omega_m"]),
-        load_torque=scaled(after(load), made.motor.T_N),
-        duration=begin + max(omega[-1][0], load[-1][0]),
+        omega_ref=scaled(after(demand.omega), made.motor.base["omega_m"]),
+        load_torque=scaled(after(demand.load), made.motor.T_N),
+        changes=demand.changes(begin),
+        duration=begin + max(demand.omega[-1][0], demand.load[-1][0]),
         signals=SIGNALS,
         record_every=max(1, round(EVERY * inverter.f_s)),
     )

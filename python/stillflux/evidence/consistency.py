@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from stillflux.evidence.claims import Claim, at_least, at_most, reported
 from stillflux.evidence.conditions import slip
-from stillflux.evidence.courses import Course, Points
+from stillflux.evidence.courses import Course, Points, in_every_draw
 from stillflux.evidence.journal import Runner
 from stillflux.evidence.judge import CALM, CONFIDENT, angle, confidence
 from stillflux.evidence.seeds import seed_of
@@ -85,7 +85,7 @@ def _course(motor: Motor) -> tuple[Points, Points]:
     return omega, load
 
 
-COURSE = Course("every region", _course, None)
+COURSE = Course("every region", in_every_draw(_course), None)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 """Courses that an installation has to survive: references and loads over the time since the end of the
-start-up.
+start-up, and a stop in one of them.
 
 Speeds in per unit of rated frequency, torques in units of rated torque, times in s. `slip` is that of the
 machine as the drive knows it, at rated flux; the real one's is off by as much as its R_R.
@@ -7,16 +7,37 @@ machine as the drive knows it, at rated flux; the real one's is off by as much a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from stillflux.evidence.conditions import slip
 from stillflux.parameters import Motor
 
-__all__ = ["COURSES", "Course", "Points"]
+__all__ = ["COURSES", "Course", "Demand", "Points", "in_every_draw"]
 
 Points: TypeAlias = list[tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a course asks of a drive; the run ends with the last point."""
+
+    omega: Points
+    """Points of the speed reference."""
+    load: Points
+    """Points of the load."""
+    stopped: tuple[float, float] | None = None
+    """When the drive is stopped, and when it starts again."""
+
+    def changes(self, begin: float) -> list[tuple[float, dict[str, Any]]]:
+        """Stop and start as changes of a scenario in which the course begins at `begin`."""
+        return [
+            (begin + t, {"stop": stop}) for t, stop in zip(self.stopped or (), (True, False), strict=False)
+        ]
 
 
 @dataclass(frozen=True)
@@ -24,8 +45,8 @@ class Course:
     """One course."""
 
     title: str
-    build: Callable[[Motor], tuple[Points, Points]]
-    """Points of speed reference and load; the run ends with the last of either."""
+    build: Callable[[Motor, int], Demand]
+    """What it asks of a motor, in a draw of a seed."""
     target: float | None
     """Largest admissible rate of loss, %; None: no target is set."""
 
@@ -104,16 +125,42 @@ def _light_load(motor: Motor) -> tuple[Points, Points]:
     return [(0, 0), (14, 0)], [(0, 0), (3, 0), (6, 0.2)]
 
 
+def _restart(motor: Motor, seed: int) -> Demand:
+    """A stop and a restart with the flux that is left, at a speed from 0.02 to 1.2 in either direction, after
+    1 ms to 1 s, without load or with up to 0.6 in either direction. A load that would change the speed much
+    in the pause is not there in it and in the 0.3 s that follow."""
+    rng = np.random.default_rng([seed, 2])
+    speed = math.exp(rng.uniform(math.log(0.02), math.log(1.2))) * rng.choice((-1, 1))
+    load = rng.uniform(0.0, 0.6) * rng.choice((0, 1, 1)) * rng.choice((-1, 1), p=(0.3, 0.7)) * np.sign(speed)
+    pause = math.exp(rng.uniform(math.log(1e-3), 0.0))
+    spin_up = motor.J * motor.base["omega_m"] / motor.T_N
+    ramp = max(0.4, 4.0 * abs(speed) * spin_up)
+    loaded = 0.3 + ramp
+    stop = loaded + 2.0 * motor.tau_r + 0.6
+    start = stop + pause
+    points: Points = [(0, 0), (loaded, 0), (loaded + 0.1, load)]
+    if abs(load) * pause > 0.15 * abs(speed) * spin_up:
+        points += [(stop, load), (stop, 0), (start + 0.3, 0), (start + 0.4, load)]
+    omega: Points = [(0, 0), (0.3, 0), (0.3 + ramp, speed), (start + 1.8, speed)]
+    return Demand(omega, points, (stop, start))
+
+
+def in_every_draw(build: Callable[[Motor], tuple[Points, Points]]) -> Callable[[Motor, int], Demand]:
+    """Reference and load of every draw."""
+    return lambda motor, seed: Demand(*build(motor))
+
+
 COURSES: Mapping[str, Course] = {
-    "start": Course("start into rated load", _start, 0.0),
-    "low-speed": Course("low speed, motoring and regeneration, T_N", _low_speed, 0.0),
-    "hold": Course("zero speed held under T_N", _hold, 0.0),
-    "crossing": Course("slow crossing of ω_s = 0 under T_N", _crossing, 0.0),
-    "load-steps": Course("steps of ±T_N at zero speed", _load_steps, 0.0),
-    "beside-rated": Course("15 s beside ω_s = 0 at T_N", _beside(1.0), 1.0),
-    "beside-half": Course("15 s beside ω_s = 0 at T_N/2", _beside(0.5), None),
-    "reversal": Course("to rated speed and its opposite", _reversal, None),
-    "weakening": Course("steps to ±1.9 times rated speed", _weakening, None),
-    "light-load": Course("light load that comes within 3 s at rest, T_N/5", _light_load, None),
+    "start": Course("start into rated load", in_every_draw(_start), 0.0),
+    "low-speed": Course("low speed, motoring and regeneration, T_N", in_every_draw(_low_speed), 0.0),
+    "hold": Course("zero speed held under T_N", in_every_draw(_hold), 0.0),
+    "crossing": Course("slow crossing of ω_s = 0 under T_N", in_every_draw(_crossing), 0.0),
+    "load-steps": Course("steps of ±T_N at zero speed", in_every_draw(_load_steps), 0.0),
+    "beside-rated": Course("15 s beside ω_s = 0 at T_N", in_every_draw(_beside(1.0)), 1.0),
+    "beside-half": Course("15 s beside ω_s = 0 at T_N/2", in_every_draw(_beside(0.5)), None),
+    "reversal": Course("to rated speed and its opposite", in_every_draw(_reversal), None),
+    "weakening": Course("steps to ±1.9 times rated speed", in_every_draw(_weakening), None),
+    "light-load": Course("light load that comes within 3 s at rest, T_N/5", in_every_draw(_light_load), None),
+    "restart": Course("restart with the flux that is left", _restart, None),
 }
 """By name."""

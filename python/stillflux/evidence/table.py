@@ -67,6 +67,8 @@ Group: TypeAlias = tuple[Kind, str, str, str]
 _OF_PAPER, _BEYOND = SCHEMES
 DRAWS = "draws"
 """Quantity of a campaign: over how many drawn installations the others of its group are."""
+_COUNTED = {"tolerance", "guarantee"}
+"""Kinds whose lines count runs."""
 LOST_AFTER = "time of the loss, not before the mechanism is needed"
 """Quantity of a control: when it was lost, held against its event."""
 
@@ -219,7 +221,10 @@ def agree(old: Line, new: Line) -> bool:
 
 
 def _stands(old: Line, new: Line) -> bool:
-    """Whether a line may stay although it was measured anew."""
+    """Whether a line may stay although it was measured anew. Counts and rates of a campaign are those of one
+    measurement: an interval of three losses beside a rate of four would be neither."""
+    if new.kind in _COUNTED and new.unit in {"", "%"}:
+        return False
     same = (old.run, old.seed) == (new.run, new.seed) and agree(old, new)
     return same and old.excess >= new.excess
 

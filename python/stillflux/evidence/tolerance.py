@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -202,8 +203,9 @@ def scenario(
     drive = drive or DRIVES[machine]
     motor, found = drive.motor, drawn(drive, seed, scale)
     begin = start_up(motor, found.told) + 0.05
-    omega, load = course.build(motor)
-    duration = begin + max(omega[-1][0], load[-1][0])
+    demand = course.build(motor, seed)
+    duration = begin + max(demand.omega[-1][0], demand.load[-1][0])
+    changes = ripple(drive.inverter.u_dc, found.phase, duration) + demand.changes(begin)
     plant = found.plant
     if beyond_model:
         plant = {**plant, **effects(found.motor, seed)}
@@ -217,10 +219,10 @@ def scenario(
             scheme=scheme,
             arithmetic=arithmetic,
             plant=plant,
-            omega_ref=scaled(_after(omega, begin), motor.base["omega_m"]),
-            load_torque=scaled(_after(load, begin), motor.T_N),
+            omega_ref=scaled(_after(demand.omega, begin), motor.base["omega_m"]),
+            load_torque=scaled(_after(demand.load, begin), motor.T_N),
             duration=duration,
-            changes=ripple(drive.inverter.u_dc, found.phase, duration),
+            changes=sorted(changes, key=itemgetter(0)),
             signals=signals,
             record_every=max(1, round(EVERY * drive.inverter.f_s)),
         ),
