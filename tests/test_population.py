@@ -96,29 +96,35 @@ def test_a_drive_steps_to_1_9_times_rated_speed_and_back_on_a_rectified_link(num
     assert omega.min() < -1.85
 
 
-def test_a_slow_machine_restarts_with_the_flux_that_is_left() -> None:
-    # The torque of the current that turns changed the speed, by which a flux elsewhere was found.
-    number, omega, pause = 36, 0.028, 0.778
+def restarted(number: int, omega: float, pause: float) -> sf.Result:
+    """What follows the restart of a drawn drive that was stopped at a speed, per unit, for a pause, s."""
     made, _ = tolerance.scenario(
         DRAWN, COURSES["reversal"], seed_of("rs", 3, number), drive=drive(number), signals=None
     )
     motor, begin = made.motor, tolerance.start_up(made.motor, made.inverter) + 0.1
     speed = omega * motor.base["omega_m"]
-    stop = begin + 1.0 + 2.0 * motor.tau_r
-    again = stop + pause
+    assert made.plant_motor is not None
+    ramp = max(0.4, 2.6 * abs(speed) * made.plant_motor.J / motor.T_N)
+    stop = begin + ramp + 0.6 + 2.0 * motor.tau_r
     result = sf.simulate(
         made.replace(
-            omega_ref=[(0.0, 0.0), (begin, 0.0), (begin + 0.4, speed)],
+            omega_ref=[(0.0, 0.0), (begin, 0.0), (begin + ramp, speed)],
             load_torque=0.0,
-            changes=[(stop, {"stop": True}), (again, {"stop": False})],
-            duration=again + 1.5,
+            changes=[(stop, {"stop": True}), (stop + pause, {"stop": False})],
+            duration=stop + pause + 1.5,
+            record_every=1,
         )
     )
     assert result.status.state == "running", result.status
-    after = result.window(again)
+    assert abs(result["omega_m"][-1] - speed) < 0.01 * motor.base["omega_m"]
+    return result.window(stop + pause)
+
+
+def test_a_slow_machine_restarts_with_the_flux_that_is_left() -> None:
+    # The torque of the current that turns changed the speed, by which a flux elsewhere was found.
+    after = restarted(36, 0.028, 0.778)
     running = after["status"] == StatusCode.RUNNING
     assert np.degrees(np.abs(after["angle_error"][running])).max() < 15.0
-    assert abs(result["omega_m"][-1] - speed) < 0.01 * motor.base["omega_m"]
 
 
 @pytest.mark.parametrize(
@@ -134,29 +140,11 @@ def test_a_slow_machine_restarts_with_the_flux_that_is_left() -> None:
 def test_the_surge_of_a_restart_with_a_flux_that_turns_fast_ends_after_a_period(
     number: int, omega: float, pause: float
 ) -> None:
-    made, _ = tolerance.scenario(
-        DRAWN, COURSES["reversal"], seed_of("rs", 3, number), drive=drive(number), signals=None
-    )
-    motor, begin = made.motor, tolerance.start_up(made.motor, made.inverter) + 0.1
-    assert made.plant_motor is not None
-    ramp = 2.6 * abs(omega) * made.plant_motor.J * motor.base["omega_m"] / motor.T_N
-    stop = begin + ramp + 0.6
-    result = sf.simulate(
-        made.replace(
-            omega_ref=[(0.0, 0.0), (begin, 0.0), (begin + ramp, omega * motor.base["omega_m"])],
-            load_torque=0.0,
-            changes=[(stop, {"stop": True}), (stop + pause, {"stop": False})],
-            duration=stop + pause + 0.5,
-            record_every=1,
-        )
-    )
-    after = result.window(stop + pause)
-    assert result.status.state == "running", result.status
+    after = restarted(number, omega, pause)
+    made = after.scenario
     caught = after["status"] != StatusCode.RUNNING
-    peak = np.abs(after["i_s"][caught][: round(0.004 * made.inverter.f_c)]).max() / (
-        math.sqrt(2.0) * motor.I_N
-    )
-    assert 0.8 < peak < 1.6
+    surge = np.abs(after["i_s"][caught][: round(0.004 * made.inverter.f_c)])
+    assert 0.8 < surge.max() / (math.sqrt(2.0) * made.motor.I_N) < 1.6
 
 
 def test_a_light_shaft_restarts_where_the_flux_is_known_to_be() -> None:

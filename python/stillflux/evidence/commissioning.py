@@ -39,7 +39,7 @@ import numpy as np
 
 from stillflux.commissioning import Commissioned, commission, pulse_delay
 from stillflux.evidence.claims import Claim, at_most, reported
-from stillflux.evidence.courses import COURSES
+from stillflux.evidence.courses import COURSES, Demand
 from stillflux.evidence.draws import CUT, DELAY
 from stillflux.evidence.effects import DEEP_BAR, EDDY_TIME, IRON_RESISTANCE, iron_loss
 from stillflux.evidence.journal import Runner
@@ -269,7 +269,7 @@ def run(seed: int, arithmetic: str = "f32", shaft: Any = "free", courses: Sequen
         **made.plant,
     )
     drives = {
-        f"{told}, {course}": _drive(made, found, told, (course, seed), arithmetic)
+        f"{told}, {course}": _drive(made, found, told, COURSES[course].build(made.motor, seed), arithmetic)
         for course in courses
         for told in TOLD
     }
@@ -290,10 +290,8 @@ def run(seed: int, arithmetic: str = "f32", shaft: Any = "free", courses: Sequen
     )
 
 
-def _drive(
-    made: Draw, found: Commissioned, told: str, course: tuple[str, int], arithmetic: str
-) -> tuple[float, str]:
-    """Largest angle error and what was lost on a course."""
+def _drive(made: Draw, found: Commissioned, told: str, demand: Demand, arithmetic: str) -> tuple[float, str]:
+    """Largest angle error and what was lost on what a course demands."""
     settings: DriveSettings = {}
     if told == "true":
         motor, inverter = made.motor, made.inverter
@@ -301,13 +299,8 @@ def _drive(
         motor, inverter, settings = found.motor, found.inverter, found.settings
     else:
         motor, inverter = made.plate.motor(), made.sheet
-    name, seed = course
     begin = start_up(motor, inverter) + 0.05
-    demand = COURSES[name].build(made.motor, seed)
-
-    def after(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-        return [(0.0, points[0][1]), *((begin + t, value) for t, value in points)]
-
+    demand = demand.after(begin)
     scenario = Scenario(
         motor=motor,
         inverter=inverter,
@@ -316,10 +309,10 @@ def _drive(
         arithmetic=arithmetic,
         settings=settings,
         plant=made.plant,
-        omega_ref=scaled(after(demand.omega), made.motor.base["omega_m"]),
-        load_torque=scaled(after(demand.load), made.motor.T_N),
-        changes=demand.changes(begin),
-        duration=begin + max(demand.omega[-1][0], demand.load[-1][0]),
+        omega_ref=scaled(demand.omega, made.motor.base["omega_m"]),
+        load_torque=scaled(demand.load, made.motor.T_N),
+        changes=demand.changes,
+        duration=demand.end,
         signals=SIGNALS,
         record_every=max(1, round(EVERY * inverter.f_s)),
     )

@@ -31,13 +31,29 @@ class Demand:
     load: Points
     """Points of the load."""
     stopped: tuple[float, float] | None = None
-    """When the drive is stopped, and when it starts again."""
+    """When the drive is stopped, and when it starts again, s."""
 
-    def changes(self, begin: float) -> list[tuple[float, dict[str, Any]]]:
-        """Stop and start as changes of a scenario in which the course begins at `begin`."""
-        return [
-            (begin + t, {"stop": stop}) for t, stop in zip(self.stopped or (), (True, False), strict=False)
-        ]
+    def after(self, begin: float) -> Demand:
+        """The same in the time of a scenario in which it begins at `begin`, s."""
+
+        def later(points: Points) -> Points:
+            return [(0.0, points[0][1]), *((begin + t, value) for t, value in points)]
+
+        stopped = self.stopped and (begin + self.stopped[0], begin + self.stopped[1])
+        return Demand(later(self.omega), later(self.load), stopped)
+
+    @property
+    def end(self) -> float:
+        """Time of the last point, s."""
+        return max(self.omega[-1][0], self.load[-1][0])
+
+    @property
+    def changes(self) -> list[tuple[float, dict[str, Any]]]:
+        """Stop and start as changes of a scenario."""
+        if self.stopped is None:
+            return []
+        stop, start = self.stopped
+        return [(stop, {"stop": True}), (start, {"stop": False})]
 
 
 @dataclass(frozen=True)
@@ -46,7 +62,7 @@ class Course:
 
     title: str
     build: Callable[[Motor, int], Demand]
-    """What it asks of a motor, in a draw of a seed."""
+    """What it asks of a motor in the draw with a seed."""
     target: float | None
     """Largest admissible rate of loss, %; None: no target is set."""
 
@@ -126,9 +142,10 @@ def _light_load(motor: Motor) -> tuple[Points, Points]:
 
 
 def _restart(motor: Motor, seed: int) -> Demand:
-    """A stop and a restart with the flux that is left, at a speed from 0.02 to 1.2 in either direction, after
-    1 ms to 1 s, without load or with up to 0.6 in either direction. A load that would change the speed much
-    in the pause is not there in it and in the 0.3 s that follow."""
+    """A stop and a restart with the flux that is left: at a speed from 0.02 to 1.2 in either direction, after
+    1 ms to 1 s, without load or with up to 0.6 in either direction. A load that would change the speed by
+    more than 15 % in the pause, with the inertia that is told, ends with the stop and comes back 0.3 s after
+    the restart."""
     rng = np.random.default_rng([seed, 2])
     speed = math.exp(rng.uniform(math.log(0.02), math.log(1.2))) * rng.choice((-1, 1))
     load = rng.uniform(0.0, 0.6) * rng.choice((0, 1, 1)) * rng.choice((-1, 1), p=(0.3, 0.7)) * np.sign(speed)
@@ -146,7 +163,7 @@ def _restart(motor: Motor, seed: int) -> Demand:
 
 
 def in_every_draw(build: Callable[[Motor], tuple[Points, Points]]) -> Callable[[Motor, int], Demand]:
-    """Reference and load of every draw."""
+    """The same reference and load in every draw."""
     return lambda motor, seed: Demand(*build(motor))
 
 

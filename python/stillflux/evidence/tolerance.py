@@ -22,7 +22,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from stillflux.evidence.claims import Claim, at_most, reported
-from stillflux.evidence.courses import COURSES, Course, Points
+from stillflux.evidence.courses import COURSES, Course
 from stillflux.evidence.draws import drawn, ripple
 from stillflux.evidence.drives import DRIVES, TypicalDrive
 from stillflux.evidence.effects import effects
@@ -183,10 +183,6 @@ def start_up(motor: Any, inverter: Any) -> float:
     return float(settings["offset_time"] + settings["magnetise_time"])
 
 
-def _after(points: Points, begin: float) -> Points:
-    return [(0.0, points[0][1]), *((begin + t, value) for t, value in points)]
-
-
 def scenario(
     machine: str,
     course: Course,
@@ -203,9 +199,8 @@ def scenario(
     drive = drive or DRIVES[machine]
     motor, found = drive.motor, drawn(drive, seed, scale)
     begin = start_up(motor, found.told) + 0.05
-    demand = course.build(motor, seed)
-    duration = begin + max(demand.omega[-1][0], demand.load[-1][0])
-    changes = ripple(drive.inverter.u_dc, found.phase, duration) + demand.changes(begin)
+    demand = course.build(motor, seed).after(begin)
+    changes = ripple(drive.inverter.u_dc, found.phase, demand.end) + demand.changes
     plant = found.plant
     if beyond_model:
         plant = {**plant, **effects(found.motor, seed)}
@@ -219,9 +214,9 @@ def scenario(
             scheme=scheme,
             arithmetic=arithmetic,
             plant=plant,
-            omega_ref=scaled(_after(demand.omega, begin), motor.base["omega_m"]),
-            load_torque=scaled(_after(demand.load, begin), motor.T_N),
-            duration=duration,
+            omega_ref=scaled(demand.omega, motor.base["omega_m"]),
+            load_torque=scaled(demand.load, motor.T_N),
+            duration=demand.end,
             changes=sorted(changes, key=itemgetter(0)),
             signals=signals,
             record_every=max(1, round(EVERY * drive.inverter.f_s)),

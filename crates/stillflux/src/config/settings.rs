@@ -60,10 +60,11 @@ pub(crate) fn adapt_periods(slow_periods: u32) -> u32 {
     if slow_periods == 8 { 16 } else { slow_periods }
 }
 
-/// Gain of flux control relative to that at which it oscillates: by default at the most, and at the limit.
+/// Gain of flux control with its low-pass filter, relative to that at which it oscillates: of the default at the most, and of what is
+/// admitted. The default withstands twice the leakage that is told.
 const FLUX_GAIN: (f64, f64) = (0.5, 0.8);
 
-/// The same where its correction needs no low-pass filter yet.
+/// Gain up to which there is no filter, relative to that at which flux control oscillates without one: 1.6 times the leakage.
 const FLUX_GAIN_PLAIN: f64 = 0.6;
 
 /// Part of the last correction that flux control keeps where it needs a low-pass filter.
@@ -96,12 +97,12 @@ impl DirectFlux {
         Self { fastest: (1.0 + a) / (1.0 - a) * rate / core::f64::consts::TAU }
     }
 
-    /// That with a filter.
+    /// Bandwidth of flux control, Hz, at which it oscillates with the filter.
     fn fastest_filtered(&self) -> f64 {
         self.fastest * (1.0 + FLUX_MEMORY) / (1.0 - FLUX_MEMORY)
     }
 
-    /// `m` for a bandwidth.
+    /// `m` for a bandwidth of flux control, Hz.
     fn memory(&self, bandwidth: f64) -> f64 {
         if bandwidth > FLUX_GAIN_PLAIN * self.fastest { FLUX_MEMORY } else { 0.0 }
     }
@@ -771,8 +772,8 @@ mod tests {
         assert!(error.note.contains("f_N and n_p"), "{error}");
     }
 
-    /// Part of an oscillation of `i_d` that is left after a hundred runs of flux control, by way of a leakage of `factor` times
-    /// that of the parameters.
+    /// Part of a deviation of `i_d` that is left after a hundred runs of flux control, through a leakage of `factor` times that of
+    /// the parameters.
     fn oscillation_left(machine: &Machine, inverter: &Inverter, bandwidth: f64, memory: f64, factor: f64) -> f64 {
         let p = DriveParams::new(machine, inverter);
         let t = f64::from(slow_periods(inverter)) / inverter.f_c();
@@ -791,7 +792,7 @@ mod tests {
     }
 
     #[test]
-    fn flux_control_does_not_oscillate_by_way_of_a_leakage_of_twice_the_parameter() {
+    fn flux_control_does_not_oscillate_through_a_leakage_of_1_6_times_the_parameter_or_1_9_with_its_filter() {
         let small = Machine::preset_2k2();
         for tau_r in [1.0, 5.0, 20.0, 50.0] {
             let machine = Machine { R_R: small.R_R / tau_r, ..small };

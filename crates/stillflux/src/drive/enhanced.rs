@@ -31,36 +31,43 @@ use crate::inverter::Legs;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Angle up to which the flux may have turned in the pause with its direction still taken as known, rad, and speed below which
-/// a shaft that was stopped is taken to stand still.
+/// Angle up to which the flux may have turned in a pause with its direction still taken as known, rad.
 const DIRECTION: f64 = 0.5;
-/// Pause within which it has turned with the speed of the stop, blocks of the catch of 1 ms: where a load changes the speed of a light
-/// shaft by 10 pu/s it has changed by 0.1 then, and the angle by 0.15 rad (50 Hz).
+/// Pause up to which its direction is known at any speed, in blocks of the catch of 1 ms: where a load changes the speed of a light shaft
+/// by 10 pu/s, the flux is 0.15 rad (at 50 Hz) from where the speed of the stop has turned it.
 const PAUSE_BLOCKS: u32 = 10;
+/// Speed below which a shaft that was stopped is taken to stand still.
 const STANDING: f64 = 0.035;
 /// Least weight of the flux control in regeneration near zero stator frequency.
 const REGENERATING: f64 = 0.12;
 /// Stator frequency against the torque up to which the field may be about to pass zero frequency.
 const CROSSING: f64 = 0.0025;
 
-/// How the direction of the flux of a stop is known when the drive starts again.
+/// Whether the direction of the flux that a stop has left is known at the restart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 enum Direction {
     /// It is not.
     Unknown,
-    /// If the shaft still stands, as it did at the stop.
-    Standing,
-    /// In the pause the flux has hardly turned.
+    /// It is if the shaft still stands, as it did at the stop.
+    IfStanding,
+    /// It is: the pause was too short for another one.
     Known,
 }
 
 /// Part of a free rotor flux that is left after a number of periods, `e⁻ˣ`.
+#[inline(never)]
 fn remaining<R: Real>(c: &DriveConfig<R>, periods: u32) -> R {
     let x = c.enhanced.decay.periods(periods).min(R::from_f64(10.0));
     let root = (R::ONE + x.quarter() * (R::ONE + x.quarter().half())).recip();
     root * root * root * root
+}
+
+/// Angle by which a speed turns within a number of periods, rad.
+#[inline(never)]
+fn turned_by<R: Real>(c: &DriveConfig<R>, omega: R, periods: u32) -> R {
+    (c.enhanced.filter.t_s * omega * R::from_f64(64.0)).periods(periods)
 }
 
 /// What a start-up knows of the machine.
@@ -223,14 +230,14 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         self.start = pause.map_or(unknown, |pause| {
             let mut psi_r = self.filter.rotor_flux(&c.enhanced.filter) * remaining(c, pause);
             // It turns with the rotor, whose speed of the stop is the best guess where nothing is induced.
-            let turned = |omega: R| (c.enhanced.filter.t_s * omega * r(64.0)).periods(pause);
+            let turned = |omega: R| turned_by(c, omega, pause);
             let omega = self.speed.omega_m;
             let within =
                 turned(omega.abs().max(r(LEAST))) <= r(DIRECTION) || pause <= PAUSE_BLOCKS * c.enhanced.catch.block;
             let mut angle = turned(omega);
             let direction = match angle.within(r(6.0)) {
                 true if within => Direction::Known,
-                true if omega.within(r(STANDING)) => Direction::Standing,
+                true if omega.within(r(STANDING)) => Direction::IfStanding,
                 _ => Direction::Unknown,
             };
             angle = angle.limit(r(6.0));

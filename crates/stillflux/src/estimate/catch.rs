@@ -32,9 +32,9 @@ use crate::words::words;
 /// Blocks, and those before the current is back at zero.
 pub(crate) const BLOCKS: u32 = 8;
 const SURGE: u32 = 3;
-/// Voltage without current from which on that shows the direction of the flux; below it the current turns, and the normalised
-/// time of a turn: half of it is what a machine at 1.25 pu turns by `3/4`.
+/// Induced voltage from which on it shows the direction of the flux; below it the current turns, with the feature `restart`.
 const STRONG: f64 = 0.2;
+/// Normalised time of a turn of the current: in half of it a machine at 1.25 pu turns by `3/4`.
 #[cfg(feature = "restart")]
 const TURN: f64 = 1.2;
 /// Least induced voltage.
@@ -127,11 +127,13 @@ pub(crate) struct Catch<R: Real> {
     /// Integrated rotor flux at the beginning of the block or turn, and the voltage induced in the last one.
     pub(super) psi_r: AlphaBeta<R>,
     pub(super) e: AlphaBeta<R>,
-    /// That in the first block after the surge, or in the latest without one to speak of; and the blocks since then. Where the
-    /// current turns, the integrated flux at the beginning of the first turn, and the turns since then.
+    /// That in the first block after the surge, or in the latest without one to speak of; and the blocks since then. Before, the
+    /// voltage that has driven a surge, or zero. Where the current turns, the integrated flux at the beginning of the first turn,
+    /// and the turns since then.
     pub(super) first: AlphaBeta<R>,
     pub(super) blocks: u32,
-    /// Sums of the speed, and before there are any, its sign in the first; the first is the swept area where the current turns.
+    /// Sums of the speed. Before there are any, the first has the sign of the rotation after a surge; where the current turns, it is
+    /// the swept area.
     pub(super) numerator: R,
     denominator: R,
     /// Current of the period before, or the direction of the one that turns.
@@ -156,6 +158,7 @@ impl<R: Real> Catch<R> {
         (u_s, i_s, psi_r): (&AlphaBeta<R>, AlphaBeta<R>, AlphaBeta<R>),
     ) -> (Rotator<R>, R, R) {
         let r = R::from_f64;
+        // Less the voltage of the leakage.
         let driven = (self.i_s - i_s) * c.leakage;
         let e = match period {
             // Without voltage from the first sample to the second.
@@ -211,7 +214,8 @@ impl<R: Real> Catch<R> {
         }
     }
 
-    /// In the second period: the machine drives the current on, and the bridge is to be blocked for a period.
+    /// From the second period to the end of the surge: whether the machine has driven the current on without voltage, for which the
+    /// bridge is blocked from the second sample to the third.
     #[cfg(feature = "restart")]
     #[inline(always)]
     pub fn is_surge(&self) -> bool {

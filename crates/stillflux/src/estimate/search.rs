@@ -180,10 +180,11 @@ impl<R: Real> SpeedSearch<R> {
             omega = quotient;
             // 3 while the flux grows, 1.4 after 4 rad, 0.25 from 5.5 to 6.9 rad.
             let square = psi_r.norm_sq() * tau;
+            // Not for ever, if there is none.
             if (c.most..2 * c.most).contains(&period) && square < self.denominator.quarter() {
                 return None;
             }
-            let round = square < self.denominator * r(1.5);
+            let gone_round = square < self.denominator * r(1.5);
             if angle > R::ONE && period < c.most {
                 let present = psi_r.im().abs();
                 let mean = across.dividend().over_64((c.inv_most * r(64.0)).periods(period)) * r(64.0);
@@ -196,9 +197,9 @@ impl<R: Real> SpeedSearch<R> {
                 omega = (passed + r(core::f64::consts::PI)) * tau.recip() * r(1.0 / 64.0);
                 let along = -passed.half() * (R::ONE + passed * passed * r(0.125));
                 flux = Some(AlphaBeta::new(psi_r.im() * along, psi_r.im()));
-            } else if angle > R::ONE || round {
+            } else if angle > R::ONE || gone_round {
                 // After a whole turn the sum is 0.15 of that at standstill.
-                let floor = if round { c.floor.quarter() } else { c.floor };
+                let floor = if gone_round { c.floor.quarter() } else { c.floor };
                 let of_sums = self.numerator * self.denominator.max(floor).recip();
                 omega = omega.max(of_sums.abs());
             }

@@ -36,6 +36,8 @@
 //!    start-up goes on with 3, below that the filter is initialised where the flux is
 //!    ([`crate::estimate`]'s `slow_turn`, with the feature `restart`).
 
+#[cfg(feature = "restart")]
+use super::turned_by;
 use super::{Direction, EnhancedEstimators, Start, remaining};
 use crate::config::DriveConfig;
 use crate::control::levels::Level;
@@ -68,11 +70,11 @@ const PREVAILS: f64 = 0.1;
 /// which nothing is looked for.
 const RESIDUAL: f64 = 0.15;
 const GONE: f64 = if cfg!(feature = "restart") { 0.02 } else { RESIDUAL };
-/// Least part of a flux that is known that the one that is found has along it: 26° where they are equal, and 73° where a shaft that
-/// stood is taken to stand still. Allowances.
+/// Least component of the flux that is found along the known one, relative to the known one: 26° apart where their magnitudes are
+/// equal, and 73° in a machine that is taken to stand still. Allowances.
 #[cfg(feature = "restart")]
 const ASIDE: (f64, f64) = (0.9, 0.3);
-/// Least flux of the stop with what was induced since: the voltage of the bridge without current is wrong by 0.03 to 0.05, for 8 ms.
+/// Least known flux that counts: the voltage of the bridge without current is wrong by 0.03 to 0.05 for 8 ms, which adds up to 0.13.
 #[cfg(feature = "restart")]
 const SEEN: f64 = 0.3;
 /// Flux that is multiplied by [`SCALE`] before its direction is taken: [`Rotator::of`] takes that of a vector near zero as 0.
@@ -272,8 +274,8 @@ impl<R: Real> EnhancedEstimators<R> {
         kept: Option<(AlphaBeta<R>, Direction)>,
         _: impl Fn(&AlphaBeta<R>, f64) -> bool,
     ) -> Result<Option<(AlphaBeta<R>, R)>, u32> {
-        let known = kept.map(|(psi_r, direction)| (psi_r, direction != Direction::Unknown));
-        match (self.catch.found(&c.enhanced.catch, known), known) {
+        let kept = kept.map(|(psi_r, direction)| (psi_r, direction != Direction::Unknown));
+        match (self.catch.found(&c.enhanced.catch, kept), kept) {
             (Found::Flux(psi_r, omega), _) => Ok(Some((psi_r, omega))),
             (Found::Nothing, Some((psi_r, true))) => Ok(Some((psi_r, R::ZERO))),
             (Found::Nothing, None) => Ok(None),
@@ -281,11 +283,12 @@ impl<R: Real> EnhancedEstimators<R> {
         }
     }
 
-    /// Rotor flux and speed that count instead of what the turning current has found, where that lies far from the flux `stopped`
-    /// of the stop: its torque has changed the speed of a light shaft, by which the flux was found.
+    /// Rotor flux and speed that replace those that the turning current has found, where these lie far from the flux that the stop
+    /// has left, `stopped`: the torque of the turning current may have changed the speed of a light shaft, which the search takes
+    /// for constant.
     ///
-    /// What the voltage has added to the flux of the stop since tells where it is, however the speed changed, if its direction
-    /// was known in the beginning. Of a shaft that stood then it is where it was, if it has hardly turned since.
+    /// With a known direction at the restart the flux is `stopped` and the integral of the induced voltage since, whatever the speed
+    /// did. In a machine that stood at the stop, and in which the found flux hardly turns, it is where it was.
     #[cfg(feature = "restart")]
     #[cold]
     #[inline(never)]
@@ -302,7 +305,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 let known = stopped + self.filter.rotor_flux(&c.enhanced.filter);
                 (known, ASIDE.0, self.catch.speed_of(&known))
             }
-            Direction::Standing if (c.enhanced.filter.t_s * omega * r(64.0)).periods(stage).within(R::HALF) => {
+            Direction::IfStanding if turned_by(c, omega, stage).within(R::HALF) => {
                 (stopped * remaining(c, stage), ASIDE.1, R::ZERO)
             }
             _ => return None,
@@ -324,10 +327,10 @@ impl<R: Real> EnhancedEstimators<R> {
         let CatchConfig { block, turn, .. } = c.enhanced.catch;
         let first = stage <= block * BLOCKS;
         let turning = !first && self.catch.is_turning();
-        let known = kept.map(|(psi_r, direction)| (psi_r, direction != Direction::Unknown));
+        let kept = kept.map(|(psi_r, direction)| (psi_r, direction != Direction::Unknown));
         let found = match (first, turning) {
-            (true, _) => self.catch.found(&c.enhanced.catch, known),
-            (_, true) => self.catch.found_turning(&c.enhanced.catch, known),
+            (true, _) => self.catch.found(&c.enhanced.catch, kept),
+            (_, true) => self.catch.found_turning(&c.enhanced.catch, kept),
             _ => Found::Nothing,
         };
         // A machine in which the comparison of the legs has left a flux certainly turns.
@@ -340,7 +343,7 @@ impl<R: Real> EnhancedEstimators<R> {
         {
             return Ok(Some(known));
         }
-        match (found, known) {
+        match (found, kept) {
             (Found::Flux(psi_r, omega), _) => return Ok(Some((psi_r, omega))),
             (Found::Nothing, Some((psi_r, true))) if turning => return Ok(Some((psi_r, R::ZERO))),
             (Found::Nothing, None) if first && !left => return Ok(None),
