@@ -236,7 +236,8 @@ def test_loaded_drive_leaves_zero_stator_frequency_by_itself(machine: str, torqu
 
 def test_with_the_flux_kept_it_is_lost_there() -> None:
     # The field goes first. What is seen of that first, the speed or by the drive, is a matter of 0.1 s.
-    row = row_of("persistence-rated", "2.2kW", "enhanced", "T = 1 T_N")
+    # Machines with less leakage are held for the two minutes.
+    row = row_of("persistence-rated", "11kW-leaky", "enhanced", "T = 1 T_N")
     assert row.measured.why in ("speed", "estimate lost")
 
 
@@ -263,9 +264,9 @@ def test_low_confidence_leaves_the_torque_limits_it_or_stops_the_drive() -> None
     assert kept.status == "running"
     assert stopped.status.fault == "low confidence"
     assert stopped.status.time is not None
-    # 50 ms after the confidence has fallen for good.
-    since = kept.t[np.flatnonzero(low)[0]]
-    assert 0.04 <= stopped.status.time - since <= 0.1
+    # Within 50 ms of a low confidence; it comes back in between.
+    before_stop = low & (kept.t < stopped.status.time)
+    assert 0.04 <= np.count_nonzero(before_stop) * float(kept.t[1] - kept.t[0]) <= 0.1
     # The torque reference, made by i_q at rated flux.
     motor = kept.scenario.motor
     # Before the load has taken the shaft into field weakening.

@@ -340,7 +340,8 @@ def test_the_flux_of_a_large_machine_is_steady_where_its_control_is_fast(
     )
     result = sf.simulate(made)
     assert result.status.fault is None
-    weighed = result.t > 6.3
+    # Once the field turns, which shows what a start with a leakage 30 % off has made of the flux.
+    weighed = result.t > 6.7
     psi = np.abs(result["psi_s"][weighed]) / motor.base["psi"]
     assert np.ptp(psi) < 0.02
     with pytest.raises(ValueError, match=r"flux_bandwidth = 15 Hz .* at once"):
@@ -407,8 +408,12 @@ def test_a_heavy_shaft_does_not_hunt_where_the_rotor_resistance_is_a_quarter_les
         return float(np.std(last["omega_m"])) / DRIVES["2.2kW"].motor.base["omega_m"]
 
     assert ripple({}) < 0.0005
-    # The bandwidth of a light shaft: the gain from the torque to itself is 1.7.
-    assert ripple({"speed_bandwidth": 9.0}) > 0.005
+    # The bandwidth of a light shaft: the gain from the torque to itself is 1.7, unless the start finds the
+    # resistance.
+    assert ripple({"speed_bandwidth": 9.0}) < 0.0005
+    known: DriveSettings = {"prior_R_R": 0.002}
+    assert ripple(known) < 0.0005
+    assert ripple({"speed_bandwidth": 9.0, **known}) > 0.005
 
 
 @pytest.mark.slow

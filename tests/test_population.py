@@ -70,8 +70,8 @@ def test_the_run_of_a_drawn_drive_is_that_of_the_campaign(
     assert f"kept, angle ≤ {outcome.angle:.3g}°" in capsys.readouterr().out
 
 
-def test_a_start_whose_estimate_runs_off_begins_anew_at_the_settled_flux() -> None:
-    # 0.3 kW, τ_r 31 ms: resistance, loss and inductance ran off in the start, and the flux by half with them.
+def test_the_estimate_of_a_machine_with_a_short_rotor_time_constant_does_not_run_off_in_its_start() -> None:
+    # 0.3 kW, τ_r 31 ms: resistance, loss and inductance may go together, and the flux by half with them.
     outcome, _ = tolerance.run(DRAWN, "low-speed", 284)
     assert not outcome.why
     assert outcome.angle < 10.0

@@ -168,9 +168,8 @@ class DriveSettings(TypedDict, total=False):
     """Look at each start for a shaft that something else turns slowly; without it such a shaft is taken to
     stand still, and the field is off by arctan ω τ_r."""
     start_levels: int
-    """Reduced currents of a start at standstill, 2 or 3. With 3 the stator resistance that it finds depends
-    less on the rotor's; 3 need `calibrate_offset` and three `current_sensors`. Where every parameter is wrong
-    at once more drives are lost with 3 (page Limits)."""
+    """Reduced currents of a start at standstill, 2 or 3. With 3 it finds resistances and inductance better;
+    3 need `calibrate_offset` and three `current_sensors`."""
     hold_inductances: bool
     """Correct leakage and magnetising inductance while the load changes alone, since a steady load does not
     tell them from the resistance; otherwise always, by which minutes of steady load carry them away."""
@@ -194,6 +193,9 @@ class DriveSettings(TypedDict, total=False):
     """Of the capacitance of the legs of the inverter, 0.002 to 1."""
     prior_L_sigma: float
     """Of the leakage inductance, 0.002 to 1."""
+    prior_R_R: float
+    """Of the rotor resistance with its temperature, 0.002 to 0.5. A start at standstill estimates it; at a
+    small value it keeps that of the motor, and takes its error for one of the others."""
     prior_L_M: float
     """Of the magnetising inductance, 0.002 to 0.5."""
     winding_temperature: float | None

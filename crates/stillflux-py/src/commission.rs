@@ -68,6 +68,7 @@ pub fn priors(py: Python<'_>, deviation: Deviations) -> PyResult<Fields<'_>> {
         ("prior_loss", p.loss),
         ("prior_c_out", p.knee),
         ("prior_L_sigma", p.leakage),
+        ("prior_R_R", p.r_r),
         ("prior_L_M", p.l_m),
     ] {
         dict.set_item(name, value)?;

@@ -115,7 +115,7 @@ fn starts_from_rest_by_itself_and_holds_speed_under_load() {
         o.assert_running();
         assert!(o.angle(1.6, 6.0) < 1.0, "{}", o.angle(1.6, 6.0));
         assert!(o.speed_error(3.5, 4.0, 0.1) < 0.002);
-        assert!(o.speed_error(5.0, 6.0, 0.1) < 0.002);
+        assert!(o.speed_error(5.0, 6.0, 0.1) < 0.002, "{}", o.speed_error(5.0, 6.0, 0.1));
     }
 }
 

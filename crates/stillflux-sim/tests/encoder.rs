@@ -161,11 +161,15 @@ fn without_the_detection_a_broken_encoder_lets_the_drive_run_away() {
     assert!(o.off_speed(0.3, FAILS, HEALS) > 0.5);
 }
 
-/// What the encoder is for: with a rotor that is 30 % hotter than its parameter the estimate has the slip wrong. At a
-/// hand-over the speed moves by that, and no more.
+/// What the encoder is for: with a rotor that is 30 % hotter than its parameter, and than the start is told that it may be, the
+/// estimate has the slip wrong. At a hand-over the speed moves by that, and no more.
 #[test]
 fn the_encoder_takes_the_error_of_the_estimate_out_of_the_speed_and_leaves_that_when_it_fails() {
-    let hot = |s: &mut Scenario| s.plant.machine.R_R *= 1.3;
+    let found = |s: &mut Scenario| s.plant.machine.R_R *= 1.3;
+    let hot = |s: &mut Scenario| {
+        found(s);
+        s.drive.enhanced.prior_R_R = 0.002;
+    };
     let o = fails(small(), 0.3, EncoderFault::Broken, hot);
     let (exact, bump) = (o.off_speed(0.3, STEADY, FAILS), o.off_speed(0.3, FAILS, END));
     assert!(exact < 0.001 && (bump - 0.011).abs() < 0.003, "{exact} {bump}");
@@ -175,6 +179,9 @@ fn the_encoder_takes_the_error_of_the_estimate_out_of_the_speed_and_leaves_that_
     });
     let error = compared.off_speed(0.3, STEADY, END);
     assert!((error - 0.011).abs() < 0.003, "{error}");
+    // Where the start has found it there is little to take out.
+    let little = fails(small(), 0.3, EncoderFault::Broken, found).off_speed(0.3, FAILS, END);
+    assert!(little < 0.002, "{little}");
 }
 
 #[test]

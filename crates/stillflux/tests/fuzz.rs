@@ -160,6 +160,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         prior_loss: rng.ratio(0.002, 1.0),
         prior_c_out: rng.ratio(0.002, 1.0),
         prior_L_sigma: rng.ratio(0.002, 1.0),
+        prior_R_R: rng.ratio(0.002, 0.5),
         prior_L_M: rng.ratio(0.002, 0.5),
         ..temperature(rng, d.enhanced)
     };

@@ -29,9 +29,9 @@ const DEVIATION_LEAKAGE: f64 = 0.02;
 /// Model error of rotor resistance and magnetising inductance.
 const DEVIATION_MODEL: f64 = 0.01;
 
-/// What a value may change after the commissioning, relative: temperature of the winding (38 K), switches, capacitance of
+/// What a value may change after the commissioning, relative: temperature of winding and cage (38 K), switches, capacitance of
 /// the cables, saturation of leakage paths and iron.
-const LATER: Priors = Priors { r_s: 0.15, loss: 0.02, knee: 0.1, leakage: 0.03, l_m: 0.02 };
+const LATER: Priors = Priors { r_s: 0.15, loss: 0.02, knee: 0.1, leakage: 0.03, r_r: 0.15, l_m: 0.02 };
 /// Range of a deviation that a prior is made of.
 const PRIOR: (f64, f64) = (0.01, 0.7);
 
@@ -45,6 +45,7 @@ pub fn priors(d: &Deviation, [loss, knee]: [f64; 2]) -> Priors {
         loss: with(loss, LATER.loss),
         knee: with(knee, LATER.knee),
         leakage: with(d.L_sigma, LATER.leakage),
+        r_r: with(d.R_R, LATER.r_r).min(0.5),
         l_m: with(d.L_M, LATER.l_m).min(0.5),
     }
 }
@@ -97,12 +98,13 @@ impl Found {
         let params = DriveParams::new(&self.machine, &self.inverter);
         #[cfg(feature = "enhanced")]
         let params = {
-            let Priors { r_s, loss, knee, leakage, l_m } = priors(&self.deviation, self.deviation_inverter);
+            let Priors { r_s, loss, knee, leakage, r_r, l_m } = priors(&self.deviation, self.deviation_inverter);
             let enhanced = EnhancedParams {
                 prior_R_s: r_s,
                 prior_loss: loss,
                 prior_c_out: knee,
                 prior_L_sigma: leakage,
+                prior_R_R: r_r,
                 prior_L_M: l_m,
                 ..params.enhanced
             };

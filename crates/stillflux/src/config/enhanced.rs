@@ -105,8 +105,10 @@ impl<R: Real> EnhancedConfig<R> {
             Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
         };
         let priors = {
-            let EnhancedParams { prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_L_M, .. } = p.enhanced;
-            Priors { r_s: prior_R_s, loss: prior_loss, knee: prior_c_out, leakage: prior_L_sigma, l_m: prior_L_M }
+            let EnhancedParams { prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_R_R, prior_L_M, .. } =
+                p.enhanced;
+            let (leakage, r_r, l_m) = (prior_L_sigma, prior_R_R, prior_L_M);
+            Priors { r_s: prior_R_s, loss: prior_loss, knee: prior_c_out, leakage, r_r, l_m }
         };
         let filter = FilterConfig::new(machine, inverter, pu, p.psi_ref, p.calibrate_offset, identified);
         let filter = filter.with_priors(&priors);

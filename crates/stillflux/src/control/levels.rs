@@ -8,18 +8,17 @@
 //! three levels:   -0.5 until ψ_s has fallen to 0.4,   0.4 until 12/16,   0.2 until 13/16,   then the boosted current until ψ_s = 1
 //! ```
 //!
-//! The flux goes to that of the current with `τ_r dψ_s/dt = i - ψ_s`, and what it induces meanwhile is known no better than
-//! `τ_r`. With two levels half of the error of `r_R` goes into `r̂_s`. A current `i_1` beyond the level `i_2` takes the flux
-//! there within
+//! The flux goes to that of the current with `τ_r dψ_s/dt = i - ψ_s`, and what it induces meanwhile shows `r_R`
+//! ([`crate::estimate::kalman`]'s `direct`). With two levels an eighth of its error goes into `r̂_s` at 11 and 15 kW. A current
+//! `i_1` beyond the level `i_2` takes the flux there within
 //!
 //! ```text
 //! t = τ_r ln ((1 - i_1)/(i_2 - i_1))
 //! ```
 //!
-//! 0.51 τ_r here, two of the sixteenths with the default magnetisation; at 11 and 15 kW a quarter of the error of `r_R` at the
-//! most is left in `r̂_s` (`stillflux-sim/tests/tolerance.rs`). Measured, not derived: for some time after the fall the flux
-//! moves as much by an error of `τ_r` as with two levels. At the third level the bridge's loss is the largest part of the
-//! voltage.
+//! 0.51 τ_r here, two of the sixteenths with the default magnetisation: the larger step induces more, and a twentieth of the
+//! error of `r_R` at the most is left in `r̂_s` (`stillflux-sim/tests/tolerance.rs`). At the third level the bridge's loss is the
+//! largest part of the voltage.
 //!
 //! Three levels need offsets that were read before the start, since an offset counts for more the smaller the current is,
 //! and three sensors: the gains of two are compared in these currents ([`crate::estimate::pair`]), and a single shunt sees a

@@ -14,12 +14,14 @@ pub struct Priors {
     pub knee: f64,
     /// Leakage inductance. Physical: its tolerance.
     pub leakage: f64,
+    /// Rotor resistance. Physical: its tolerance, and temperature of the cage, 40 K at 0.41 %/K.
+    pub r_r: f64,
     /// Magnetising inductance. Physical: its tolerance.
     pub l_m: f64,
 }
 
 impl Default for Priors {
     fn default() -> Self {
-        Self { r_s: 0.2, loss: 0.15, knee: 0.7, leakage: 0.1, l_m: 0.07 }
+        Self { r_s: 0.2, loss: 0.15, knee: 0.7, leakage: 0.1, r_r: 0.2, l_m: 0.07 }
     }
 }

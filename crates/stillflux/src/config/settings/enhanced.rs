@@ -25,9 +25,8 @@ pub struct EnhancedParams {
     /// Look at each start for a shaft that something else turns slowly ([`crate::estimate`]'s `slow_turn`); without it such a
     /// shaft is taken to stand still, and the field is off by `arctan ω τ_r`. Needs the feature `restart`.
     pub find_slow_rotation: bool,
-    /// Reduced currents of a start at standstill, 2 or 3 ([`crate::control`]'s `levels`). With 3 the stator resistance that it
-    /// finds depends less on the rotor's; 3 need `calibrate_offset` and three `current_sensors`. Where every parameter is
-    /// wrong at once more drives are lost with 3 (page *Limits* of the documentation).
+    /// Reduced currents of a start at standstill, 2 or 3 ([`crate::control`]'s `levels`). With 3 it finds resistances and
+    /// inductance better; 3 need `calibrate_offset` and three `current_sensors`.
     pub start_levels: u32,
     /// Correct the inductances while the load changes alone ([`crate::estimate::kalman`]); otherwise always, by which a
     /// steady load of minutes carries them away.
@@ -51,6 +50,8 @@ pub struct EnhancedParams {
     pub prior_c_out: f64,
     /// Of the leakage inductance, at most 1.
     pub prior_L_sigma: f64,
+    /// Of the rotor resistance with its temperature, at most 0.5: a start at standstill estimates it.
+    pub prior_R_R: f64,
     /// Of the magnetising inductance, at most 0.5.
     pub prior_L_M: f64,
     /// Temperature of winding and rotor at which `R_s` and `R_R` hold, -40 to 120 °C: the rotor resistance follows the
@@ -91,7 +92,7 @@ impl EnhancedParams {
     /// Defaults for a machine.
     #[must_use]
     pub fn new(machine: &Machine) -> Self {
-        let Priors { r_s, loss, knee, leakage, l_m } = Priors::default();
+        let Priors { r_s, loss, knee, leakage, r_r, l_m } = Priors::default();
         Self {
             identify_offset: true,
             identify_resistance: true,
@@ -106,6 +107,7 @@ impl EnhancedParams {
             prior_loss: loss,
             prior_c_out: knee,
             prior_L_sigma: leakage,
+            prior_R_R: r_r,
             prior_L_M: l_m,
             winding_temperature: None,
             cage_constant: ALUMINIUM,
@@ -179,12 +181,13 @@ impl EnhancedParams {
 
     /// Name, value and largest admissible value of each prior: its variance, in units of the filter's scale of that
     /// state, has to fit fixed point.
-    fn priors(&self) -> [(&'static str, f64, f64); 5] {
+    fn priors(&self) -> [(&'static str, f64, f64); 6] {
         [
             ("prior_R_s", self.prior_R_s, 0.5),
             ("prior_loss", self.prior_loss, 1.0),
             ("prior_c_out", self.prior_c_out, 1.0),
             ("prior_L_sigma", self.prior_L_sigma, 1.0),
+            ("prior_R_R", self.prior_R_R, 0.5),
             ("prior_L_M", self.prior_L_M, 0.5),
         ]
     }

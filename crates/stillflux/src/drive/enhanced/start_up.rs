@@ -24,12 +24,11 @@
 //!    flux, or until `|ω_s ψ_s|` is 0.9 of the largest voltage, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
 //! 4. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
-//!    makes torque on a free shaft. After 9/16 of the magnetisation time the filter is initialised at the settled flux.
-//!    From then on it identifies resistance, `v` and knee, which reduced currents separate ([`crate::control::levels`]).
-//!    The boosted current then brings the flux back, and at the end the
-//!    filter is told that it is where it was ([`Filter::settle_again`]): how the flux fell and rose meanwhile depends on
-//!    `r_R`, where it ends does not, and the integral of `u - r_s i` over the whole is known. Without this the error of
-//!    `r̂_s` is as large as half of that of `r_R`. With two current sensors the reduced currents also show the difference
+//!    makes torque on a free shaft. From its first voltage on the filter identifies rotor resistance, magnetising curve,
+//!    stator resistance, `v` and knee ([`Filter::begin_direct`]), which steps of the current separate
+//!    ([`crate::control::levels`]): from 9/16 of the magnetisation time on, with a settled flux, to reduced currents, then to the
+//!    boosted one, which brings the flux back. Where the filter has not followed the flux there, after a rotation that was
+//!    rejected or in a repetition, it begins at the settled one. With two current sensors the reduced currents also show the difference
 //!    of their gains ([`crate::estimate::pair`]); where it is a new one the last three quarters are repeated, since
 //!    everything identified in them was falsified by it.
 //! 5. A shaft that something else turns more slowly than the search sees drags the flux across the current. From 45° on the
@@ -140,16 +139,14 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         if stage <= DRIVEN {
             self.filter.start(&c.enhanced.filter, &AlphaBeta::default());
+            self.filter.begin_direct(&c.enhanced.filter);
         } else if !self.search.found_rotation() {
             // At standstill the settled flux follows from the current.
             if stage == settled(c) {
                 let omega = self.settle(c);
                 self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), omega);
-            } else if stage == c.magnetise_periods && !self.is_dragged(c) {
-                let psi_s = c.flux_control.psi_rated;
-                if !self.filter.settle_again(&c.enhanced.filter, psi_s) {
-                    self.filter.settle(&c.enhanced.filter, psi_s);
-                }
+            } else if stage == c.magnetise_periods {
+                self.filter.end_direct(&c.enhanced.filter);
             }
         }
         i_ref
@@ -396,6 +393,9 @@ impl<R: Real> EnhancedEstimators<R> {
                     self.legs = *c.inverter.legs();
                 }
             }
+            if self.search.found_rotation() {
+                self.filter.end_direct(&c.enhanced.filter);
+            }
             let flux = flux.filter(|_| self.search.found_rotation());
             if let Some(psi_r) = flux {
                 self.filter.place(&c.enhanced.filter, psi_r, &i_s, R::from_f64(UNSEEN));
@@ -406,16 +406,23 @@ impl<R: Real> EnhancedEstimators<R> {
         (Rotator::default(), ahead, stage >= c.magnetise_periods)
     }
 
-    /// The filter at the settled flux of the direct current; returns the speed.
+    /// At the settled flux of the direct current, where the filter has not followed it there or something turns the shaft: begins
+    /// anew. Returns the speed.
     fn settle(&mut self, c: &DriveConfig<R>) -> R {
         let (config, psi_s) = (&c.enhanced.filter, c.flux_control.psi_rated);
-        self.filter.settle(config, psi_s);
         #[cfg(feature = "restart")]
         if let Some((part, omega)) = self.slow_turn.dragged(&c.enhanced.slow_turn) {
+            self.filter.settle(config, psi_s);
             let i_s = self.filter.i_s();
             let psi_r = part * self.filter.rotor_flux(config).re();
             self.filter.place(config, psi_r, &i_s, R::from_f64(DRAGGED));
             return omega;
+        }
+        if self.filter.is_direct() {
+            self.filter.forget_across(config);
+        } else {
+            self.filter.settle(config, psi_s);
+            self.filter.begin_direct(config);
         }
         R::ZERO
     }

@@ -31,3 +31,10 @@ pub(super) struct Initial<R: Real> {
     /// Scaled variances of `b`, `r_s`, `v`, `k`, `l`, `γ`.
     pub variance: [R; 6],
 }
+
+impl<R: Real> Initial<R> {
+    /// Variance of the leakage.
+    pub fn of_leakage(&self) -> R {
+        self.variance[4]
+    }
+}

@@ -75,8 +75,9 @@
 //!   their correlations with it (Schmidt's filter): a load that comes in turns the rotor flux by the error of the leakage,
 //!   and the gains must know. Without the correlations the filter took that for errors of resistance and offset, and large
 //!   machines lost every tenth load step. They fade within some seconds.
-//! * `m` depends on `r_R`, which is known to some 20 %: where the current differs from the steady state, noise is added
-//!   to `m` and to the innovation. Without it an error of `r_R` would be taken for one of `r_s`.
+//! * `m` depends on `r_R`, which a start at standstill shows ([`direct`]) and the temperature of the cage changes: where the
+//!   current differs from the steady state, noise is added to `m` and to the innovation. Without it an error of `r_R` would be
+//!   taken for one of `r_s`.
 //! * A normalised innovation squared (NIS) above `NIS_THRESHOLD`, low-passed over 20 of the blocks for which noise is
 //!   stated, means that something has stepped that the random walks do not contain: noise is added to flux, offset and
 //!   resistance. Not where these are held, and not in the first 200 such blocks of a start.
@@ -91,6 +92,7 @@
 
 mod config;
 mod covariance;
+mod direct;
 mod intermediate;
 mod learned;
 mod load;
@@ -174,6 +176,10 @@ pub struct Filter<R: Real> {
     v: Integrator<R>,
     knee: Integrator<R>,
     leakage: Integrator<R>,
+    /// Rotor resistance, relative to the parameter, as the latest direct current has shown it, and the same at the temperature of
+    /// the parameters.
+    rotor: Integrator<R>,
+    rotor_cold: R,
     gamma: Integrator<R>,
     c: Integrator<R>,
     /// Latest current less its offset, and the voltage `u_s - r_s i_s` integrated last.
@@ -199,6 +205,8 @@ pub struct Filter<R: Real> {
     hold_off: u16,
     /// The rotor flux at the operating point is above `M_MIN`.
     valid: bool,
+    /// A direct current flows in a machine at standstill ([`direct`]).
+    direct: bool,
     /// Standard deviation of the field angle, rad.
     sigma: R,
     /// The largest recent one.
@@ -245,13 +253,16 @@ impl<R: Real> Filter<R> {
         let psi_s = self.value();
         let sigma_l_s = self.sigma_l_s(c);
         let psi_r = psi_s - self.i_s * sigma_l_s;
-        let (n, psi_r, inv) = Rotator::near(&psi_r, self.point.inv_psi_r);
-        let valid = !integrate_only && psi_r > R::from_f64(M_MIN);
-        let inv = inv.min(R::from_f64(1.0 / M_MIN));
-
-        // The mean current seen from the rotor flux: ψ_R·i = ψ_s i_d - σl_s i², ψ_R×i = ψ_s i_q.
-        let i_d = (self.magnitude() * i_dq.re() - sigma_l_s * i_dq.norm_sq()) * inv;
-        let i_q = self.magnitude() * i_dq.im() * inv;
+        let (n, psi_r, inv, i_d, i_q) = if likely(!self.direct) {
+            let (n, psi_r, inv) = Rotator::near(&psi_r, self.point.inv_psi_r);
+            let inv = inv.min(R::from_f64(1.0 / M_MIN));
+            // The mean current seen from the rotor flux: ψ_R·i = ψ_s i_d - σl_s i², ψ_R×i = ψ_s i_q.
+            let i_d = (self.magnitude() * i_dq.re() - sigma_l_s * i_dq.norm_sq()) * inv;
+            (n, psi_r, inv, i_d, self.magnitude() * i_dq.im() * inv)
+        } else {
+            (Rotator::default(), psi_r.re(), R::ONE, self.field().to_stator(&i_dq).re(), R::ZERO)
+        };
+        let valid = !integrate_only && (self.direct || psi_r > R::from_f64(M_MIN));
 
         let i_s = self.field().to_stator(i_ref);
         self.load.remember(model.load(i_ref.im(), inv), c.noise.load_remembered);
@@ -268,22 +279,25 @@ impl<R: Real> Filter<R> {
         };
         self.valid = valid;
         let before = self.point.n;
-        let (point, increment) = model.operating_point(&means, self.point.magnetisation, self.gamma.value());
+        let (point, increment) =
+            model.operating_point(&means, self.point.magnetisation, self.gamma.value(), self.rotor_by_current(c));
         self.point = point;
         if !valid {
-            self.m.set(psi_r);
             self.intermediate = Intermediate::Nothing;
-            return;
+            if likely(!self.direct) {
+                self.m.set(psi_r);
+                return;
+            }
         }
         let m = self.m.add(R::ONE, increment);
         let z = Model::innovation(m, psi_r);
         self.innovation = z;
-        if self.hold_off == 0 {
+        if self.hold_off > 0 {
+            self.hold_off -= 1;
+        } else if !self.direct {
             let nis = (z * z * self.inv_s * c.noise.part).min(R::from_f64(9.0));
             let signed = if z < R::ZERO { -nis } else { nis };
             self.signed_nis += c.noise.nis_corner * (signed - self.signed_nis);
-        } else {
-            self.hold_off -= 1;
         }
         if self.point.turns() {
             self.turn_gain(&before);
@@ -316,6 +330,7 @@ impl<R: Real> Filter<R> {
         self.weighted = z;
         let (z_psi, z_b) = (z * r(SCALE_PSI), z * r(SCALE_B));
         let [p_a, p_b, p_m, b_a, b_b, _, _, _, of_leakage, ..] = *ph;
+        let of_leakage = if likely(!self.direct) { of_leakage } else { R::ZERO };
         // δψ_s = δχ + l̂ (i δε_l - δb), with the flux in its scale.
         let (l, leakage, i) = (self.sigma_l_s(c), self.leakage(), self.i_s);
         let (by_l, by_b) = (l * r(SCALE_LEAKAGE / SCALE_PSI) * of_leakage, l * r(SCALE_B / SCALE_PSI));
@@ -334,7 +349,7 @@ impl<R: Real> Filter<R> {
         let Intermediate::Gain(Gain { ph }) = &self.intermediate else { return };
         let r = R::from_f64;
         let (z, r_s) = (self.weighted, c.model.r_s);
-        let [.., of_r_s, of_v, of_knee, _, of_gamma, of_c] = *ph;
+        let [.., of_r_s, of_v, of_knee, of_rotor, of_gamma, of_c] = *ph;
         let held = c.temperature.predicts() && self.point.held(&c.model);
         let of_r_s = if likely(!held) { of_r_s } else { R::ZERO };
         correct_state(&mut self.r_s, of_r_s, z * (r_s * r(SCALE_R)), r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
@@ -344,6 +359,9 @@ impl<R: Real> Filter<R> {
         correct_state(&mut self.knee, of_knee, z * r(SCALE_K) * knee, r(KNEE_RANGE.0), r(KNEE_RANGE.1));
         correct_state(&mut self.gamma, of_gamma, z * r(SCALE_GAMMA), r(GAMMA_RANGE.0), r(GAMMA_RANGE.1));
         correct_state(&mut self.c, of_c, z * r(SCALE_C), R::ZERO, r(C_MAX));
+        if !likely(!self.direct) {
+            self.correct_rotor(of_rotor, z);
+        }
     }
 
     /// The sum of the phase currents shows an error of the sensors, per unit, that is new: the offset may be off by as much.
@@ -395,11 +413,12 @@ impl<R: Real> Filter<R> {
         self.r_s.add_clamped(gain, x, r_s * R::from_f64(R_S_RANGE.0), r_s * R::from_f64(R_S_RANGE.1));
     }
 
-    /// Rotor resistance relative to the parameter: at the temperature that the stator resistance shows
-    /// ([`crate::estimate::temperature`]), and at the saturation of this flux ([`Model::rotor_saturation`]).
+    /// Rotor resistance relative to the parameter, as the latest direct current has shown it ([`direct`]), at the temperature
+    /// that the stator resistance shows ([`crate::estimate::temperature`]), and at the saturation of this flux
+    /// ([`Model::rotor_saturation`]).
     #[inline]
     pub fn rotor_resistance(&self, c: &FilterConfig<R>) -> R {
-        c.temperature.rotor(self.r_s()) * c.model.rotor_saturation(&self.point, self.m.value())
+        self.rotor_cold * c.temperature.rotor(self.r_s()) * c.model.rotor_saturation(&self.point, self.m.value())
     }
 
     /// Offset of the current sensors.

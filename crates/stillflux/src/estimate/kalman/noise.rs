@@ -21,6 +21,7 @@
 //! | `ε_v` | 0.15 | 3e-3 | `σ_0` physical: tolerance of dead time and threshold. `σ_w` allowance: temperature of the switches |
 //! | `ε_k` | 0.7 with a capacitance among the parameters, else 0 | 3e-3 | `σ_0` physical: capacitance of devices, cable, motor. `σ_w` allowance |
 //! | `ε_l` | 0.1 | 2e-3 | `σ_0` physical: tolerance of `L_σ`. `σ_w` allowance: saturation of the leakage paths with the load |
+//! | `r_R`, in place of `ε_l`, at a start | 0.2 relative | 0 | `σ_0` physical: tolerance, temperature of the cage (40 K) |
 //! | `γ` | 0.07 | 1e-4 | `σ_0` physical: tolerance of `L_M`. `σ_w` allowance |
 //! | `c` | 0.05 with a saturation curve, 0.15 without | 1e-4 | allowance |
 //!
@@ -33,7 +34,7 @@
 //! left, temperatures above all, takes its time in s. With all of it in s the filter was too slow for machines of 400 and
 //! 800 Hz: beyond half of rated speed its flux went its own way.
 //!
-//! The `σ_0` of `r_s`, `ε_v`, `ε_k`, `ε_l` and `γ` are defaults ([`Priors`]) and settings of the drive, which a
+//! The `σ_0` of `r_s`, `ε_v`, `ε_k`, `ε_l`, `r_R` and `γ` are defaults ([`Priors`]) and settings of the drive, which a
 //! commissioning gives.
 //!
 //! | further term | constants | added to |
@@ -55,7 +56,7 @@
 use super::covariance::Column;
 use super::model::{
     B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_B, SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R,
-    SCALE_V, TRANSIENT, V, by_state,
+    SCALE_ROTOR, SCALE_V, TRANSIENT, V, by_state,
 };
 use crate::base::{PerUnit, rounded};
 use crate::estimate::priors::Priors;
@@ -185,7 +186,7 @@ pub struct Identified {
 
 /// Scaled variances of `r_s`, `ε_v`, `ε_k`, `ε_l`, `γ`.
 fn variances<R: Real>(priors: &Priors) -> [R; 5] {
-    let Priors { r_s, loss, knee, leakage, l_m } = *priors;
+    let Priors { r_s, loss, knee, leakage, l_m, .. } = *priors;
     [
         scaled(r_s, SCALE_R),
         scaled(loss, SCALE_V),
@@ -194,6 +195,11 @@ fn variances<R: Real>(priors: &Priors) -> [R; 5] {
         scaled(l_m, SCALE_GAMMA),
     ]
     .map(rounded)
+}
+
+/// Scaled variance of `r_R`.
+fn of_rotor<R: Real>(priors: &Priors) -> R {
+    rounded(scaled(priors.r_r, SCALE_ROTOR))
 }
 
 /// Noise of a configuration, scaled variances.
@@ -210,6 +216,8 @@ pub(super) struct Noise<R: Real> {
     c_known: bool,
     /// Variance at the start: resistance, inverter error, knee, leakage, `γ`.
     prior: [R; 5],
+    /// The same of the rotor resistance, where a direct current begins ([`super::direct`]).
+    pub rotor: R,
     /// Variance that each block adds: flux, `m`, offset, resistance, inverter error, knee, leakage, `γ`, `c`.
     walk: [R; 9],
     /// Added to the flux per squared stator frequency.
@@ -230,7 +238,7 @@ pub(super) struct Noise<R: Real> {
     /// Blocks after a start in which the NIS is not evaluated (hold-off).
     pub hold_off: u16,
 }
-words!(Noise: offset, resistance, knee, calibrated, c_known, prior, walk, induced, zero, part, stated, nis_corner,
+words!(Noise: offset, resistance, knee, calibrated, c_known, prior, rotor, walk, induced, zero, part, stated, nis_corner,
     remembered, load_remembered, sigma_remembered, hold_off);
 
 impl<R: Real> Noise<R> {
@@ -277,6 +285,7 @@ impl<R: Real> Noise<R> {
             calibrated,
             c_known,
             prior: variances(&Priors::default()),
+            rotor: of_rotor(&Priors::default()),
             walk: [PSI, M, B, RS, V, KNEE, LEAKAGE, GAMMA, C].map(variance),
             induced: r(INDUCED * INDUCED * seconds * relative_frequency / (SCALE_PSI * SCALE_PSI)),
             zero: r(pu.dead_time_swing.max(ZERO_MIN)),
@@ -292,7 +301,7 @@ impl<R: Real> Noise<R> {
 
     /// The same with other priors.
     pub fn with_priors(self, priors: &Priors) -> Self {
-        Self { prior: variances(priors), ..self }
+        Self { prior: variances(priors), rotor: of_rotor(priors), ..self }
     }
 
     /// Variances at the start.

@@ -6,8 +6,8 @@ use super::covariance::N;
 use super::intermediate::{Gain, Intermediate};
 use super::load::Load;
 use super::model::{
-    B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OMEGA_HELD, OperatingPoint, PSI, RS, SCALE_B, SCALE_C,
-    SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_V, V,
+    B, BlockMeans, C, C_MAX, GAMMA, KNEE, LEAKAGE, M, Model, OMEGA_HELD, OperatingPoint, PSI, ROTOR, RS, SCALE_B,
+    SCALE_C, SCALE_GAMMA, SCALE_K, SCALE_LEAKAGE, SCALE_PSI, SCALE_R, SCALE_ROTOR, SCALE_V, TRANSIENT, V,
 };
 use super::schedule::OMEGA_LEAKAGE_HELD;
 use super::{
@@ -102,14 +102,14 @@ fn point(model: &Model<f64>, x: &State, block: &Block, omega_s: f64) -> Operatin
         omega_s,
         steady: false,
     };
-    model.operating_point(&means, model.magnetisation(m, x[GAMMA], x[C]), x[GAMMA]).0
+    model.operating_point(&means, model.magnetisation(m, x[GAMMA], x[C]), x[GAMMA], 1.0).0
 }
 
 /// `F` of the scaled states, row by row from the model.
 fn transition(model: &Model<f64>, at: &OperatingPoint<f64>, r_s: f64, gamma: f64) -> Matrix {
     let mut big_f = Matrix::identity();
-    big_f[(M, M)] = model.rotor_own(at);
-    for (j, x) in model.rotor_row(at, gamma) {
+    big_f[(M, M)] = model.rotor_own(at, 1.0);
+    for (j, x) in model.rotor_row(at, gamma, 1.0) {
         big_f[(M, j)] = x;
     }
     let held = at.omega_s.abs() > OMEGA_HELD;
@@ -331,7 +331,8 @@ impl Reference {
             omega_s: input.omega_s,
             steady: self.load.is_steady(self.c.load_corner, input.i_ref.im(), input.omega_s),
         };
-        let (at, increment) = model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma);
+        let (at, increment) =
+            model.operating_point(&means, model.magnetisation(self.x[M], gamma, self.x[C]), gamma, 1.0);
         self.x[M] += increment;
         let z = (self.x[M] - magnitude) / SCALE_PSI;
         if self.hold_off == 0 {
@@ -618,6 +619,35 @@ fn the_scheduled_filter_is_the_dense_one_over_a_closed_loop() {
         assert_eq!(branches, [true; 4], "the loop passes through every branch");
         assert!(rig.angle().abs() < 15.0, "not lost: {}° at the end", rig.angle());
         assert!(angle < 15.0, "not lost: {angle}° in the mean");
+    }
+}
+
+#[test]
+fn a_direct_current_adds_the_derivative_by_the_rotor_resistance() {
+    for (machine, inverter) in machines() {
+        let mut rig = ClosedLoop::new(&machine, &inverter);
+        rig.filter.begin_direct(&rig.c);
+        for _ in 0..500 {
+            rig.step(0.0, 0.0);
+        }
+        let (c, filter) = (rig.c, &mut rig.filter);
+        // Away from the steady state.
+        filter.point.transient = 0.4;
+        let (at, gamma, rotor) = (filter.point, filter.gamma.value(), filter.rotor_by_current(&c));
+        let mut big_f = Matrix::identity();
+        big_f[(M, M)] = c.model.rotor_own(&at, rotor);
+        for (j, x) in c.model.rotor_row(&at, gamma, rotor) {
+            big_f[(M, j)] = x;
+        }
+        big_f[(M, ROTOR)] = c.model.by_rotor(&at, rotor);
+        let before = dense(filter);
+        filter.rotor(&c);
+        let off = dense(filter) - big_f * before * big_f.transpose();
+        assert!(off.amax() < 1e-9 * before.amax(), "{}", off.amax());
+        // The increment of `m` is proportional to the resistance.
+        let increment =
+            rotor * c.model.delta * (0.4 * SCALE_PSI / TRANSIENT) * c.model.r_r_block / (c.model.delta * c.model.l_m);
+        assert!((big_f[(M, ROTOR)] * SCALE_PSI / SCALE_ROTOR / increment - 1.0).abs() < 1e-9);
     }
 }
 

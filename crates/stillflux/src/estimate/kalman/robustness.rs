@@ -234,7 +234,7 @@ fn the_model_is_followed_up_to_a_load_angle_and_a_saturation() {
             omega_s: 0.1,
             steady: true,
         };
-        model.operating_point(&means, model.magnetisation(1.0, 1.0, 0.2), 1.0).0.turn / model.r_r_block
+        model.operating_point(&means, model.magnetisation(1.0, 1.0, 0.2), 1.0, 1.0).0.turn / model.r_r_block
     };
     assert_eq!([1.5, 5.0, -1.5, -5.0].map(at), [1.5, 2.0, -1.5, -2.0]);
     let bend = |m: f64| model.curve(m, 0.2).bend;

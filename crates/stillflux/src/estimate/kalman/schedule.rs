@@ -190,10 +190,14 @@ impl<R: Real> Filter<R> {
 
     /// Row and column of `m`.
     #[inline(never)]
-    fn rotor(&mut self, c: &FilterConfig<R>) {
-        let terms = c.model.rotor_row(&self.point, self.gamma.value());
+    pub(super) fn rotor(&mut self, c: &FilterConfig<R>) {
+        let rotor = self.rotor_by_current(c);
+        let terms = c.model.rotor_row(&self.point, self.gamma.value(), rotor);
         let row = self.p.project(&terms);
-        self.p.advance::<M, 6>(c.model.rotor_own(&self.point), &terms, &row);
+        self.p.advance::<M, 6>(c.model.rotor_own(&self.point, rotor), &terms, &row);
+        if !likely(!self.direct) {
+            self.add_rotor(c, rotor);
+        }
         self.intermediate = Intermediate::Begun;
     }
 
@@ -202,6 +206,7 @@ impl<R: Real> Filter<R> {
         let Intermediate::Transition(regressors) = &self.intermediate else { return };
         let [i, u_l, u_k, d_leakage_flux] = regressors.component(second);
         let [by_b, by_r_s, by_v, by_k, by_l] = c.model.flux_row(i, u_l, u_k, d_leakage_flux, self.r_s());
+        let by_l = if likely(!self.direct) { by_l } else { R::ZERO };
         let terms = [(B, by_b), (RS, by_r_s), (V, by_v), (KNEE, by_k), (LEAKAGE, by_l)];
         self.p.advance_pair::<B, 5>(second, &terms);
     }
@@ -234,14 +239,18 @@ impl<R: Real> Filter<R> {
             self.p.isolate::<GAMMA>();
             self.p.isolate::<C>();
         }
-        if q.held(&c.model) || q.steady {
+        if !likely(!self.direct) {
+            self.add_direct_noise(c, &mut walk);
+        } else if q.held(&c.model) || q.steady {
             walk[LEAKAGE] = R::ZERO;
             self.p.isolate::<LEAKAGE>();
         } else if q.leakage_held(&c.model) {
             walk[LEAKAGE] = R::ZERO;
             self.p.fade::<LEAKAGE>(c.noise.remembered);
         }
-        walk[M] += c.noise.lag(c.model.decay, q.transient);
+        if likely(!self.direct) {
+            walk[M] += c.noise.lag(c.model.decay, q.transient);
+        }
         walk[M] += c.noise.by_turn(q.turn, self.m.value(), self.sigma, omega);
         walk[M] += c.noise.by_curvature(c.model.decay, self.m.value(), self.sigma_of_late, omega);
         let induced = c.noise.induced(omega);
@@ -310,7 +319,8 @@ impl<R: Real> Filter<R> {
         for (k, h) in row {
             s += h * ph[k];
         }
-        let further = q.transient * q.transient + R::from_f64(SECOND_ORDER) * (second * second);
+        let transient = if likely(!self.direct) { q.transient } else { R::ZERO };
+        let further = transient * transient + R::from_f64(SECOND_ORDER) * (second * second);
         let s = s + measurement + further * c.noise.part;
         self.inv_s = s.max(measurement).recip();
         if !likely(!q.held(&c.model)) {
@@ -330,7 +340,7 @@ impl<R: Real> Filter<R> {
         let before = self.p.get(LEAKAGE, LEAKAGE);
         update_rows!(self, 8 9 10);
         // Schmidt's update: what is not corrected keeps its variance.
-        if self.point.leakage_held(&c.model) {
+        if self.point.leakage_held(&c.model) && !self.direct {
             self.p.set(LEAKAGE, LEAKAGE, before);
             if let Intermediate::Gain(Gain { ph }) = &mut self.intermediate {
                 ph[LEAKAGE] = R::ZERO;

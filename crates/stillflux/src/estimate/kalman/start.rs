@@ -12,7 +12,7 @@
 //! Every initialisation goes through one reset of the covariance.
 
 use super::covariance::{Column, Covariance};
-use super::intermediate::{Gain, Intermediate};
+use super::intermediate::Intermediate;
 use super::learned::Learned;
 use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
 use super::noise::SIGMA_AGAIN;
@@ -21,10 +21,6 @@ use super::{B_MAX, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE,
 use crate::control::realign::flux_along;
 use crate::scalar::{Integrator, Real, clamp_seldom};
 use crate::space::AlphaBeta;
-
-/// Standard deviation of the difference of the settled fluxes before and after the reduced currents of a start, per unit:
-/// what an error of 12 % of `r_R` leaves of their transients.
-const SETTLED: f64 = 0.02;
 
 /// Standard deviation of the flux of a machine that turns with it, relative to it, as the voltage that it induces shows it.
 const CAUGHT: f64 = 0.11;
@@ -42,6 +38,8 @@ impl<R: Real> Filter<R> {
         let prior = c.noise.prior();
         let mut filter = Self::default();
         filter.c.set(c.saturation);
+        filter.rotor.set(R::ONE);
+        filter.rotor_cold = R::ONE;
         filter.p.set_diagonal(&prior);
         filter.initial.learned = Learned {
             b: AlphaBeta::default(),
@@ -63,13 +61,14 @@ impl<R: Real> Filter<R> {
         self.intermediate = Intermediate::Nothing;
     }
 
-    /// States and covariance at the values before the present start, except the saturation, which stays.
+    /// States and covariance at the values before the present start, except saturation and rotor resistance, which stay.
     #[cold]
     #[inline(never)]
     fn reset_from_initial(&mut self, c: &FilterConfig<R>) {
         // Of the period within the block the lowest bit stays ([`Filter::align`]).
         let (period, hold_off) = (self.period & 1, c.noise.hold_off);
-        *self = Self { initial: self.initial, c: self.c, period, hold_off, ..Self::default() };
+        let &mut Self { initial, c: saturated, rotor, rotor_cold, .. } = self;
+        *self = Self { initial, c: saturated, rotor, rotor_cold, period, hold_off, ..Self::default() };
         let Learned { b, r_s, v, knee, leakage, gamma } = self.initial.learned;
         (self.b[0], self.b[1]) = (Integrator::new(b.re()), Integrator::new(b.im()));
         (self.r_s, self.v, self.knee, self.gamma) =
@@ -162,6 +161,7 @@ impl<R: Real> Filter<R> {
     #[cold]
     #[inline(never)]
     fn keep_variances(&mut self, c: &FilterConfig<R>) {
+        self.end_direct(c);
         let prior = c.noise.prior();
         let kept = |k: usize| clamp_seldom(self.p.get(k, k), prior[k] * R::from_f64(least_variance(k)), prior[k]);
         self.initial.variance = [kept(B), kept(RS), kept(V), kept(KNEE), kept(LEAKAGE), kept(GAMMA)];
@@ -189,35 +189,6 @@ impl<R: Real> Filter<R> {
         }
         self.p.add_at(PSI, GAMMA, -per_gamma * gamma);
         self.p.add_at(M, GAMMA, -per_gamma * gamma);
-    }
-
-    /// The flux is back at the `psi_s` of [`Filter::settle`], to [`SETTLED`]: a measurement of what the voltage model has
-    /// integrated since, for which the same error of the inductance counts as there. Where it contradicts a smaller flux
-    /// the shaft was turned, and the filter goes on. A larger one than that of the current there cannot be: at short rotor time
-    /// constants resistance, loss and inductance now and then run off together, with the flux that they integrate, in
-    /// the direction that a standing field does not show. Returns whether the filter goes on; if not, it is to begin anew with
-    /// [`Filter::settle`].
-    #[cold]
-    #[inline(never)]
-    #[must_use]
-    pub fn settle_again(&mut self, c: &FilterConfig<R>, psi_s: R) -> bool {
-        let r = R::from_f64;
-        let per_gamma = self.flux_per_gamma(c, psi_s - self.sigma_l_s(c) * self.i_s.re());
-        let of_gamma = per_gamma * (self.gamma.value() - self.initial.learned.gamma) * r(1.0 / SCALE_GAMMA);
-        let z = (psi_s - self.value().re()) * r(1.0 / SCALE_PSI) - of_gamma;
-        let ph = self.p.project(&[(PSI, R::ONE), (GAMMA, per_gamma)]);
-        let s = ph[PSI] + per_gamma * ph[GAMMA] + r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) });
-        let inv_s = s.max(r(const { SETTLED * SETTLED / (SCALE_PSI * SCALE_PSI) })).recip();
-        let contradicts = z * z * inv_s >= r(9.0);
-        if !contradicts {
-            (self.intermediate, self.inv_s) = (Intermediate::Gain(Gain { ph }), inv_s);
-            self.correct(c, z);
-            self.correct_parameters(c);
-            self.update_first();
-            self.update_last(c);
-        }
-        self.intermediate = Intermediate::Nothing;
-        !contradicts || z >= R::ZERO
     }
 
     /// Change of a settled flux `m` per error of the inductance, in the scales of both.
@@ -309,39 +280,5 @@ mod tests {
             assert_eq!(filter.c.value(), 0.21);
             assert!((filter.p.get(C, C) / after - 1.0).abs() < 1e-12);
         }
-    }
-
-    #[test]
-    fn the_settled_flux_is_a_measurement_unless_it_contradicts_the_filter() {
-        let (c, filter) = settled();
-        // The error of the inductance is common to both fluxes: of their difference the deviation is that of the flux apart
-        // from it, and of the measurement.
-        let mut wide = filter;
-        let variance = (0.05 / SCALE_PSI) * (0.05 / SCALE_PSI);
-        wide.p.add_at(PSI, PSI, variance);
-        let expected = ((0.05 * 0.05 + SETTLED * SETTLED) / (SCALE_PSI * SCALE_PSI) + c.noise.prior()[PSI]).sqrt();
-        for (deviations, taken) in [(2.5, true), (-2.5, true), (-4.0, false)] {
-            let mut drifted = wide;
-            let off = deviations * expected * SCALE_PSI;
-            drifted.psi_s.set(AlphaBeta::new(1.0 + off, 0.0));
-            assert!(drifted.settle_again(&c, 1.0));
-            let left = (drifted.value().re() - 1.0) / off;
-            assert_eq!(left < 0.3, taken, "{deviations}: {left} of it are left");
-            assert_eq!((left - 1.0).abs() < 1e-9, !taken, "{deviations}: {left} of it are left");
-            assert_eq!(drifted.p.get(PSI, PSI) < wide.p.get(PSI, PSI), taken);
-        }
-    }
-
-    #[test]
-    fn a_flux_beyond_what_the_current_can_have_built_up_is_to_be_forgotten() {
-        let (c, filter) = settled();
-        let mut ran_off = filter;
-        ran_off.psi_s.set(AlphaBeta::new(1.5, 0.1));
-        assert!(!ran_off.settle_again(&c, 1.0));
-        // A shaft that was turned has taken the flux away from the current: the filter knows where it is.
-        let mut turned = filter;
-        turned.psi_s.set(AlphaBeta::new(0.3, 0.4));
-        assert!(turned.settle_again(&c, 1.0));
-        assert_eq!(turned.value(), AlphaBeta::new(0.3, 0.4));
     }
 }
