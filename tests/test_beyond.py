@@ -236,9 +236,11 @@ def test_loaded_drive_leaves_zero_stator_frequency_by_itself(machine: str, torqu
 
 def test_with_the_flux_kept_it_is_lost_there() -> None:
     # The field goes first. What is seen of that first, the speed or by the drive, is a matter of 0.1 s.
-    # Machines with less leakage are held for the two minutes.
-    row = row_of("persistence-rated", "11kW-leaky", "enhanced", "T = 1 T_N")
-    assert row.measured.why in ("speed", "estimate lost")
+    # Most realisations of the noise are held for the two minutes: of ten of this machine two are lost.
+    cases = beyond.cases(["persistence-rated"], ["11kW-leaky"], ["enhanced"])
+    lost = [why for case in cases if (why := beyond.run_case(case).measured.why)]
+    assert lost
+    assert set(lost) <= {"speed", "estimate lost", "field lost"}
 
 
 def doubtful(what: Literal["keep", "limit", "fault"]) -> sf.Result:
