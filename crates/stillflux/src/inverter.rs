@@ -366,12 +366,10 @@ impl<R: Real> Distortion<R> {
     /// `-∂e/∂ln I_k = min(e, U - e)` for a positive current.
     #[inline(always)]
     pub fn by_knee(&self) -> [R; 3] {
-        [0, 1, 2].map(|k| {
-            let e = self.phases[k];
-            #[cfg(feature = "legs")]
-            let e = e - self.legs[k];
-            self.leg_by_knee(e)
-        })
+        let [a, b, c] = self.phases;
+        #[cfg(feature = "legs")]
+        let [a, b, c] = [a - self.legs[0], b - self.legs[1], c - self.legs[2]];
+        [self.leg_by_knee(a), self.leg_by_knee(b), self.leg_by_knee(c)]
     }
 }
 

@@ -104,7 +104,19 @@ impl<R: Real> Covariance<R> {
         *self.get_mut(I, I) = variance;
     }
 
-    /// The same for one of the first two states, a vector whose components have rows of the same shape:
+    /// Prediction of one state by another, `x_I ← x_I + c x_J`.
+    #[inline(always)]
+    pub fn advance_by<const I: usize, const J: usize>(&mut self, c: R) {
+        let (own, mixed, other) = (self.get(I, I), self.get(I, J), self.get(J, J));
+        let mut add = |k: usize| {
+            let by_other = c * self.get(J, k);
+            *self.get_mut(I, k) += by_other;
+        };
+        let _: [(); N] = written_out!(add);
+        *self.get_mut(I, I) = own + c * (mixed + mixed + c * other);
+    }
+
+    /// The same as [`Covariance::advance`] for one of the first two states, a vector whose components have rows of the same shape:
     /// `x_0 ← x_0 + Σ c_j x_j`, the first term with `j = O`, or `x_1` with the first of `x_(O+1)` (`second`). One code
     /// for both.
     #[inline(always)]
@@ -224,6 +236,16 @@ mod tests {
         for (j, c) in terms {
             f[(i, j)] = c;
         }
+        assert!((full(&p) - f * before * f.transpose()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn advance_by_another_is_the_product_with_an_elementary_transition() {
+        let mut p = sample();
+        let before = full(&p);
+        p.advance_by::<2, 8>(0.3);
+        let mut f = Full::identity();
+        f[(2, 8)] = 0.3;
         assert!((full(&p) - f * before * f.transpose()).norm() < 1e-12);
     }
 

@@ -31,7 +31,7 @@
 //! The last two are allowances for errors that last for many blocks: relative deviations of some per cent of the knee's voltage
 //! and some tenths of the saturated part, times the root of their number.
 
-use super::covariance::{Column, N};
+use super::covariance::Column;
 use super::intermediate::Intermediate;
 use super::model::{LEAKAGE, M, PSI, ROTOR, SCALE_LEAKAGE, SCALE_PSI, SCALE_ROTOR};
 use super::{Filter, FilterConfig, correct_state};
@@ -115,12 +115,7 @@ impl<R: Real> Filter<R> {
     #[cold]
     #[inline(never)]
     pub(super) fn add_rotor(&mut self, c: &FilterConfig<R>, rotor: R) {
-        let by_rotor = c.model.by_rotor(&self.point, rotor);
-        let (before, own) = (self.p.get(M, ROTOR), self.p.get(ROTOR, ROTOR));
-        for k in (0..N).filter(|&k| k != M) {
-            self.p.add_at(M, k, by_rotor * self.p.get(ROTOR, k));
-        }
-        self.p.add_at(M, M, by_rotor * (before + before + by_rotor * own));
+        self.p.advance_by::<M, ROTOR>(c.model.by_rotor(&self.point, rotor));
     }
 
     /// Process noise in addition to the random walks.
