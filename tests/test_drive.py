@@ -215,21 +215,6 @@ def test_faults_are_latched_with_cause_and_time(
     assert drive.status == "stopped"
 
 
-def test_three_levels_of_a_start_need_three_sensors_with_offsets_that_are_read(
-    motor: sf.Motor, inverter: sf.Inverter
-) -> None:
-    assert sf.Drive(motor, inverter).settings["start_levels"] == 2
-    assert sf.Drive(motor, inverter, start_levels=3).settings["start_levels"] == 3
-    with pytest.raises(ValueError, match=r"start_levels = 4 .*range 2 to 3"):
-        sf.Drive(motor, inverter, start_levels=4)
-    with pytest.raises(ValueError, match=r"current_sensors = 2 .*start_levels = 3 needs three sensors"):
-        sf.Drive(motor, inverter, start_levels=3, current_sensors=2)
-    with pytest.raises(ValueError, match=r"calibrate_offset = 0 .*offsets are read before each start"):
-        sf.Drive(motor, inverter, start_levels=3, calibrate_offset=False)
-    with pytest.raises(TypeError, match="'start_levels' is a setting of the scheme 'enhanced'"):
-        sf.Drive(motor, inverter, start_levels=3, scheme="paper")
-
-
 def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     paper = sf.Drive(motor, inverter, scheme="paper", noise_gain=(0.03, 0.2), offset_estimator=False)
     assert paper.settings["noise_gain"] == (0.03, 0.2)

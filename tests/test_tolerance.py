@@ -195,7 +195,6 @@ def test_an_estimate_that_knows_its_error_is_consistent() -> None:
         0.0,
         1.0,
         0.03,
-        0.01,
         "",
     )
     (found,) = consistency.judged([sample])
@@ -210,7 +209,6 @@ def test_an_estimate_that_knows_its_error_is_consistent() -> None:
     by = {c.quantity: c.value for c in Consistency("2.2kW", [sample, colder]).claims}
     assert by[consistency.RESISTANCE] == pytest.approx(100 * math.sqrt((0.03**2 + 0.04**2) / 2))
     assert by[consistency.RESISTANCE_WORST] == pytest.approx(4.0)
-    assert by[f"{consistency.RESISTANCE}, {consistency.THREE_LEVELS}"] == pytest.approx(1.0)
     surprised = Consistency("2.2kW", [replace(sample, nis=1.1 * sample.nis)])
     failing = {(c.quantity, c.direction) for c in surprised.claims if not c.ok}
     assert failing == {(f"NIS, {name}", "at most") for name in REGIONS}

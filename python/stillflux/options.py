@@ -167,9 +167,6 @@ class DriveSettings(TypedDict, total=False):
     find_slow_rotation: bool
     """Look at each start for a shaft that something else turns slowly; without it such a shaft is taken to
     stand still, and the field is off by arctan ω τ_r."""
-    start_levels: int
-    """Reduced currents of a start at standstill, 2 or 3. With 3 it finds resistances and inductance better;
-    3 need `calibrate_offset` and three `current_sensors`."""
     hold_inductances: bool
     """Correct leakage and magnetising inductance while the load changes alone, since a steady load does not
     tell them from the resistance; otherwise always, by which minutes of steady load carry them away."""

@@ -308,7 +308,7 @@ drive_settings! {
     offset_estimator, offset_gain, noise_compensator, noise_gain, noise_regeneration, resistance_adaptation,
     resistance_gain, resistance_at_rest, resistance_at_light_load, resistance_quotient, initial_flux, low_pass, limiter;
     enhanced:
-    identify_offset, identify_resistance, identify_legs, find_slow_rotation, start_levels, hold_inductances, apply_innovation,
+    identify_offset, identify_resistance, identify_legs, find_slow_rotation, hold_inductances, apply_innovation,
     omega_s_min, dither, prior_R_s, prior_loss, prior_c_out, prior_L_sigma, prior_R_R, prior_L_M,
     winding_temperature, cage_constant, rotor_rise, winding_heat;
 }

@@ -402,7 +402,7 @@ fn time_lost(seed: u64, realignment: bool) -> f64 {
 fn collapse(seed: u64, supervision: bool) -> (f64, Option<FaultSi>) {
     let mut s = COLLAPSES.scenario(seed, 4.5);
     // Where the start finds that the rotor resistance is 60 % larger than told, nothing collapses.
-    (s.drive.enhanced.prior_R_R, s.drive.enhanced.start_levels) = (0.002, 3);
+    s.drive.enhanced.prior_R_R = 0.002;
     // The way out of a false equilibrium helps as well.
     (s.drive.supervision, s.drive.realignment) = (supervision, supervision);
     let base = Base::new(&s.machine);

@@ -151,7 +151,6 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         identify_resistance: !rng.chance(4),
         identify_legs: !rng.chance(4) && cfg!(feature = "legs"),
         find_slow_rotation: !rng.chance(4) && cfg!(feature = "restart"),
-        start_levels: if calibrate_offset && current_sensors == 3 && rng.chance(2) { 3 } else { 2 },
         hold_inductances: !rng.chance(4),
         apply_innovation: !rng.chance(6),
         dither: if rng.chance(2) && cfg!(feature = "dither") { rng.within(0.0, 0.3) } else { 0.0 },

@@ -15,13 +15,11 @@ of the innovation, which needs no truth. Both by region of the true stator frequ
 over installations with every parameter off at once (`draws`), up to a loss of control and through it. Where
 nothing is seen at all (no load, ω_s = 0) the mean says little: there the rank correlation of abs(e) with σ
 tells whether a larger σ means a larger error. The confidence is judged as everywhere (`judge`). Of the start
-the runs show how far the estimated resistance, r_d of the bridge included, is off when control begins, and
-of the same starts with three levels (`start_levels`).
+the runs show how far the estimated resistance, r_d of the bridge included, is off when control begins.
 """
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,7 +39,6 @@ from stillflux.metrics import resistance_error, running, smoothed
 from stillflux.parallel import run_jobs
 from stillflux.parameters import Motor
 from stillflux.result import Result
-from stillflux.scenario import Scenario
 
 __all__ = [
     "DRAWS",
@@ -69,11 +66,8 @@ LINE, LOADED, UNLOADED = 0.01, 0.3, 0.1
 """Borders of the regions, per unit of rated frequency and of rated torque."""
 RESISTANCE = "error of the estimated resistance after the start, rms"
 RESISTANCE_WORST = "largest error of the estimated resistance after the start"
-THREE_LEVELS = "with `start_levels=3`"
 _MEAN_OVER, _EVERY = 0.1, 0.1
 """True stator frequencies are means over the first, s; samples are taken every second, s."""
-_AFTER = 0.05
-"""How long a start alone is run on, s: for the first rows under control."""
 
 
 def _course(motor: Motor) -> tuple[Points, Points]:
@@ -107,8 +101,6 @@ class Sample:
     running: float
     resistance: float
     """Relative error of the estimated resistance when control begins."""
-    resistance_three: float
-    """The same of a start with three levels; NaN for the published scheme."""
     lost: str
     """A fault by name, "angle" or "speed"; empty: nothing was lost."""
 
@@ -152,12 +144,9 @@ class Consistency:
         time = max(sum(x.running for x in self.samples), 1e-9)
         needless = 100.0 * sum(x.needless for x in self.samples) / time
         found.append(at_most("share of time with a needless alarm", needless, NEEDLESS, "%"))
-        for name, levels in (("resistance", ""), ("resistance_three", f", {THREE_LEVELS}")):
-            off = 100.0 * np.array([getattr(x, name) for x in self.samples])
-            if np.isnan(off).all():
-                continue
-            found.append(reported(RESISTANCE + levels, float(np.sqrt(np.mean(off**2))), "%"))
-            found.append(reported(RESISTANCE_WORST + levels, float(np.abs(off).max()), "%"))
+        off = 100.0 * np.array([x.resistance for x in self.samples])
+        found.append(reported(RESISTANCE, float(np.sqrt(np.mean(off**2))), "%"))
+        found.append(reported(RESISTANCE_WORST, float(np.abs(off).max()), "%"))
         return found
 
 
@@ -178,8 +167,8 @@ def rank_correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     return float(a @ b) / scale if scale > 0.0 else 0.0
 
 
-def sampled(machine: str, draw: int, result: Result, resistance_three: float = math.nan) -> Sample:
-    """What the table needs of a run, and of its start with three levels."""
+def sampled(machine: str, draw: int, result: Result) -> Sample:
+    """What the table needs of a run."""
     motor = result.scenario.motor
     begin = start_up(motor, result.scenario.inverter)
     when, why = loss(result, begin)
@@ -190,7 +179,9 @@ def sampled(machine: str, draw: int, result: Result, resistance_three: float = m
     near, loaded, unloaded = np.abs(omega_s) < LINE, load >= LOADED, load < UNLOADED
     which = [~near & loaded, ~near & unloaded, near & loaded, near & unloaded]
     region = np.select(which, range(len(REGIONS)), -1).astype(np.int8)
-    known, error = _known(result), np.abs(angle(result))
+    runs, error = running(result), np.abs(angle(result))
+    # The first row under control has no confidence yet.
+    known = runs & np.concatenate(([False], runs[:-1]))
     doubt = known & (result["estimate.confidence"] < CONFIDENT) & (error < CALM)
     trust = confidence(result, begin + when)
     part = np.flatnonzero(known & (result.t <= begin + when))[:: max(1, round(_EVERY / dt))]
@@ -205,28 +196,9 @@ def sampled(machine: str, draw: int, result: Result, resistance_three: float = m
         misses=trust.misses,
         needless=dt * float(np.count_nonzero(doubt)),
         running=dt * float(np.count_nonzero(known)),
-        resistance=_after_the_start(result),
-        resistance_three=resistance_three,
+        resistance=float(resistance_error(result)[np.argmax(known)]),
         lost=why,
     )
-
-
-def _known(result: Result) -> NDArray[np.bool_]:
-    """Rows of a drive that runs, without the first one, which has no confidence yet."""
-    runs = running(result)
-    return runs & np.concatenate(([False], runs[:-1]))
-
-
-def _after_the_start(result: Result) -> float:
-    return float(resistance_error(result)[np.argmax(_known(result))])
-
-
-def _start_alone(made: Scenario) -> Scenario:
-    """The same installation, started with three levels."""
-    end = start_up(made.motor, made.inverter) + _AFTER
-    changes = [change for change in made.changes if change[0] <= end]
-    rest = made.replace(omega_ref=0.0, load_torque=0.0, duration=end, changes=changes)
-    return rest.with_settings(start_levels=3)
 
 
 def run(machine: str, draw: int, scheme: str, arithmetic: str, beyond_model: bool = False) -> Sample:
@@ -235,9 +207,7 @@ def run(machine: str, draw: int, scheme: str, arithmetic: str, beyond_model: boo
 
     seed = seed_of("consistency", machine, draw)
     made, _ = scenario(machine, COURSE, seed, scheme, arithmetic, beyond_model=beyond_model, signals=SIGNALS)
-    if scheme != "enhanced":
-        return sampled(machine, draw, simulate(made))
-    return sampled(machine, draw, simulate(made), _after_the_start(simulate(_start_alone(made))))
+    return sampled(machine, draw, simulate(made))
 
 
 def run_all(

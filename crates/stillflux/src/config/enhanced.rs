@@ -159,8 +159,8 @@ impl<R: Real> EnhancedConfig<R> {
                 inverter.periods(DECAYED * unsaturated * pu.tau_r / pu.base.omega)
             },
             levels: {
-                let three = p.enhanced.start_levels == 3;
-                LevelsConfig::new(pu, inverter, build_up_time, p.boost(machine), three)
+                let exact = p.current_sensors == 3 && p.calibrate_offset;
+                LevelsConfig::new(pu, inverter, build_up_time, p.boost(machine), exact)
             },
             search: SearchConfig::new(pu, inverter.f_c(), p.boost(machine) * p.psi_ref / pu.l_s),
             #[cfg(feature = "restart")]

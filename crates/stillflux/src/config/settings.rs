@@ -529,12 +529,6 @@ impl DriveParams {
         self.validate_encoder(machine, inverter)?;
         self.paper.validate()?;
         self.enhanced.validate(machine)?;
-        if self.enhanced.start_levels > 2 {
-            const NEEDED: &str = "start_levels = 3 needs three sensors whose offsets are read before each start";
-            check("current_sensors", f64::from(self.current_sensors), 3.0, 3.0, "").map_err(|e| e.with_note(NEEDED))?;
-            check("calibrate_offset", f64::from(u8::from(self.calibrate_offset)), 1.0, 1.0, "")
-                .map_err(|e| e.with_note(NEEDED))?;
-        }
         match self.scheme {
             Scheme::Paper => self.enhanced.refuse_changes(machine),
             Scheme::Enhanced => self.paper.refuse_changes(),

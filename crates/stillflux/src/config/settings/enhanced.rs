@@ -25,9 +25,6 @@ pub struct EnhancedParams {
     /// Look at each start for a shaft that something else turns slowly ([`crate::estimate`]'s `slow_turn`); without it such a
     /// shaft is taken to stand still, and the field is off by `arctan ω τ_r`. Needs the feature `restart`.
     pub find_slow_rotation: bool,
-    /// Reduced currents of a start at standstill, 2 or 3 ([`crate::control`]'s `levels`). With 3 it finds resistances and
-    /// inductance better; 3 need `calibrate_offset` and three `current_sensors`.
-    pub start_levels: u32,
     /// Correct the inductances while the load changes alone ([`crate::estimate::kalman`]); otherwise always, by which a
     /// steady load of minutes carries them away.
     pub hold_inductances: bool,
@@ -66,8 +63,6 @@ pub struct EnhancedParams {
     pub winding_heat: Option<(f64, f64)>,
 }
 
-/// Reduced currents of a start.
-const LEVELS: u32 = 2;
 /// Parts of the rated frequency and of the rated slip.
 const SHIFT_LEAST: f64 = 0.006;
 const SHIFT: f64 = 0.4;
@@ -98,7 +93,6 @@ impl EnhancedParams {
             identify_resistance: true,
             identify_legs: cfg!(feature = "legs"),
             find_slow_rotation: cfg!(feature = "restart"),
-            start_levels: LEVELS,
             hold_inductances: true,
             apply_innovation: true,
             omega_s_min: shift(machine),
@@ -131,7 +125,6 @@ impl EnhancedParams {
         };
         built("identify_legs", self.identify_legs, cfg!(feature = "legs"), "needs the feature `legs`")?;
         built("find_slow_rotation", self.find_slow_rotation, cfg!(feature = "restart"), "needs the feature `restart`")?;
-        check("start_levels", f64::from(self.start_levels), f64::from(LEVELS), 3.0, "")?;
         self.validate_temperature()
     }
 
@@ -202,7 +195,6 @@ impl EnhancedParams {
         switch("identify_resistance", self.identify_resistance, d.identify_resistance)?;
         switch("identify_legs", self.identify_legs, d.identify_legs)?;
         switch("find_slow_rotation", self.find_slow_rotation, d.find_slow_rotation)?;
-        same("start_levels", f64::from(self.start_levels), f64::from(d.start_levels))?;
         switch("hold_inductances", self.hold_inductances, d.hold_inductances)?;
         switch("apply_innovation", self.apply_innovation, d.apply_innovation)?;
         same("omega_s_min", self.omega_s_min, d.omega_s_min)?;

@@ -26,7 +26,7 @@
 //! 4. Standstill: the current keeps its direction, since a current that follows an estimate with an error of the angle
 //!    makes torque on a free shaft. From its first voltage on the filter identifies rotor resistance, magnetising curve,
 //!    stator resistance, `v` and knee ([`Filter::begin_direct`]), which steps of the current separate
-//!    ([`crate::control::levels`]): from 9/16 of the magnetisation time on, with a settled flux, to reduced currents, then to the
+//!    ([`crate::control::levels`]): from 7/16 of the magnetisation time on, with a settled flux, to reduced currents, then to the
 //!    boosted one, which brings the flux back. Where the filter has not followed the flux there, after a rotation that was
 //!    rejected or in a repetition, it begins at the settled one. With two current sensors the reduced currents also show the difference
 //!    of their gains ([`crate::estimate::pair`]); where it is a new one the last three quarters are repeated, since
@@ -39,7 +39,7 @@
 use super::turned_by;
 use super::{Direction, EnhancedEstimators, Start, remaining};
 use crate::config::DriveConfig;
-use crate::control::levels::Level;
+use crate::control::levels::{Level, SETTLED};
 #[cfg(any(feature = "legs", feature = "modes"))]
 use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
@@ -604,7 +604,7 @@ impl<R: Real> EnhancedEstimators<R> {
 
 /// Period of a start-up at standstill in which the flux has settled.
 fn settled<R: Real>(c: &DriveConfig<R>) -> u32 {
-    c.magnetise_periods / 16 * 9
+    c.magnetise_periods / 16 * SETTLED
 }
 
 /// Direction of a flux that may be small: as much as a direct current of the search builds up in a large machine that turns
