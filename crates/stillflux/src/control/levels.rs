@@ -1,20 +1,20 @@
 //! Direct currents of a start at standstill that tell the resistances, the inductance, and loss and knee of the bridge apart.
 //!
 //! The voltage of the resistance is proportional to the current, that of the bridge is not: a small current shows the
-//! bridge. On its way to that of the current, `τ_r dψ_s/dt = i - ψ_s`, the flux induces `r_R (i - ψ_s)`, and the more of these
-//! ways there are, and the longer each is, the better they show `r_R` and `l_M` ([`crate::estimate::kalman`]'s `direct`). Currents relative to
-//! the magnetising one, times in sixteenths of the magnetisation, from the settled flux on:
+//! bridge. On its way to that of the current, `τ_r dψ_s/dt = i - ψ_s`, the flux induces `r_R (i - ψ_s)`, and the more of
+//! these ways there are, and the longer each is, the better they show `r_R` and `l_M` ([`crate::estimate::kalman`]'s `direct`).
+//! Currents relative to the magnetising one, times in sixteenths of the magnetisation, from the settled flux on:
 //!
 //! ```text
 //! 7: 0.2      9: 0.8      10: 0.2      12: 0.6      13: the boosted current until ψ_s = 1
 //! ```
 //!
-//! Over 24 draws each of seven drives this leaves two thirds of the error of `r̂_s` that 0.7 and 0.4 with one
-//! way back leave, on plants with and without what the model does not contain (1.8 % instead of 2.7, and 3.0 instead of 4.3, rms).
+//! Over 24 draws each of seven drives this leaves two thirds of the error of `r̂_s` that 0.7 and 0.4 with one way back leave
+//! (1.8 % instead of 2.7, rms; 3.0 instead of 4.3 with effects in the plant that the model does not contain).
 //!
-//! No current flows against the flux: it would bring the flux down faster, but a shaft is in unstable equilibrium in it. From what
-//! the slots of the rotor turn it by, the angle grows by `exp √(3/2 n_p² ψ i/J) t`; a motor of 160 kW turned twice within
-//! the fall to 0.4 with half of the magnetising current.
+//! No current flows against the flux. It would bring the flux down faster, but a shaft does not stay in it: from what the
+//! slots of the rotor turn it by, the angle grows by `exp t √(3/2 n_p² ψ i/J)`, and a motor of 160 kW turned twice within the
+//! fall to 0.4 with half of the magnetising current.
 //!
 //! An offset of the sensors that was not read counts for more the smaller the current is, and so does a difference of the
 //! gains of two ([`crate::estimate::pair`]); a single shunt sees a small current worst. The least current is larger then.
