@@ -474,7 +474,10 @@ impl<R: Real> EnhancedEstimators<R> {
     #[cold]
     #[inline(never)]
     pub(super) fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp, u_dc: R) -> (Rotator<R>, Dq<R>, bool) {
-        if at.stage.is_multiple_of(c.speed_periods()) {
+        // A machine at rest has none before its flux has settled: that of a small flux is the noise of current control, to which
+        // it is fed forward, and in machines with a large leakage and few periods a second the two oscillate.
+        let rests = self.start == Start::Unknown && !self.search.found_rotation() && at.stage < settled(c);
+        if !rests && at.stage.is_multiple_of(c.speed_periods()) {
             self.update_speed(c);
         }
         let i_s = self.filter.i_s();
