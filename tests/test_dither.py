@@ -8,7 +8,7 @@ import pytest
 import stillflux as sf
 from stillflux.evidence import tolerance
 
-DRAWS = range(100, 112)
+DRAWS = range(104, 118)
 
 
 def outcomes(**settings: float) -> list[tolerance.Outcome]:
