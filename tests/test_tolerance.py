@@ -421,7 +421,7 @@ def test_a_flux_on_the_other_side_of_the_current_is_found_by_trying_it() -> None
     assert lost(True) + 5 <= lost(False)
 
 
-def test_a_start_with_rotor_slots_leaves_a_free_shaft_where_it_is() -> None:
+def test_a_start_with_rotor_slots_does_not_turn_a_free_shaft_to_another_pole() -> None:
     """What the slots turn it by in the flux, a fraction of a pole pitch; a current against the flux
     would turn it on to the next pole."""
     # Draws in which the friction does not hold the shaft.

@@ -168,7 +168,7 @@ fn the_encoder_takes_the_error_of_the_estimate_out_of_the_speed_and_leaves_that_
     let found = |s: &mut Scenario| s.plant.machine.R_R *= 1.3;
     let hot = |s: &mut Scenario| {
         found(s);
-        // The start would look for the error elsewhere.
+        // Told that R_R is certain, a start takes its error for one of R_s, unless that is certain as well.
         (s.drive.enhanced.prior_R_R, s.drive.enhanced.identify_resistance) = (0.002, false);
     };
     let o = fails(small(), 0.3, EncoderFault::Broken, hot);

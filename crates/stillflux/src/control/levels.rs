@@ -13,7 +13,7 @@
 //! (1.8 % instead of 2.7, rms; 3.0 instead of 4.3 with effects in the plant that the model does not contain).
 //!
 //! No current flows against the flux. It would bring the flux down faster, but a shaft does not stay in it: from what the
-//! slots of the rotor turn it by, the angle grows by `exp t √(3/2 n_p² ψ i/J)`, and a motor of 160 kW turned twice within the
+//! slots of the rotor turn it by, the angle grows by `exp t √(3/2 n_p² ψ i/J)`, and a motor of 160 kW turned by two electrical revolutions within the
 //! fall to 0.4 with half of the magnetising current.
 //!
 //! An offset of the sensors that was not read counts for more the smaller the current is, and so does a difference of the

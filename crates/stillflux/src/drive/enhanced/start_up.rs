@@ -475,7 +475,7 @@ impl<R: Real> EnhancedEstimators<R> {
     #[inline(never)]
     pub(super) fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp, u_dc: R) -> (Rotator<R>, Dq<R>, bool) {
         // A machine at rest has none before its flux has settled: that of a small flux is the noise of current control, to which
-        // it is fed forward, and in machines with a large leakage and few periods a second the two oscillate.
+        // it is fed forward, and in machines with a large leakage the two oscillate at a low control frequency.
         let rests = self.start == Start::Unknown && !self.search.found_rotation() && at.stage < settled(c);
         if !rests && at.stage.is_multiple_of(c.speed_periods()) {
             self.update_speed(c);
