@@ -96,6 +96,23 @@ def test_a_drive_steps_to_1_9_times_rated_speed_and_back_on_a_rectified_link(num
     assert omega.min() < -1.85
 
 
+@pytest.mark.parametrize(
+    ("number", "course"),
+    [
+        # 238 kW, slip 0.005: the flux swung by a third of rated about the shift, more in every cycle, up to pull-out.
+        (298, "hold"),
+        # 5 kW, legs with different delays: the same at half of rated torque.
+        (278, "beside-half"),
+        # 36 kW at 4 kHz and 3.5 µs of dead time: a healthy phase was held at its zero for 12 ms while the load reversed, "open phase".
+        (239, "load-steps"),
+    ],
+)
+def test_a_drive_under_load_at_rest_or_beside_zero_stator_frequency_goes_on(number: int, course: str) -> None:
+    outcome, _ = tolerance.run(DRAWN, course, number)
+    assert not outcome.why
+    assert outcome.angle < 15.0
+
+
 def restarted(number: int, omega: float, pause: float) -> sf.Result:
     """What follows the restart of a drawn drive that was stopped at a speed, per unit, for a pause, s."""
     made, _ = tolerance.scenario(
