@@ -115,13 +115,12 @@ impl<R: Real> FluxShift<R> {
         let omega_s = omega + slip;
 
         let mut wanted = R::ONE;
-        // The flux is held down.
-        let mut lasts = false;
+        // κ_min².
+        let mut least = R::ZERO;
         if omega_s.abs() < a {
             let weight = clamp_seldom(load.min(self.lasting) * c.inv_torque_fade - R::HALF, R::ZERO, R::ONE);
             let of_current = load * c.inv_torque;
-            // κ_min².
-            let least = (R::ONE - weight * R::from_f64(1.0 - FACTOR_MIN * FACTOR_MIN))
+            least = (R::ONE - weight * R::from_f64(1.0 - FACTOR_MIN * FACTOR_MIN))
                 .max(load * (c.inv_pull_out * leakage))
                 .max(of_current * of_current)
                 .min(R::ONE);
@@ -132,12 +131,11 @@ impl<R: Real> FluxShift<R> {
                 let divisor = a - omega;
                 let square = if likely(slip > divisor * least) { slip * divisor.recip() } else { least };
                 wanted = square.min(R::ONE).sqrt();
-                lasts = self.factor * self.factor >= least;
             }
         } else {
             self.ahead = omega_s > R::ZERO;
-            lasts = self.ahead && omega_s < a + a.half();
         }
+        let lasts = self.ahead && omega_s < a + a.half() && self.factor * self.factor >= least;
         let rise = if lasts { c.step * R::from_f64(RISE) } else { c.step };
         self.factor += (wanted - self.factor).clamp(-c.step, rise);
         self.factor
