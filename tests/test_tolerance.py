@@ -164,6 +164,13 @@ def test_rates_count_losses_and_name_them(kept: tuple[tolerance.Outcome, sf.Resu
     assert tolerance.rerun("2.2kW", "start", 3, "enhanced").endswith("--course start --draw 3")
 
 
+def test_larger_tolerances_are_those_of_the_draw_and_of_the_command_to_run_it_again() -> None:
+    outcomes = [tolerance.run("2.2kW", "start", 0, scale=scale)[0] for scale in (1.0, 1.5)]
+    off = [outcome.numbers["R_s"] - 1.0 for outcome in outcomes]
+    assert off[1] == pytest.approx(1.5 * off[0])
+    assert tolerance.rerun_of(outcomes[1]).endswith("--course start --draw 0 --scale 1.5")
+
+
 def test_a_setting_in_place_of_its_default_is_that_of_the_drive_and_of_the_command_to_run_it_again() -> None:
     outcome, result = tolerance.run("2.2kW", "light-load", 0, settings=(("dither", 0.05),))
     assert result.scenario.settings == {"dither": 0.05}
@@ -256,6 +263,8 @@ def test_command_reruns_one_draw_and_counts_several(
     assert Table.read(table).get(("tolerance", "start", "2.2kW", "enhanced"), "draws").number == 2
     assert [run["draw"] for run in json.loads(runs.read_text())] == [0, 1]
     assert "What was drawn" in (tmp_path / "tolerance.html").read_text()
+    assert main([*one, "--draws", "2", "--first", "7", "--scale", "1.5", "--json", str(runs)]) == 0
+    assert [(run["draw"], run["scale"]) for run in json.loads(runs.read_text())] == [(7, 1.5), (8, 1.5)]
     several = ["beyond", "consistency", "--machine", "2.2kW", "--draws", "1", "--out", str(tmp_path)]
     assert main([*several, "--metrics", str(table)]) == 0
     assert "NEES, rotating, loaded" in capsys.readouterr().out
@@ -313,6 +322,11 @@ def test_command_names_what_it_does_not_take(
         ([*ONE, "--draw", "4", "--set", "dithr=0.2"], "has no setting 'dithr'; 'dither'?"),
         (["tolerance", "--operation", "hoist"], "--operation = hoist: admissible with operations"),
         (["tolerance", "--draws", "3", "--draw", "1"], "give only one"),
+        (["consistency", "--first", "3", "--draw", "1"], "--first 3 and --draw: give only one"),
+        (["consistency", "--first", "3", "--metrics", "none.csv"], "a table of the draws from 0 on"),
+        (["tolerance", "--scale", "1.5", "--metrics", "none.csv"], "defaults, and --scale is given"),
+        (["tolerance", "--scale", "1.5", "--scale", "2"], "--scale 1.5, 2: give one"),
+        (["consistency", "--scale", "2"], "--scale = 2.0: admissible with tolerance, guarantee"),
         ([*ONE, "--draws", "1", "--journal", "none.jsonl"], "--journal none.jsonl: not of a single run"),
         ([*ONE, "--draw", "4", "--metrics", "none.csv"], "--metrics none.csv: not of a single run"),
     ):

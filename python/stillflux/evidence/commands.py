@@ -60,6 +60,7 @@ def beyond(parser: argparse.ArgumentParser) -> None:
     _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES, DRAWN])))
     drawn = parser.add_argument_group("tolerance, consistency, guarantee and commissioning")
     drawn.add_argument("--draws", type=_count, metavar="N", help="draws of each drive (and course)")
+    drawn.add_argument("--first", type=_index, metavar="K", help="the draws from this one on; default: 0")
     drawn.add_argument("--draw", type=_index, action="append", metavar="K", help="only this draw")
     drawn.add_argument(
         "--course",
@@ -71,7 +72,7 @@ def beyond(parser: argparse.ArgumentParser) -> None:
         "--scale",
         type=_scale,
         action="append",
-        help="only at so many times the tolerances (guarantee); default: 1 and 2.5",
+        help="at so many times the tolerances; default: 1 (tolerance), 1 and 2.5 (guarantee)",
     )
     drawn.add_argument(
         "--beyond-model",
@@ -371,9 +372,13 @@ def _setting(text: str) -> tuple[str, Any]:
 
 
 def _draws(options: argparse.Namespace, default: int) -> Sequence[int]:
-    if options.draw and options.draws:
-        raise ValueError(f"--draws {options.draws} and --draw: give only one")
-    return options.draw or range(options.draws or default)
+    for name in ("draws", "first"):
+        if options.draw and getattr(options, name):
+            raise ValueError(f"--{name} {getattr(options, name)} and --draw: give only one")
+    first = options.first or 0
+    if first and options.metrics:
+        raise ValueError(f"--metrics {options.metrics}: a table of the draws from 0 on, and --first is given")
+    return options.draw or range(first, first + (options.draws or default))
 
 
 def _tolerance(options: argparse.Namespace) -> int:
@@ -389,8 +394,12 @@ def _tolerance(options: argparse.Namespace) -> int:
     draws = _draws(options, POPULATION if drawn else tolerance.DRAWS)
     scheme = "enhanced" if options.scheme == "all" else options.scheme
     settings = tuple(map(_setting, options.set or ()))
-    if settings and options.metrics:
-        raise ValueError(f"--metrics {options.metrics}: a table of the defaults, and --set is given")
+    scale, *more = options.scale or (1.0,)
+    if more:
+        raise ValueError(f"--scale {scale:g}, {more[0]:g}: give one, which is that of every run")
+    for name, changed in (("set", bool(settings)), ("scale", scale != 1.0)):
+        if changed and options.metrics:
+            raise ValueError(f"--metrics {options.metrics}: a table of the defaults, and --{name} is given")
     if len(machines) == len(courses) == len(draws) == 1:
         for option in ("metrics", "journal"):
             if path := getattr(options, option):
@@ -403,6 +412,7 @@ def _tolerance(options: argparse.Namespace) -> int:
             options.arithmetic,
             options.beyond_model,
             settings,
+            scale,
         )
         outcome, result = tolerance.run(*job, signals=None)
         if options.json:
@@ -425,6 +435,7 @@ def _tolerance(options: argparse.Namespace) -> int:
             runner,
             options.beyond_model,
             settings,
+            scale,
         )
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
@@ -582,8 +593,9 @@ their own."""
 _ONLY_WITH: Mapping[str, tuple[str, ...]] = {
     "draws": ("tolerance", "consistency", "guarantee", "commissioning"),
     "draw": ("tolerance", "consistency", "guarantee", "commissioning"),
+    "first": ("tolerance", "consistency", "guarantee", "commissioning"),
     "course": ("tolerance", "guarantee", "commissioning"),
-    "scale": ("guarantee",),
+    "scale": ("tolerance", "guarantee"),
     "beyond_model": ("tolerance", "consistency"),
     "set": ("tolerance",),
     "operation": ("operations",),

@@ -77,8 +77,9 @@ _Z = 1.959964
 
 Settings: TypeAlias = tuple[tuple[str, Any], ...]
 """Settings of the drive by name, in place of the defaults."""
-Job: TypeAlias = tuple[str, str, int, str, str, bool, Settings]
-"""Drive, course, number of the draw, scheme, arithmetic, whether with `effects`, settings."""
+Job: TypeAlias = tuple[str, str, int, str, str, bool, Settings, float]
+"""Drive, course, number of the draw, scheme, arithmetic, whether with `effects`, settings, `scale` as of
+`draws.drawn`."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,8 @@ class Outcome:
     """The plant has `effects`."""
     settings: Settings = ()
     """Settings that are not the defaults."""
+    scale: float = 1.0
+    """Of the tolerances, as of `draws.drawn`."""
 
 
 @dataclass(frozen=True)
@@ -247,6 +250,7 @@ def run(
     arithmetic: str = "f32",
     beyond_model: bool = False,
     settings: Settings = (),
+    scale: float = 1.0,
     signals: Sequence[str] | None = SIGNALS,
 ) -> tuple[Outcome, Result]:
     """Runs one draw and judges it; `signals` to record, None: all."""
@@ -259,7 +263,8 @@ def run(
         seed,
         scheme,
         arithmetic,
-        beyond_model=beyond_model,
+        scale,
+        beyond_model,
         signals=signals,
         drive=drive_of(machine, draw),
     )
@@ -287,6 +292,7 @@ def run(
         numbers=numbers,
         beyond_model=beyond_model,
         settings=settings,
+        scale=scale,
     )
     return outcome, result
 
@@ -296,18 +302,25 @@ def _outcome(job: Job) -> Outcome:
 
 
 def rerun(
-    machine: str, course: str, draw: int, scheme: str, beyond_model: bool = False, settings: Settings = ()
+    machine: str,
+    course: str,
+    draw: int,
+    scheme: str,
+    beyond_model: bool = False,
+    settings: Settings = (),
+    scale: float = 1.0,
 ) -> str:
     """The command that runs a draw again."""
     last = "" if scheme == "enhanced" else f" --scheme {scheme}"
     last += " --beyond-model" if beyond_model else ""
+    last += "" if scale == 1.0 else f" --scale {scale:g}"
     last += "".join(f" --set {name}={value}" for name, value in settings)
     return f"stillflux beyond tolerance --machine {machine} --course {course} --draw {draw}{last}"
 
 
 def rerun_of(x: Outcome) -> str:
     """The command that makes an outcome again."""
-    return rerun(x.machine, x.course, x.draw, x.scheme, x.beyond_model, x.settings)
+    return rerun(x.machine, x.course, x.draw, x.scheme, x.beyond_model, x.settings, x.scale)
 
 
 def run_all(
@@ -320,11 +333,12 @@ def run_all(
     runner: Runner = run_jobs,
     beyond_model: bool = False,
     settings: Settings = (),
+    scale: float = 1.0,
 ) -> list[Outcome]:
     """Runs draws of drives on courses, on all processors; draw after draw, so that what is done by an
     interruption is of all of them. On Ctrl-C raises `parallel.Stopped`."""
     jobs: list[tuple[Job]] = [
-        ((machine, course, draw, scheme, arithmetic, beyond_model, settings),)
+        ((machine, course, draw, scheme, arithmetic, beyond_model, settings, scale),)
         for draw in draws
         for machine in machines
         for course in courses
