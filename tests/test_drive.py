@@ -384,6 +384,26 @@ def heavy_shaft(
     )
 
 
+@pytest.mark.parametrize("resistance", [0.8, 1.2])
+def test_the_rotor_resistance_that_a_start_found_is_an_estimate(resistance: float) -> None:
+    drive = DRIVES["4kW"]
+    motor = drive.motor
+    scenario = sf.Scenario(
+        motor=motor,
+        inverter=drive.inverter,
+        plant_motor=motor.replace(R_R=resistance * motor.R_R),
+        duration=start_up(motor, drive.inverter) + 0.3,
+        signals=["estimate.R_R"],
+    )
+    found = sf.simulate(scenario)["estimate.R_R"]
+    assert found[0] == pytest.approx(motor.R_R, rel=1e-6)
+    assert found[-1] == pytest.approx(resistance * motor.R_R, rel=0.03)
+    # The published scheme does not look for it.
+    assert sf.simulate(scenario.replace(scheme="paper"))["estimate.R_R"][-1] == pytest.approx(
+        motor.R_R, rel=1e-6
+    )
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_heavy_shaft_does_not_hunt_where_the_rotor_resistance_is_a_quarter_less(seed: int) -> None:
     def ripple(settings: DriveSettings) -> float:

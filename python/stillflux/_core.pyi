@@ -152,6 +152,7 @@ class Estimate:
         omega_r: float,
         torque: float,
         R_s: float,
+        R_R: float,
         epsilon: float,
         innovation: float,
         nis: float,
@@ -206,6 +207,10 @@ class Estimate:
     @property
     def R_s(self) -> float:
         """Stator resistance including the inverter's r_d, Ω."""
+    @property
+    def R_R(self) -> float:
+        """Rotor resistance of the inverse-Γ circuit, which slip and speed are taken from, Ω: what the latest
+        start found; that of the parameters in the scheme "paper"."""
     @property
     def epsilon(self) -> float:
         """Residual ε of equation (15), per unit; zero in the scheme "enhanced"."""

@@ -251,6 +251,9 @@ estimate! {
     torque,
     /// Stator resistance including the inverter's r_d, Ω.
     R_s,
+    /// Rotor resistance of the inverse-Γ circuit, which slip and speed are taken from, Ω: what the latest start found; that of
+    /// the parameters in the scheme "paper".
+    R_R,
     /// Residual ε of equation (15), per unit; zero in the scheme "enhanced".
     epsilon,
     /// Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s; zero in the

@@ -228,6 +228,7 @@ signals! {
     "estimate.omega_r", "rad/s", Real, |m| m.estimate.omega_r;
     "estimate.torque", "N m", Real, |m| m.estimate.torque;
     "estimate.R_s", "ohm", Real, |m| m.estimate.R_s;
+    "estimate.R_R", "ohm", Real, |m| m.estimate.R_R;
     "estimate.epsilon", "p.u.", Real, |m| m.estimate.epsilon;
     "estimate.innovation", "V s", Real, |m| m.estimate.innovation;
     "estimate.nis", "", Real, |m| m.estimate.nis;

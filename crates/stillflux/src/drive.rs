@@ -129,8 +129,8 @@ impl<R: Real> Drive<R> {
     /// Estimates of the latest period; what the step does not need in this form is computed here.
     pub fn estimate(&self) -> Estimate<R> {
         let Control { i_dq, i_dq_ref, psi_ref, ref voltage, .. } = self.common.control;
-        let Estimated { flux, speed, psi_1, u_off, i_s, r_s, epsilon, innovation, nis, angle_deviation, confidence } =
-            with_estimators!(&self.estimators, e => e.estimated());
+        let Estimated { flux, speed, psi_1, u_off, i_s, r_s, r_r, epsilon, innovation, nis, angle_deviation, confidence } =
+            with_estimators!(&self.estimators, e => e.estimated(&self.config));
         let running = self.status() == Status::Running;
         let confidence = self.common.control.confidence(|| confidence);
         // What the bridge made in an earlier run is not there while it is blocked.
@@ -148,6 +148,7 @@ impl<R: Real> Drive<R> {
             psi_ref,
             torque: flux.magnitude * i_dq.im(),
             r_s,
+            r_r,
             epsilon,
             innovation,
             nis,

@@ -97,6 +97,8 @@ pub struct EstimateSi {
     pub torque: f64,
     /// Stator resistance with `r_d`, Ω.
     pub R_s: f64,
+    /// Rotor resistance of the inverse-Γ circuit, Ω ([`crate::drive::Estimate::r_r`]).
+    pub R_R: f64,
     /// Residual ε of (15), per unit; zero in the enhanced scheme.
     pub epsilon: f64,
     /// Innovation of the filter, rotor flux of the current model less that of the voltage model, V·s; zero in the
@@ -269,6 +271,7 @@ impl SiUnits {
             omega_r: e.speed.omega_r.to_f64() * b.omega,
             torque: e.torque.to_f64() * b.torque,
             R_s: e.r_s.to_f64() * b.z,
+            R_R: e.r_r.to_f64() * b.z,
             epsilon: e.epsilon.to_f64(),
             innovation: e.innovation.to_f64() * b.psi,
             nis: e.nis.to_f64(),

@@ -403,6 +403,7 @@ fn check<R: Real>(drive: &Drive<R>, out: &Output<R>, seed: u64, k: u32) {
         e.i_dq_ref.re(),
         e.i_dq_ref.im(),
         e.psi_ref,
+        e.r_r,
         e.epsilon,
         e.innovation,
         e.nis,

@@ -62,6 +62,7 @@ fn check<R: Real>(d: &mut Drive<R>, m: &Measurement<R>, reference: &Reference<R>
         e.speed.omega_s,
         e.torque,
         e.r_s,
+        e.r_r,
         e.confidence,
         e.flux.magnitude,
         e.epsilon,

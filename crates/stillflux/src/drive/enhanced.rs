@@ -487,7 +487,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     }
 
     /// There is no parallel path; its flux is that of the filter.
-    fn estimated(&self) -> Estimated<R> {
+    fn estimated(&self, c: &DriveConfig<R>) -> Estimated<R> {
         let f = &self.filter;
         Estimated {
             flux: f.estimate(),
@@ -496,6 +496,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             u_off: f.b() * -f.r_s(),
             i_s: f.i_s(),
             r_s: f.r_s(),
+            r_r: c.speed.r_r * self.rotor,
             epsilon: R::ZERO,
             innovation: f.innovation(),
             nis: f.nis(),

@@ -89,6 +89,7 @@ pub(super) struct Estimated<R: Real> {
     pub u_off: AlphaBeta<R>,
     pub i_s: AlphaBeta<R>,
     pub r_s: R,
+    pub r_r: R,
     pub epsilon: R,
     pub innovation: R,
     pub nis: R,
@@ -181,7 +182,7 @@ pub(super) trait Estimators<R: Real> {
     fn sensed(&self, c: &DriveConfig<R>) -> AlphaBeta<R>;
 
     /// Everything that is estimated.
-    fn estimated(&self) -> Estimated<R>;
+    fn estimated(&self, c: &DriveConfig<R>) -> Estimated<R>;
 
     /// Data to be kept over a stop, with the offsets `i_off` read at standstill.
     fn memory(&self, c: &DriveConfig<R>, i_off: [R; 3]) -> Memory<R>;

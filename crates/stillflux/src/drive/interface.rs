@@ -166,6 +166,10 @@ pub struct Estimate<R: Real> {
     pub torque: R,
     /// Stator resistance (with `r_d`).
     pub r_s: R,
+    /// Rotor resistance of the inverse-Γ circuit, which slip and speed are taken from: what the latest start found, with
+    /// the warming that `r_s` or the winding's temperature tells, where that is configured, and the saturation of the leakage. That
+    /// of the parameters in the published scheme.
+    pub r_r: R,
     /// Residual ε of (15); zero in the enhanced scheme.
     pub epsilon: R,
     /// Innovation of the filter, the rotor flux of the current model less that of the voltage model; zero in the

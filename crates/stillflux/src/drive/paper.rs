@@ -277,7 +277,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         self.i_s - self.flux.offset.u_off() * c.paper.inv_r_s
     }
 
-    fn estimated(&self) -> Estimated<R> {
+    fn estimated(&self, c: &DriveConfig<R>) -> Estimated<R> {
         Estimated {
             flux: self.flux.estimate(),
             speed: self.speed,
@@ -285,6 +285,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
             u_off: self.flux.offset.u_off(),
             i_s: self.i_s,
             r_s: self.resistance.r_s(),
+            r_r: c.speed.r_r,
             epsilon: self.resistance.epsilon(),
             innovation: R::ZERO,
             nis: R::ZERO,
