@@ -287,7 +287,7 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (13_560, 15_920), "ram_drive": (876, 896), "stack_step": (376, 408)},
-    "enhanced": {"flash_library": (31_100, 41_600), "ram_drive": (1592, 1616), "stack_step": (496, 512)},
+    "enhanced": {"flash_library": (31_100, 41_600), "ram_drive": (1600, 1624), "stack_step": (496, 512)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
 WITH_ADDITIONS = {"flash_library": (17_830, 20_820), "ram_drive": (1020, 1044), "stack_step": (400, 432)}

@@ -101,8 +101,6 @@ def test_a_drive_steps_to_1_9_times_rated_speed_and_back_on_a_rectified_link(num
     [
         # 238 kW, slip 0.005: the flux swung by a third of rated, more in every cycle, up to pull-out.
         (298, "hold"),
-        # 5 kW, legs with different delays: the same at half of rated torque.
-        (278, "beside-half"),
         # 36 kW at 4 kHz, dead time 3.5 µs: a healthy phase was at its zero for 12 ms while the load
         # reversed, "open phase".
         (239, "load-steps"),

@@ -29,8 +29,7 @@
 //! small error of the sensors, which a constant flux survives, was enough to lose it. A second or two on the line are no
 //! danger: without the shift the angle is 15° off after 6 s at the earliest (docs/beyond.md, `persistence-rated`).
 //!
-//! **Back to rated flux.** While `s ω_s` is kept positive the flux rises at an eighth of the rate at which it falls. With
-//! `a - s ω` from `a` the equation has a gain of
+//! **Back to rated flux.** With `a - s ω` from `a` the equation has a gain of
 //!
 //! ```text
 //! dκ²/d(s ω) = κ⁴/ω_r0
@@ -38,8 +37,10 @@
 //!
 //! 85 at `κ²` = 0.65 and a slip of 0.005, where a speed off by 0.002 asks for 0.17 of `κ²`. Speed and torque are estimates
 //! that answer to a flux that changes: near the line the voltage tells a change of the flux with an error of
-//! `Δr_s i_s/ω` within a time of `1/ω`. Followed in both directions the flux hunts at machines with little slip, more in
-//! every cycle (1 s), until the torque exceeds pull-out. Taken at the least value of a cycle there is no cycle. It
+//! `Δr_s i_s/ω` within a time of `1/ω`. Followed in both directions without end the flux hunts at machines with little slip, more in
+//! every cycle (1 s), until the torque exceeds pull-out. While `s ω_s` is kept positive it therefore rises at once by 0.1
+//! in 13 s, and beyond that at an eighth of the rate at which it falls: what is taken at its least value of a cycle has no cycle.
+//! Not slower from the first rise on: a resistance that steps by 25 % while the flux is lowered was lost then. The flux
 //! rises at once where the torque needs it (`κ < κ_min`), where the field turns to the other side, and from `s ω + ω_r0` =
 //! 1.5 `a` on.
 //!
@@ -52,7 +53,10 @@ use crate::words::words;
 /// Smallest flux, of rated: doubles the slip.
 pub const FACTOR_MIN: f64 = 0.7;
 
-/// Rate at which the flux rises while the shift lasts, relative to that at which it falls.
+/// By what the flux rises at once while the shift lasts, and the rates at which that comes back and at which the flux rises
+/// beyond it, relative to that at which it falls.
+const ROOM: f64 = 0.1;
+const REFILL: f64 = 1.0 / 64.0;
 const RISE: f64 = 0.125;
 
 /// Settings of the flux shift.
@@ -88,11 +92,13 @@ pub struct FluxShift<R: Real> {
     ahead: bool,
     /// Low-pass of the torque's magnitude.
     lasting: R,
+    /// By what the flux may rise at once.
+    room: R,
 }
 
 impl<R: Real> Default for FluxShift<R> {
     fn default() -> Self {
-        Self { factor: R::ONE, ahead: false, lasting: R::ZERO }
+        Self { factor: R::ONE, ahead: false, lasting: R::ZERO, room: R::from_f64(ROOM) }
     }
 }
 
@@ -136,8 +142,11 @@ impl<R: Real> FluxShift<R> {
             self.ahead = omega_s > R::ZERO;
         }
         let lasts = self.ahead && omega_s < a + a.half() && self.factor * self.factor >= least;
-        let rise = if lasts { c.step * R::from_f64(RISE) } else { c.step };
-        self.factor += (wanted - self.factor).clamp(-c.step, rise);
+        let rise = if lasts { self.room.clamp(c.step * R::from_f64(RISE), c.step) } else { c.step };
+        let change = (wanted - self.factor).clamp(-c.step, rise);
+        self.factor += change;
+        let room = self.room + c.step * R::from_f64(REFILL) - change.max(R::ZERO);
+        self.room = room.clamp(R::ZERO, R::from_f64(ROOM));
         self.factor
     }
 }
@@ -209,7 +218,7 @@ mod tests {
         assert!(least_while_a_load_comes(&at_once, 50) < 0.9, "without the low-pass");
     }
 
-    /// Largest and least factor while the speed swings by 0.3 of [`A`] within 75 calls, once that has gone on.
+    /// Largest and least factor while the speed swings by an amplitude within 75 calls, once that has gone on.
     fn swing(amplitude: f64) -> (f64, f64) {
         let little = ShiftConfig { slip: 0.65 * A, step: 0.01, ..CONFIG };
         let mut shift = FluxShift::default();
@@ -229,24 +238,38 @@ mod tests {
         assert!(most - least < 1e-6 && (least - 0.65f64.sqrt()).abs() < 1e-6, "{least} to {most}");
     }
 
+    /// Calls until the flux is rated at a speed and a torque, after a stay on the line, and the calls that takes at once.
+    fn back(omega_m: f64, torque: f64, after: u32) -> (f64, f64) {
+        let mut shift = FluxShift::default();
+        let (least, _) = settled(&mut shift, -SLIP, 1.0);
+        for _ in 0..after {
+            settled(&mut shift, -SLIP + 1.6 * A, 1.0);
+            for _ in 0..300 {
+                shift.step(&CONFIG, -SLIP, 1.0, [1.0; 2]);
+            }
+        }
+        let calls = (1..).find(|_| shift.step(&CONFIG, omega_m, torque, [1.0; 2]) >= 1.0).unwrap_or(0);
+        (f64::from(calls), (1.0 - least) / CONFIG.step)
+    }
+
     #[test]
     fn the_flux_is_back_at_once_where_the_shift_ends() {
-        let calls = |omega_m: f64, torque: f64| {
-            let mut shift = FluxShift::default();
-            let (least, _) = settled(&mut shift, -SLIP, 1.0);
-            let step = |shift: &mut FluxShift<f64>| shift.step(&CONFIG, omega_m, torque, [1.0; 2]);
-            ((1.0 - least) / CONFIG.step, (1..).find(|_| step(&mut shift) >= 1.0).unwrap_or(0))
-        };
-        for (omega_m, torque, part) in [
-            (-SLIP + 1.6 * A, 1.0, 1.0),
-            (-SLIP - 1.6 * A, 1.0, 1.0),
-            (0.0, 0.0, 1.0),
-            (-2.0 * SLIP, 2.0, 1.0),
-            (-SLIP + 1.2 * A, 1.0, 8.0),
-        ] {
-            let (at_once, took) = calls(omega_m, torque);
-            assert!((f64::from(took) - part * at_once).abs() < 2.0 * part, "{took}, {at_once} at {omega_m}, {torque}");
+        for (omega_m, torque) in [(-SLIP + 1.6 * A, 1.0), (-SLIP - 1.6 * A, 1.0), (0.0, 0.0), (-2.0 * SLIP, 2.0)] {
+            for after in [0, 3] {
+                let (calls, at_once) = back(omega_m, torque, after);
+                assert!((calls - at_once).abs() < 2.0, "{calls}, {at_once} at {omega_m}, {torque}");
+            }
         }
+    }
+
+    #[test]
+    fn while_the_shift_lasts_the_flux_rises_at_once_by_a_tenth_and_slowly_beyond() {
+        let (calls, at_once) = back(-SLIP + 1.2 * A, 1.0, 0);
+        let tenth = ROOM / CONFIG.step;
+        let slowly = tenth + (at_once - tenth - tenth * REFILL) / RISE;
+        assert!(at_once > 2.0 * tenth && (calls - slowly).abs() < 0.05 * slowly, "{calls}, {slowly}");
+        let (calls, at_once) = back(-SLIP + 1.2 * A, 1.0, 3);
+        assert!(calls > 7.0 * at_once, "{calls}, {at_once}: the tenth is spent");
     }
 
     #[test]
