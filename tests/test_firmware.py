@@ -287,7 +287,7 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (13_560, 15_920), "ram_drive": (876, 896), "stack_step": (376, 408)},
-    "enhanced": {"flash_library": (31_100, 41_600), "ram_drive": (1600, 1624), "stack_step": (496, 512)},
+    "enhanced": {"flash_library": (31_300, 41_750), "ram_drive": (1600, 1624), "stack_step": (496, 512)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
 WITH_ADDITIONS = {"flash_library": (17_830, 20_820), "ram_drive": (1020, 1044), "stack_step": (400, 432)}
@@ -298,7 +298,7 @@ WITH_ADDITIONS = {"flash_library": (17_830, 20_820), "ram_drive": (1020, 1044), 
 BUDGET = {
     "flux_estimator": {"f32": 138, "q": 182},
     "drive_step": {"f32": 477, "q": 808, "f32_worst": 664, "q_worst": 1104},
-    "drive_step_enhanced": {"f32": 590, "q": 965, "f32_worst": 768, "q_worst": 1308},
+    "drive_step_enhanced": {"f32": 600, "q": 970, "f32_worst": 768, "q_worst": 1308},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }
