@@ -101,12 +101,12 @@ def test_a_drive_steps_to_1_9_times_rated_speed_and_back_on_a_rectified_link(num
     [
         # 238 kW, slip 0.005: the flux swung by a third of rated, more in every cycle, up to pull-out.
         (298, "hold"),
-        # 36 kW at 4 kHz, dead time 3.5 µs: a healthy phase was at its zero for 12 ms while the load
+        # 36 kW at 4 kHz, dead time 3.5 µs: a healthy phase was at its zero for 14 ms while the load
         # reversed, "open phase".
         (239, "load-steps"),
     ],
 )
-def test_a_drive_under_load_at_rest_or_beside_zero_stator_frequency_goes_on(number: int, course: str) -> None:
+def test_a_drive_under_load_at_rest_goes_on(number: int, course: str) -> None:
     outcome, _ = tolerance.run(DRAWN, course, number)
     assert not outcome.why
     assert outcome.angle < 15.0

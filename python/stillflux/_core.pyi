@@ -210,7 +210,8 @@ class Estimate:
     @property
     def R_R(self) -> float:
         """Rotor resistance of the inverse-Γ circuit, which slip and speed are taken from, Ω: what the latest
-        start found; that of the parameters in the scheme "paper"."""
+        start found, with the warming and the saturation that are told; that of the parameters in the scheme
+        "paper"."""
     @property
     def epsilon(self) -> float:
         """Residual ε of equation (15), per unit; zero in the scheme "enhanced"."""

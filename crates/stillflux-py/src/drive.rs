@@ -251,8 +251,8 @@ estimate! {
     torque,
     /// Stator resistance including the inverter's r_d, Ω.
     R_s,
-    /// Rotor resistance of the inverse-Γ circuit, which slip and speed are taken from, Ω: what the latest start found; that of
-    /// the parameters in the scheme "paper".
+    /// Rotor resistance of the inverse-Γ circuit, which slip and speed are taken from, Ω: what the latest start found,
+    /// with the warming and the saturation that are told; that of the parameters in the scheme "paper".
     R_R,
     /// Residual ε of equation (15), per unit; zero in the scheme "enhanced".
     epsilon,

@@ -129,29 +129,29 @@ impl<R: Real> Drive<R> {
     /// Estimates of the latest period; what the step does not need in this form is computed here.
     pub fn estimate(&self) -> Estimate<R> {
         let Control { i_dq, i_dq_ref, psi_ref, ref voltage, .. } = self.common.control;
-        let e: Estimated<R> = with_estimators!(&self.estimators, e => e.estimated(&self.config));
+        let estimated: Estimated<R> = with_estimators!(&self.estimators, e => e.estimated(&self.config));
         let running = self.status() == Status::Running;
-        let confidence = self.common.control.confidence(|| e.confidence);
+        let confidence = self.common.control.confidence(|| estimated.confidence);
         // What the bridge made in an earlier run is not there while it is blocked.
         let present = if self.common.sequence.is_switching() { R::ONE } else { R::ZERO };
         let (i_dq, i_dq_ref) = (i_dq * present, i_dq_ref * present);
         Estimate {
-            flux: e.flux,
-            speed: e.speed,
-            psi_1: e.psi_1,
-            u_off: e.u_off,
-            i_s: e.i_s,
+            flux: estimated.flux,
+            speed: estimated.speed,
+            psi_1: estimated.psi_1,
+            u_off: estimated.u_off,
+            i_s: estimated.i_s,
             u_s: voltage.u_s * present,
             i_dq,
             i_dq_ref,
             psi_ref,
-            torque: e.flux.magnitude * i_dq.im(),
-            r_s: e.r_s,
-            r_r: e.r_r,
-            epsilon: e.epsilon,
-            innovation: e.innovation,
-            nis: e.nis,
-            angle_deviation: if running { e.angle_deviation } else { R::from_f64(core::f64::consts::PI) },
+            torque: estimated.flux.magnitude * i_dq.im(),
+            r_s: estimated.r_s,
+            r_r: estimated.r_r,
+            epsilon: estimated.epsilon,
+            innovation: estimated.innovation,
+            nis: estimated.nis,
+            angle_deviation: if running { estimated.angle_deviation } else { R::from_f64(core::f64::consts::PI) },
             confidence: if running { confidence } else { R::ZERO },
         }
     }
