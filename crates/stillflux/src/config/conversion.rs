@@ -294,7 +294,10 @@ impl<'a> Conversion<'a> {
             r(pu.r_s + pu.r_r * (pu.l_s / pu.l_m) * (pu.l_s / pu.l_m) / 0.8),
             r(self.time(self.adapt_periods) * pu.hz(p.flux_bandwidth) / 2.0),
             r((1.0 / (u_max * u_max)).min(100.0)),
-            r(weakening::RISE * f64::from(self.slow_periods) / self.inverter.f_c()),
+            (
+                r(weakening::RISE * f64::from(self.slow_periods) / self.inverter.f_c()),
+                r(weakening::RISE_OF_VOLTAGE * f64::from(self.adapt_periods) / self.inverter.f_c()),
+            ),
         )
     }
 

@@ -21,7 +21,10 @@
 //! **Ripple of the link.** Where the voltage reference is at its limit, the torque current is limited to the one that flows
 //! ([`crate::drive`]). A rectified link has that voltage and more by turns, 100 or 300 times a second: with 2 % of it a current
 //! of `0.02/(ω_s σl_s)`, at large motors more than the rated one. A reference that follows asks for what the mean voltage
-//! cannot drive. So the limit rises by [`RISE`] only.
+//! cannot drive. So the limit rises by [`RISE`] only. The flux is weakened for the least voltage, too: `u_max` falls at once
+//! and rises by [`RISE_OF_VOLTAGE`] while it is. Otherwise, at a speed where the voltage is enough for the rated flux
+//! by turns, the reference would step as often between it and a weaker one, with a current of a sixth of rated peak by each
+//! step (3 kHz, 60 Hz, 2 % of ripple at 100 Hz).
 
 use crate::scalar::{Integrator, Real, clamp_seldom, likely};
 use crate::words::words;
@@ -33,7 +36,10 @@ const UTILISATION_MIN: f64 = 0.9;
 /// Rise of the largest torque current where the voltage is no longer at its limit, per unit in a second: in half a period of the
 /// ripple of a three-phase rectifier 0.17 pu. Allowance.
 pub(crate) const RISE: f64 = 100.0;
-/// A limit of the torque current that is none, per unit, and the one from which on it counts as none.
+/// Rise of the voltage that the flux is weakened for, per unit in a second: in a period of the ripple of a single-phase rectifier
+/// 0.005 pu. Allowance.
+pub(crate) const RISE_OF_VOLTAGE: f64 = 0.5;
+/// A limit of the torque current, or of the voltage, that is none, per unit, and the one from which on it counts as none.
 pub(crate) const FREE: f64 = 100.0;
 const I_Q_MAX: f64 = 3.0;
 /// Excess of the flux over its reference, per unit, from which on the flux has not yet followed.
@@ -54,11 +60,14 @@ pub struct WeakeningConfig<R: Real> {
     pub inv_u_max_sq: R,
     /// [`RISE`] times the time between two references.
     pub rise: R,
+    /// [`RISE_OF_VOLTAGE`] times the time between two calls.
+    pub rise_of_voltage: R,
 }
 impl<R: Real> WeakeningConfig<R> {
-    /// Of a smallest flux reference, `r'`, the gain of the voltage controller, `1/u_max²` and the rise of the torque current.
-    pub fn new(psi_min: R, resistance: R, k: R, inv_u_max_sq: R, rise: R) -> Self {
-        Self { psi_min, resistance, k, inv_u_max_sq, rise }
+    /// Of a smallest flux reference, `r'`, the gain of the voltage controller, `1/u_max²` and the rises of torque current and
+    /// voltage.
+    pub fn new(psi_min: R, resistance: R, k: R, inv_u_max_sq: R, (rise, rise_of_voltage): (R, R)) -> Self {
+        Self { psi_min, resistance, k, inv_u_max_sq, rise, rise_of_voltage }
     }
 
     /// A flux, at least the smallest reference.
@@ -67,7 +76,7 @@ impl<R: Real> WeakeningConfig<R> {
         psi_s.max(self.psi_min)
     }
 }
-words!(WeakeningConfig: psi_min, resistance, k, inv_u_max_sq, rise);
+words!(WeakeningConfig: psi_min, resistance, k, inv_u_max_sq, rise, rise_of_voltage);
 
 /// State of field weakening.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,6 +91,8 @@ pub struct Weakening<R: Real> {
     most: R,
     /// Torque current that the voltage allows.
     i_q_most: R,
+    /// Largest voltage that the flux is weakened for.
+    u_max: R,
 }
 
 impl<R: Real> Default for Weakening<R> {
@@ -91,6 +102,7 @@ impl<R: Real> Default for Weakening<R> {
             psi_ref: R::ZERO,
             most: R::ZERO,
             i_q_most: R::from_f64(FREE),
+            u_max: R::from_f64(FREE),
         }
     }
 }
@@ -103,7 +115,7 @@ impl<R: Real> Weakening<R> {
 
     /// The current of a start follows a flux that builds up.
     pub fn follow_flux(&mut self) {
-        self.most = R::ZERO;
+        (self.most, self.u_max) = (R::ZERO, R::from_f64(FREE));
     }
 
     /// Begins anew at rated flux.
@@ -145,9 +157,11 @@ impl<R: Real> Weakening<R> {
         omega: R,
         i_q: R,
         (psi_rated, psi_s): (R, R),
-        voltage: (R, R),
+        (u_max, u_sq): (R, R),
     ) -> bool {
-        let most = self.step(c, omega, i_q, (psi_rated, psi_s), voltage);
+        let before = if self.is_rated(psi_rated) { R::from_f64(FREE) } else { self.u_max };
+        self.u_max = u_max.min(before + c.rise_of_voltage);
+        let most = self.step(c, omega, i_q, (psi_rated, psi_s), (self.u_max, u_sq));
         let ends = most == psi_rated && self.most != most;
         self.most = most;
         ends
@@ -187,7 +201,7 @@ mod tests {
 
     const R: f64 = 0.12;
     const CONFIG: WeakeningConfig<f64> =
-        WeakeningConfig { psi_min: 0.2, resistance: R, k: 0.01, inv_u_max_sq: 1.0, rise: 0.01 };
+        WeakeningConfig { psi_min: 0.2, resistance: R, k: 0.01, inv_u_max_sq: 1.0, rise: 0.01, rise_of_voltage: 1e-3 };
 
     /// `ψ*` with a voltage reference that leaves the voltage controller where it is.
     fn reference(omega: f64, i_q: f64) -> f64 {
@@ -220,6 +234,28 @@ mod tests {
             psi = weakening.step(&CONFIG, 2.0, 0.0, (1.0, psi), (1.0, u * u));
         }
         assert!((1.04 * 2.0 * psi - UTILISATION).abs() < 1e-3, "{psi}");
+    }
+
+    #[test]
+    fn a_ripple_of_the_link_does_not_move_the_flux_reference_to_and_fro() {
+        // 2 % of ripple, and a speed at which its mean is enough for the rated flux.
+        let span = |rise_of_voltage: f64| {
+            let (c, mut weakening) = (WeakeningConfig { rise_of_voltage, ..CONFIG }, Weakening::default());
+            weakening.start(1.0);
+            let (mut lo, mut hi, mut ends) = (1.0_f64, 0.0_f64, 0);
+            for k in 0..300 {
+                let u_max = 1.0 + 0.02 * (0.6 * f64::from(k)).sin();
+                ends += u32::from(weakening.limit(&c, 0.965, 0.0, (1.0, 0.99), (u_max, 0.9 * 0.9)));
+                if k > 20 {
+                    (lo, hi) = (lo.min(weakening.most(1.0)), hi.max(weakening.most(1.0)));
+                }
+            }
+            (hi - lo, ends)
+        };
+        let (swing, ends) = span(CONFIG.rise_of_voltage);
+        assert!(swing < 0.012 && ends == 0, "{swing} {ends}");
+        let (swing, ends) = span(1.0);
+        assert!(swing > 0.013 && ends > 20, "a reference that follows the link: {swing} {ends}");
     }
 
     #[test]

@@ -8,8 +8,9 @@ use core::marker::PhantomData;
 pub(crate) const UTILISATION: f64 = 0.97;
 /// A limit of the torque current that is none, per unit.
 pub(crate) const FREE: f64 = 100.0;
-/// Rise of a limit that there is not.
+/// Rises of limits that there are not.
 pub(crate) const RISE: f64 = 0.0;
+pub(crate) const RISE_OF_VOLTAGE: f64 = 0.0;
 
 /// No settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,7 +23,7 @@ words!(WeakeningConfig: of);
 
 impl<R: Real> WeakeningConfig<R> {
     /// Of none.
-    pub fn new(_: R, _: R, _: R, _: R, _: R) -> Self {
+    pub fn new(_: R, _: R, _: R, _: R, _: (R, R)) -> Self {
         Self { of: PhantomData }
     }
 
