@@ -112,6 +112,43 @@ def test_a_drive_under_load_at_rest_goes_on(number: int, course: str) -> None:
     assert outcome.angle < 15.0
 
 
+@pytest.mark.parametrize(
+    "number",
+    [
+        # 87 and 100 Hz at 4 kHz: the loss of the bridge was that of the current's reference, and its ripple
+        # that of a current 27° before. The estimated flux of the unloaded motor swung until control was lost.
+        174,
+        548,
+        941,
+        # 3 kHz, near rated speed: a flux reference that followed the ripple of the link was rated by turns.
+        473,
+    ],
+)
+def test_a_drive_at_few_kilohertz_holds_any_speed(number: int) -> None:
+    outcome, _ = tolerance.run(DRAWN, "duty", number)
+    assert not outcome.why
+    assert outcome.angle < 15.0
+
+
+def test_a_duty_is_any_speed_and_load_on_a_ramp_that_the_torque_carries() -> None:
+    motor = drive(7).motor
+    spin_up = motor.J * motor.base["omega_m"] / motor.T_N
+    duties = [COURSES["duty"].build(motor, seed) for seed in range(100)]
+    assert duties[0] == COURSES["duty"].build(motor, 0)
+    for duty in duties:
+        times, speeds = np.transpose(duty.omega)
+        torque = 3.0 * spin_up * np.abs(np.diff(speeds)) / np.diff(times)
+        assert torque.max() < 0.4 + 1e-9
+        assert np.all(np.diff([t for t, _ in duty.load]) >= 0.0)
+        assert max(abs(load) for _, load in duty.load) <= 1.0
+        assert 20.0 < duty.end < 20.0 + 10.0 * 6.0 * spin_up / 0.4 + 10.0
+    speeds = np.array([speed for duty in duties for _, speed in duty.omega[2::2]])
+    assert 0.15 < np.mean(speeds == 0.0) < 0.35
+    assert np.mean(np.abs(speeds) < 0.1) > 0.5
+    assert speeds.min() < -0.9
+    assert speeds.max() > 0.9
+
+
 def restarted(number: int, omega: float, pause: float) -> sf.Result:
     """What follows the restart of a drawn drive that was stopped at a speed, per unit, for a pause, s."""
     made, _ = tolerance.scenario(

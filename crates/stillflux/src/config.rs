@@ -62,6 +62,11 @@ pub(crate) use paper::{PaperConfig, r_s_periods};
 /// Largest offset of a current channel at rest, per unit.
 pub(crate) const I_OFF_MAX: f64 = 0.15;
 
+/// Stator frequency, in units of the bandwidth of current control, from which the inverter model takes the current itself.
+/// Where the flux estimate has an error that stands in the stator its reference swings with the stator frequency, and the
+/// current follows it with a deviation of this part.
+const APART: f64 = 0.1;
+
 /// Least dc-link voltage of a bridge that switches, per unit: its reciprocal is computed without a check.
 const U_DC_LEAST: f64 = 1.0 / 32.0;
 
@@ -97,6 +102,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) t_ahead: R,
     /// Part of the deviation of the current from its reference that is corrected within that time.
     pub(crate) part_ahead: R,
+    /// Stator frequency from which the current does not follow its reference closely enough to be taken for it.
+    pub(crate) omega_apart: R,
     pub(crate) i_range: R,
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.
     pub(crate) i_plain_sq: R,
@@ -150,7 +157,7 @@ words! {
     scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, weakening, speed_control, speed_part, supervision, low_confidence, t_ahead, part_ahead, i_range, i_plain_sq,
+    speed, current, flux_control, weakening, speed_control, speed_part, supervision, low_confidence, t_ahead, part_ahead, omega_apart, i_range, i_plain_sq,
     i_trip, i_max_sq, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "supervision")] realign,
     #[cfg(feature = "dclink")] dclink,
@@ -349,6 +356,7 @@ impl<R: Real> DriveConfig<R> {
             low_confidence: p.low_confidence,
             t_ahead: r(1.5 * pu.t_s),
             part_ahead: r((1.5 * pu.t_s * pu.hz(p.current_bandwidth)).min(1.0)),
+            omega_apart: r((APART * pu.hz(p.current_bandwidth)).min(10.0)),
             i_range: r(x.i_range),
             i_plain_sq: r((plain * plain).min(1.5 * x.i_trip * x.i_trip).min(100.0)),
             i_trip: r(x.i_trip),

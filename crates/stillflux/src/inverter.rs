@@ -43,8 +43,8 @@
 //! three times the knee) the first approximation alone is off by 0.11 V rms with 2 µs and 1 nF, by 0.22 V if the machine
 //! has 30 V in that phase, and by 0.32 V with 4 µs; with both edges 0.02, 0.04 and 0.04 V are left. Beyond three times
 //! the knee, and in the first approximation beyond the knee, `e(i)` is taken. The difference of both is computed for one leg
-//! in every fourth period, up to a voltage of 0.25 pu: where it counts, near zero stator frequency, the currents move
-//! slowly. (Sampled in the upper zero vector the signs change.)
+//! in every fourth period, up to the voltage at whose speed the currents turn by 5° until it is the leg's turn again, at most
+//! 0.25 pu: where it counts, near zero stator frequency, they move slowly. (Sampled in the upper zero vector the signs change.)
 //!
 //! **Double update.** In a half period of the carrier each leg has one edge, a rising one in the half that begins in the
 //! lower zero vector, a falling one in the other. The rising edge loses all of the dead time for `i > 0` and what the node
@@ -177,6 +177,9 @@ struct Parameters<R: Real> {
     shift: R,
     #[cfg(feature = "ripple")]
     ripple: R,
+    /// Square of the largest voltage with which the ripple of the currents is computed.
+    #[cfg(feature = "ripple")]
+    ripple_within_sq: R,
     /// Differences of the legs, and the rated dc link.
     #[cfg(feature = "legs")]
     legs: Legs<R>,
@@ -184,7 +187,7 @@ struct Parameters<R: Real> {
     u_dc: R,
 }
 words!(Parameters: u_th, dead_time, band, inv_band, knee, shift,
-    #[cfg(feature = "ripple")] ripple,
+    #[cfg(feature = "ripple")] ripple, #[cfg(feature = "ripple")] ripple_within_sq,
     #[cfg(feature = "legs")] legs, #[cfg(feature = "legs")] u_dc);
 
 /// The curve follows from the parameters and is not stored.
@@ -390,6 +393,8 @@ impl<R: Real> InverterModel<R> {
             shift: r(if edges { 0.25 * pu.dead_time_swing } else { 0.0 }),
             #[cfg(feature = "ripple")]
             ripple: r(if edges { 0.25 * pu.dead_time_swing / (pu.dead_time * pu.u_dc) } else { 0.0 }),
+            #[cfg(feature = "ripple")]
+            ripple_within_sq: r(ripple::largest_voltage(pu).powi(2)),
             #[cfg(feature = "legs")]
             legs: Legs::new(&pu.legs),
             #[cfg(feature = "legs")]
@@ -411,6 +416,8 @@ impl<R: Real> InverterModel<R> {
             shift: R::ZERO,
             #[cfg(feature = "ripple")]
             ripple: R::ZERO,
+            #[cfg(feature = "ripple")]
+            ripple_within_sq: R::ZERO,
             #[cfg(feature = "legs")]
             legs: Legs::default(),
             #[cfg(feature = "legs")]

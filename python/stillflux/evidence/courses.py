@@ -162,6 +162,35 @@ def _restart(motor: Motor, seed: int) -> Demand:
     return Demand(omega, points, (stop, start))
 
 
+def _duty(motor: Motor, seed: int) -> Demand:
+    """Speeds and loads at random for some 20 s: a standstill, a speed from 0.003 to 0.1 or one from 0.1 to 1, in either
+    direction, on a ramp that asks the largest inertia for at most 0.4 of rated torque and may be ten times as
+    long; meanwhile the load goes within 10 ms to 1 s to none or to anything between ± rated torque."""
+    rng = np.random.default_rng([seed, 3])
+
+    def spread(low: float, high: float) -> float:
+        return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+    def next_speed() -> float:
+        speeds = (0.0, spread(0.003, 0.1), rng.uniform(0.1, 1.0))
+        return float(rng.choice(speeds, p=(0.25, 0.4, 0.35)) * rng.choice((-1, 1)))
+
+    spin_up = motor.J * motor.base["omega_m"] / motor.T_N
+    omega: Points = [(0, 0), (0.3, 0)]
+    load: Points = [(0, 0)]
+    while omega[-1][0] < 20.0:
+        t, old = omega[-1]
+        speed = next_speed()
+        ramp = max(0.05, 3.0 * abs(speed - old) * spin_up / 0.4 * spread(1.0, 10.0))
+        dwell = spread(0.3, 4.0)
+        torque = float(rng.uniform(-1.0, 1.0) * rng.choice((0, 1), p=(0.25, 0.75)))
+        begin = t + rng.uniform(0.0, 0.8) * (ramp + dwell)
+        load += [(begin, load[-1][1]), (begin + min(spread(0.01, 1.0), t + ramp + dwell - begin), torque)]
+        omega += [(t + ramp, speed), (t + ramp + dwell, speed)]
+    end = omega[-1][0] + 1.5
+    return Demand([*omega, (end, omega[-1][1])], [*load, (end, load[-1][1])])
+
+
 def in_every_draw(build: Callable[[Motor], tuple[Points, Points]]) -> Callable[[Motor, int], Demand]:
     """The same reference and load in every draw."""
     return lambda motor, seed: Demand(*build(motor))
@@ -179,5 +208,6 @@ COURSES: Mapping[str, Course] = {
     "weakening": Course("steps to ±1.9 times rated speed", in_every_draw(_weakening), None),
     "light-load": Course("light load that comes within 3 s at rest, T_N/5", in_every_draw(_light_load), None),
     "restart": Course("restart with the flux that is left", _restart, None),
+    "duty": Course("speeds and loads at random", _duty, None),
 }
 """By name."""

@@ -215,7 +215,7 @@ impl<R: Real> Control<R> {
         let u_ff = Dq::new(i_ref.re() * x.r_s, i_ref.im() * x.r_s + x.omega_s * x.psi_s);
         let u = self.current.step(&c.current, &i_ref, &self.i_dq, &u_ff, u_dc * c.u_limit);
         let Self { voltage, i_dq, weakening, .. } = self;
-        let i_ahead = || ahead.to_stator(&current_ahead(c, weakening, &i_ref, i_dq));
+        let i_ahead = || ahead.to_stator(&current_ahead(c, weakening, x.omega_s, &i_ref, i_dq));
         voltage.command(c, period, &ahead.to_stator(&u), i_ahead, u_dc, inverter)
     }
 
@@ -426,18 +426,30 @@ fn within_current<R: Real>(i_ref: &Dq<R>, i_max_sq: R) -> (Dq<R>, R) {
 }
 
 /// Current in the middle of the period in which the duties act, by which the inverter model takes its loss: the reference,
-/// which is free of noise. In field weakening the current without load is small, so that its deviation from a reference
-/// that swings turns it by tens of degrees. The loss of the bridge, which has the direction of the current, is then wrong
-/// by a voltage that swings with it, and the flux estimate, whose error makes the reference swing, integrates that. The
-/// current itself does without noise there; within the delay current control corrects a part of its deviation.
+/// which is free of noise, where the current follows it closely. An error `δ` of the flux that stands in the stator makes
+/// reference and current swing with the stator frequency, and the current follows with a deviation of the part
+/// `ω_s/ω_c`. The loss `U` of the bridge has the direction of the current `i`; seen from the stator a part of order
+/// `U/(π i)` of that deviation is a direct voltage, which the flux estimate integrates: beyond some frequency `δ` grows. So
+/// from `ω_s` = 0.1 `ω_c` on the current itself counts, which does without noise there; within the delay current control
+/// corrects a part of its deviation. With the reference an unloaded motor of 250 kW, 87 Hz at 4 kHz, swung at 0.24
+/// of rated speed until control was lost, every parameter right.
+///
+/// In field weakening the current without load is small, so that its deviation from a reference that swings turns it by tens
+/// of degrees.
 ///
 /// So it is while the current of a start follows a flux that turns and builds up. An error `δ` of the flux that stands in
 /// the stator turns the current by `δ e^(-jωτ)/ψ` against its reference, and the loss `U` of the bridge with it; seen from
 /// the stator a part `U δ/2ψ` of that is a direct voltage, which lets `δ` grow within `2ψ/U`. At 160 kW and 4 kHz
 /// (`U` = 0.02) that is 30 ms at a tenth of rated flux.
 #[inline(always)]
-fn current_ahead<R: Real>(c: &DriveConfig<R>, weakening: &Weakening<R>, i_ref: &Dq<R>, i_dq: &Dq<R>) -> Dq<R> {
-    if likely(weakening.is_rated(c.flux_control.psi_rated)) {
+fn current_ahead<R: Real>(
+    c: &DriveConfig<R>,
+    weakening: &Weakening<R>,
+    omega_s: R,
+    i_ref: &Dq<R>,
+    i_dq: &Dq<R>,
+) -> Dq<R> {
+    if likely(omega_s.within(c.omega_apart) && weakening.is_rated(c.flux_control.psi_rated)) {
         return *i_ref;
     }
     *i_dq + (*i_ref - *i_dq) * c.part_ahead
@@ -446,7 +458,30 @@ fn current_ahead<R: Real>(c: &DriveConfig<R>, weakening: &Weakening<R>, i_ref: &
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::DriveParams;
+    use crate::params::{Inverter, Machine};
     use crate::scalar::Q;
+
+    #[test]
+    fn the_inverter_model_takes_the_reference_where_the_current_follows_it_and_the_current_elsewhere() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let c = DriveConfig::<f64>::new(&machine, &inverter, &DriveParams::new(&machine, &inverter)).unwrap();
+        let mut weakening = Weakening::default();
+        let (i_ref, i) = (Dq::new(0.5, 0.2), Dq::new(0.4, 0.3));
+        let at = |weakening: &Weakening<f64>, omega_s| current_ahead(&c, weakening, omega_s, &i_ref, &i);
+        weakening.start(c.flux_control.psi_rated);
+        // A tenth of 300 Hz.
+        for omega_s in [0.0, 0.59, -0.59] {
+            assert_eq!(at(&weakening, omega_s), i_ref, "{omega_s}");
+        }
+        let between = i + (i_ref - i) * c.part_ahead;
+        assert!(c.part_ahead > 0.2 && c.part_ahead < 0.4);
+        for omega_s in [0.61, -0.61, 2.0] {
+            assert_eq!(at(&weakening, omega_s), between, "{omega_s}");
+        }
+        weakening.follow_flux();
+        assert_eq!(at(&weakening, 0.0), between, "flux that builds up");
+    }
 
     /// Heat may lower the limit below the direct current that the flux controller asks for.
     fn limits<R: Real>(rounding: f64) {

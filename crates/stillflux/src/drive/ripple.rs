@@ -5,10 +5,6 @@ use crate::inverter::{Distortion, InverterModel, Knee};
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
 
-/// Largest voltage with which the ripple of the currents is computed, per unit: at the speed that belongs to it a
-/// current turns by 5° until it is the leg's turn again, and is near its zero for 15° (2.2 kW, 10 kHz). Allowance.
-const LOW: f64 = 0.25;
-
 /// Of the three legs.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -43,7 +39,7 @@ impl<R: Real> Ripple<R> {
         knee: &Knee<R>,
         loss: &Distortion<R>,
     ) {
-        if u_ref.norm_sq() > R::from_f64(LOW * LOW) {
+        if u_ref.norm_sq() > model.ripple_within_sq() {
             self.of = [R::ZERO; 3];
             return;
         }

@@ -1,6 +1,7 @@
 //! What the ripple of the currents adds to the loss of a leg near its current zero (**Ripple** in [`super`]).
 
 use super::{Distortion, InverterModel, Knee};
+use crate::base::PerUnit;
 use crate::scalar::Real;
 
 /// Half width of the range in which both edges of a leg are told apart, relative to that of the linear part.
@@ -9,6 +10,19 @@ const NEAR: f64 = 3.0;
 /// the first by integration, the second fitted to the integrated period.
 const SLOW_RAMP: f64 = 1.0 / 3.0;
 const FAST_RAMP: f64 = 0.27;
+
+/// Control periods until it is a leg's turn again.
+const TURN_PERIODS: f64 = 12.0;
+/// Largest angle, rad, by which the current turns meanwhile, and largest voltage, per unit, with which the ripple is
+/// computed. Allowance: near its zero a current is for 15° (2.2 kW, 10 kHz). What is kept for longer is the loss of another
+/// current: with 27°, 4 kHz and 87 Hz rated, the estimated flux of an unloaded motor swings until control is lost.
+const TURN: f64 = 0.094;
+const VOLTAGE_MOST: f64 = 0.25;
+
+/// Largest voltage with which the ripple is computed, per unit, as large as the speed that belongs to it.
+pub(super) fn largest_voltage(pu: &PerUnit) -> f64 {
+    (TURN / (TURN_PERIODS * pu.t_s)).min(VOLTAGE_MOST)
+}
 
 impl<R: Real> Knee<R> {
     /// Whether both edges of a leg with this current are told apart.
@@ -19,6 +33,12 @@ impl<R: Real> Knee<R> {
 }
 
 impl<R: Real> InverterModel<R> {
+    /// Square of the largest voltage with which the ripple is computed.
+    #[inline(always)]
+    pub fn ripple_within_sq(&self) -> R {
+        self.parameters.ripple_within_sq
+    }
+
     /// What the loss `first` of [`InverterModel::distortion`] lacks in leg `k` (0 to 2) near its current zero, in a period in
     /// which the machine is to have the phase currents `phases` and voltages `u`.
     #[inline(never)]
@@ -58,7 +78,7 @@ impl<R: Real> InverterModel<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::{Base, PerUnit};
+    use crate::base::Base;
     use crate::control::modulator::modulate;
     use crate::params::{Inverter, Machine};
     use crate::space::AlphaBeta;
@@ -88,6 +108,20 @@ mod tests {
             }
         }
         sum.map(|x| x / period)
+    }
+
+    #[test]
+    fn the_ripple_of_a_leg_is_kept_while_the_field_turns_by_a_few_degrees() {
+        let largest = |f_N: f64, f_s: f64| {
+            let machine = Machine { f_N, ..Machine::preset_2k2() };
+            let pu = PerUnit::new(&machine, &Inverter { f_s, ..Inverter::preset_2k2() }).unwrap();
+            let degrees = (largest_voltage(&pu) * TURN_PERIODS * pu.t_s).to_degrees();
+            assert!(degrees < 5.41, "{f_N} Hz, {f_s} Hz: {degrees}");
+            largest_voltage(&pu)
+        };
+        assert!((largest(50.0, 10e3) - 0.25).abs() < 1e-3, "most at 10 kHz, where that was chosen");
+        assert_eq!(largest(50.0, 16e3), 0.25);
+        assert!((largest(87.0, 4e3) - 0.0575).abs() < 1e-3);
     }
 
     /// Deviation of the model from it, V rms, over currents of leg c within three times the knee while the other two
