@@ -265,14 +265,12 @@ impl<R: Real> Sequence<R> {
             return Action::Blocked;
         }
         if c.calibrate_offset {
-            for (to, mean) in self.i_off.iter_mut().zip(&self.offset_mean) {
-                *to = mean.value();
-            }
-            let limit = R::from_f64(I_OFF_MAX);
-            if let Some(&i) = self.i_off.iter().find(|i| i.abs() > limit) {
+            let (read, limit) = (self.offset_mean.each_ref().map(|mean| mean.value()), R::from_f64(I_OFF_MAX));
+            if let Some(&i) = read.iter().find(|i| i.abs() > limit) {
                 self.fault(Trip::new(Fault::CurrentOffset, i, limit));
                 return Action::Blocked;
             }
+            self.i_off = read;
         }
         self.follow_from_here();
         self.enter(Status::Magnetising);

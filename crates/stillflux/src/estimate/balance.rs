@@ -89,6 +89,12 @@ impl<R: Real> Balance<R> {
         AlphaBeta::new(self.image[0].value(), self.image[1].value())
     }
 
+    /// The offsets of the channels have been read anew.
+    #[cold]
+    pub fn forget_offset(&mut self) {
+        (self.offset, self.rest) = (QuickIntegrator::default(), R::ZERO);
+    }
+
     /// What the fit leaves of the sum, low-passed, where it is more than noise, per unit.
     #[inline(always)]
     pub fn rest(&self) -> Option<R> {

@@ -126,6 +126,17 @@ impl<R: Real> Filter<R> {
         self.i_s = *i_s - self.b();
     }
 
+    /// The offsets of the sensors have been read anew: what is left of them is as unknown as before the first start.
+    #[cold]
+    #[inline(never)]
+    pub fn forget_offset(&mut self, c: &FilterConfig<R>) {
+        let prior = c.noise.prior();
+        for k in 0..2 {
+            self.b[k] = Integrator::default();
+            self.p.set(B + k, B + k, prior[B]);
+        }
+    }
+
     /// Begins like [`Filter::start`], at the rotor flux of a machine without current.
     pub fn catch(&mut self, c: &FilterConfig<R>, psi_r: AlphaBeta<R>, i_s: &AlphaBeta<R>) {
         self.keep_variances(c);
