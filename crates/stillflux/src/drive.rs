@@ -10,8 +10,8 @@
 //! **Rates.** Estimators, current control and modulator run in every period; with at least 8000 periods a second the
 //! speed estimator and the supervision in every fourth (the published scheme's speed estimator in every second), speed and
 //! flux control in every eighth, the limits of the references and the slow adaptation in every sixteenth, with fewer in every
-//! second, fourth, fourth and fourth one: each in a period of its own and after the duties are known. Their bandwidths
-//! allow it, and no period has to compute all of them.
+//! second, fourth, fourth and fourth one: each in a period of its own, but for limits, adaptation and supervision with
+//! fewer, and after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
 //!
 //! **Schemes.** The published scheme estimates by Figs. 4, 7 and 12, the enhanced one by one filter
 //! ([`crate::estimate::kalman`]). Each has its own start-up for the stage `Magnetising` of the sequence `Stopped` →
@@ -294,9 +294,8 @@ impl<R: Real> Common<R> {
             }
         }
         let field = self.estimate(c, estimators, (i_abc, i_s), (period, u_dc, u_s), start_up);
-        let ripple = period & 3 == 2;
-        let duty = self.control.duties(c, &field, (period, ripple), u_dc, estimators.inverter(c));
-        let running = start_up.is_none();
+        let (ripple, running) = (period & 3 == 2, start_up.is_none());
+        let duty = self.control.duties(c, &field, (period, ripple, running), u_dc, estimators.inverter(c));
         if likely(running) {
             self.slow_tasks(c, estimators, reference, (period, u_dc));
         }

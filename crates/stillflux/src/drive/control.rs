@@ -198,13 +198,13 @@ impl<R: Real> Control<R> {
     }
 
     /// Current control: duties for the next period. `inverter`: estimated factor and curve of the inverter model;
-    /// `period`: its number, and whether the ripple of a leg is computed in it.
+    /// `period`: its number, whether the ripple of a leg is computed in it, and whether it is one under control.
     #[inline(always)]
     pub fn duties(
         &mut self,
         c: &DriveConfig<R>,
         x: &FieldQuantities<R>,
-        period: (u32, bool),
+        (period, ripple, running): (u32, bool, bool),
         u_dc: R,
         inverter: (R, &Knee<R>),
     ) -> Duty<R> {
@@ -215,8 +215,10 @@ impl<R: Real> Control<R> {
         let u_ff = Dq::new(i_ref.re() * x.r_s, i_ref.im() * x.r_s + x.omega_s * x.psi_s);
         let u = self.current.step(&c.current, &i_ref, &self.i_dq, &u_ff, u_dc * c.u_limit);
         let Self { voltage, i_dq, weakening, .. } = self;
-        let i_ahead = || ahead.to_stator(&current_ahead(c, weakening, x.omega_s, &i_ref, i_dq));
-        voltage.command(c, period, &ahead.to_stator(&u), i_ahead, u_dc, inverter)
+        // In a start `omega_s` is not always a frequency.
+        let follows = || x.omega_s.within(c.omega_apart) || !running;
+        let i_ahead = || ahead.to_stator(&current_ahead(c, weakening, follows, &i_ref, i_dq));
+        voltage.command(c, (period, ripple), &ahead.to_stator(&u), i_ahead, u_dc, inverter)
     }
 
     /// References: flux, torque, i_q* within current limit and pull-out, i_d* of (12).
@@ -445,11 +447,11 @@ fn within_current<R: Real>(i_ref: &Dq<R>, i_max_sq: R) -> (Dq<R>, R) {
 fn current_ahead<R: Real>(
     c: &DriveConfig<R>,
     weakening: &Weakening<R>,
-    omega_s: R,
+    follows: impl FnOnce() -> bool,
     i_ref: &Dq<R>,
     i_dq: &Dq<R>,
 ) -> Dq<R> {
-    if likely(omega_s.within(c.omega_apart) && weakening.is_rated(c.flux_control.psi_rated)) {
+    if likely(follows() && weakening.is_rated(c.flux_control.psi_rated)) {
         return *i_ref;
     }
     *i_dq + (*i_ref - *i_dq) * c.part_ahead
@@ -468,7 +470,9 @@ mod tests {
         let c = DriveConfig::<f64>::new(&machine, &inverter, &DriveParams::new(&machine, &inverter)).unwrap();
         let mut weakening = Weakening::default();
         let (i_ref, i) = (Dq::new(0.5, 0.2), Dq::new(0.4, 0.3));
-        let at = |weakening: &Weakening<f64>, omega_s| current_ahead(&c, weakening, omega_s, &i_ref, &i);
+        let at = |weakening: &Weakening<f64>, omega_s: f64| {
+            current_ahead(&c, weakening, || omega_s.within(c.omega_apart), &i_ref, &i)
+        };
         weakening.start(c.flux_control.psi_rated);
         // A tenth of 300 Hz.
         for omega_s in [0.0, 0.59, -0.59] {

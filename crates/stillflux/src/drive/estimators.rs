@@ -38,7 +38,8 @@ pub(super) struct FieldQuantities<R: Real> {
     pub field: Rotator<R>,
     /// `|ψ̂_s|`.
     pub psi_s: R,
-    /// Stator frequency.
+    /// Stator frequency. While the flux of a turning machine is caught the sign of the voltage that is fed forward, which is
+    /// `omega_s psi_s`.
     pub omega_s: R,
     /// Stator resistance.
     pub r_s: R,

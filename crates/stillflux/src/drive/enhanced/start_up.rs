@@ -209,7 +209,10 @@ impl<R: Real> EnhancedEstimators<R> {
     ) -> FieldQuantities<R> {
         let field = self.catch.turn(&c.enhanced.catch, period, psi_r);
         let psi_s = self.filter.sigma_l_s(&c.enhanced.filter) * i_ref;
-        let (omega_s, r_s) = (c.enhanced.catch.omega_p, self.filter.r_s());
+        // Without the current that turns the field stands: a voltage that is turned ahead in the positive direction drives the
+        // flux of a machine that turns in the other one.
+        let omega_s = if self.catch.is_turning() { c.enhanced.catch.omega_p } else { R::ZERO };
+        let r_s = self.filter.r_s();
         FieldQuantities { field, psi_s, omega_s, r_s, i_dq: field.to_field(&i_s) }
     }
 
