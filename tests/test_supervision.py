@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,6 +67,65 @@ def test_missed_calls_stop_a_drive_that_switches(drive: sf.Drive) -> None:
             duty = drive.step(i_abc, u_dc, omega_ref=0.0, cycle=k)
         i_abc, u_dc = plant.step(duty if k else [0.5] * 3, gates_on=drive.gates_on)
     assert drive.status.fault == "timing"
+
+
+@pytest.mark.parametrize("omega", [0.1, -0.1])
+def test_a_step_of_the_speed_at_few_kilohertz_is_no_open_phase(omega: float) -> None:
+    # The torque reverses as fast as the field turns, the current behind it: a healthy phase stays at zero
+    # for 27 ms.
+    motor, inverter = sf.Motor.preset("11kW"), sf.Inverter.preset("11kW").replace(f_s=4e3)
+    speed = omega * motor.base["omega_m"]
+    result = sf.simulate(
+        sf.Scenario(motor=motor, inverter=inverter, duration=3.5, omega_ref=[(0, 0), (2, 0), (2, speed)])
+    )
+    assert result.status == "running"
+    assert result["omega_m"][-1] == pytest.approx(speed, rel=0.01)
+
+
+@pytest.mark.parametrize("scheme", ["enhanced", "paper"])
+@pytest.mark.parametrize("machine", ["2.2kW", "11kW"])
+def test_an_offset_that_was_found_and_is_then_read_counts_once(scheme: Any, machine: str) -> None:
+    # Of 3 % of rated peak: taken off twice, the field was lost or 68° off.
+    motor, inverter = sf.Motor.preset(machine), sf.Inverter.preset(machine)
+    offset = 0.03 * math.sqrt(2.0) * motor.I_N * cmath.rect(1.0, 2.0)
+    result = sf.simulate(
+        sf.Scenario(
+            motor=motor,
+            inverter=inverter,
+            scheme=scheme,
+            duration=15.0,
+            # Nothing is fresh after a stop of 0.3 s.
+            settings={"fresh_time": 0.1},
+            omega_ref=[(0.0, 0.0), (1.8, 0.0), (2.0, 10.0), (7.0, 10.0), (7.2, 0.0)],
+            load_torque=[(0.0, 0.0), (11.0, 0.0), (11.1, 0.5 * motor.T_N)],
+            changes=[(2.0, {"current_offset": offset}), (7.0, {"stop": True}), (7.3, {"stop": False})],
+        )
+    )
+    assert result.status == "running"
+    before = result.t < 7.0
+    assert abs(np.asarray(result["estimate.u_off"])[before][-1]) > 0.5 * abs(offset) * motor.R_s
+    assert np.degrees(np.abs(result["angle_error"][result.t > 10.8])).max() < 10.0
+
+
+@pytest.mark.parametrize("omega", [1.3, -1.3, 1.5, -1.5])
+def test_a_start_does_not_excite_a_machine_that_turns_in_either_direction(omega: float) -> None:
+    # While its direct currents rest the voltage was turned ahead as if the field turned in the positive one.
+    motor, inverter = sf.Motor.preset("11kW"), sf.Inverter.preset("11kW")
+    speed = omega * motor.base["omega_m"]
+    for part in (0.9, 1.1):
+        real = motor.replace(R_R=part * motor.R_R, R_s=(2.0 - part) * motor.R_s)
+        result = sf.simulate(
+            sf.Scenario(
+                motor=motor,
+                inverter=inverter,
+                plant_motor=real,
+                duration=2.0,
+                omega_ref=speed,
+                plant={"speed": speed},
+            )
+        )
+        assert result.status == "running", part
+        assert result["omega_m"][-1] == pytest.approx(speed, rel=0.02)
 
 
 def test_held_is_the_longest_uninterrupted_time() -> None:

@@ -335,6 +335,7 @@ impl<'a> Conversion<'a> {
                 calls_control: watched(0.25),
                 calls_zero: watched(0.004),
                 t_s: r(pu.t_s * f64::from(SUPERVISION_PERIODS)),
+                lag: r((pu.t_s * f64::from(SUPERVISION_PERIODS) * pu.hz(p.current_bandwidth) / 3.0).min(1.0)),
             },
             #[cfg(feature = "supervision")]
             channels: ChannelConfig {

@@ -3,8 +3,8 @@
 //! ```text
 //! |i* - i|² > 0.2² |i*|² + 0.05²         violated
 //! Σ|i_x| < 0.15 Σ|i_x*|                  phase x is open; sums over the violated calls
-//! |i* - i|² > 0.06² |i*|² + 0.02²        with (i_x* - i_x)² > |i* - i|²/4, also with i_x* of the call before and with the
-//!                                        same sign, and |ω̂_s| > 0.03, for 4 ms and 0.1 rad of ω̂_s τ, which
+//! |i* - i|² > 0.06² |i*|² + 0.02²        with (i_x* - i_x)² > |i* - i|²/4, also with i_x* low-passed in field coordinates
+//!                                        and with the same sign, and |ω̂_s| > 0.03, for 4 ms and 0.1 rad of ω̂_s τ, which
 //!                                        counts half where |i_x* - i_x| < 0.15 |i*|,
 //!                                        and in every call from the first to the last of them |i_x| < 0.03 |i|:
 //!                                        phase x is open
@@ -17,8 +17,8 @@
 //! zero after 2 · 0.03 rad. What such a phase lacks lies along its axis: a deviation along the line of the other two is
 //! none of it, as while a speed controller takes the torque current back as fast as the field turns, and the dead time
 //! holds at zero a phase that is to carry next to nothing (the published scheme before its first offset). Nor is a
-//! deviation by which the current is where its reference was at the call before: it follows one that moves, after a load
-//! that is taken away. Not while a violation is remembered: after a step of the reference the current comes up to it from beside, by as much as the
+//! deviation by which the current is where its reference was lately, its low-pass with `3/ω_c` of current control: it follows one that
+//! moves, after a load that is taken away, or, at 4 kHz, while a torque reverses at the end of a fast change of the speed. Not while a violation is remembered: after a step of the reference the current comes up to it from beside, by as much as the
 //! field turns, and a healthy phase may stay at its zero for some ms. The longest stay that was seen is 14 ms: while a load reversed the
 //! reference turned back in the field as fast as that turned, and a long dead time (3.5 µs at 4 kHz) held the current of the phase at
 //! zero, a tenth of the current vector short of its reference. Up to 0.15 the turned angle therefore counts half. After 4 ms and 24 periods of violation (leaky, [`super::leaky`])
@@ -92,8 +92,10 @@ pub struct PhaseConfig<R: Real> {
     pub calls_zero: u32,
     /// Normalised time between two calls.
     pub t_s: R,
+    /// Part of the way to the reference that its low-pass goes in a call.
+    pub lag: R,
 }
-words!(PhaseConfig: floor_sq, small_floor_sq, calls_open, calls_control, calls_zero, t_s);
+words!(PhaseConfig: floor_sq, small_floor_sq, calls_open, calls_control, calls_zero, t_s, lag);
 
 /// State.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,10 +105,12 @@ pub struct Phases<R: Real> {
     counter: LeakyCounter,
     /// Calls for which each phase has been at the zero of its current, and by what the field has turned in them, rad.
     zero: [(u32, R); 3],
-    /// One of them is.
-    at_zero: bool,
+    /// The latest call had a deviation, or one of them is.
+    watching: bool,
     /// Reference of the latest call with a deviation.
     i_ref: Dq<R>,
+    /// Low-pass of the reference since there is a deviation.
+    lagged: Dq<R>,
     /// Sums of `|i_x|` and of `|i_x*|` over the violated calls, scaled.
     measured: [R; 3],
     wanted: [R; 3],
@@ -117,8 +121,9 @@ impl<R: Real> Default for Phases<R> {
         Self {
             counter: LeakyCounter::default(),
             zero: [(0, R::ZERO); 3],
-            at_zero: false,
+            watching: false,
             i_ref: Dq::default(),
+            lagged: Dq::default(),
             measured: [R::ZERO; 3],
             wanted: [R::ZERO; 3],
         }
@@ -139,8 +144,8 @@ impl<R: Real> Phases<R> {
     ) -> Option<Trip<R>> {
         let deviation = (*i_ref - *i).norm_sq();
         if likely(deviation <= i_ref.norm_sq() * R::from_f64(SMALL * SMALL) + c.small_floor_sq) {
-            if !likely(self.counter.is_empty() && !self.at_zero) {
-                self.follows(i, field);
+            if !likely(self.counter.is_empty() && !self.watching) {
+                self.follows(c, i, i_ref, field);
             }
             return None;
         }
@@ -150,16 +155,17 @@ impl<R: Real> Phases<R> {
     /// A call without a deviation, after some with one.
     #[cold]
     #[inline(never)]
-    fn follows(&mut self, i: &Dq<R>, field: &Rotator<R>) {
+    fn follows(&mut self, c: &PhaseConfig<R>, i: &Dq<R>, i_ref: &Dq<R>, field: &Rotator<R>) {
         self.counter.step(false, 0);
+        self.lagged += (*i_ref - self.lagged) * c.lag;
         let nothing = i.norm_sq() * R::from_f64(ZERO * ZERO);
-        self.at_zero = false;
+        self.watching = false;
         for (zero, i_x) in self.zero.iter_mut().zip(field.to_stator(i).to_phases()) {
             // It has left its zero, which an open phase does not.
             if i_x * i_x >= nothing {
                 *zero = (0, R::ZERO);
             }
-            self.at_zero |= zero.0 > 0;
+            self.watching |= zero.0 > 0;
         }
     }
 
@@ -175,8 +181,13 @@ impl<R: Real> Phases<R> {
         deviation: R,
     ) -> Option<Trip<R>> {
         let r = R::from_f64;
+        if self.counter.is_empty() && !self.watching {
+            self.lagged = *i_ref;
+        }
+        self.watching = true;
+        self.lagged += (*i_ref - self.lagged) * c.lag;
         let open = |phase: f64| Some(Trip::new(Fault::OpenPhase, r(phase), R::ZERO));
-        let [measured, wanted, before] = [i, i_ref, &self.i_ref].map(|i| field.to_stator(i).to_phases());
+        let [measured, wanted, lately] = [i, i_ref, &self.lagged].map(|i| field.to_stator(i).to_phases());
         let n2 = i_ref.norm_sq();
         if omega_s.is_none() && n2 > self.i_ref.norm_sq() * r(RISEN * RISEN) + c.floor_sq {
             self.counter = LeakyCounter::default();
@@ -188,7 +199,7 @@ impl<R: Real> Phases<R> {
         let nothing = if settled { i.norm_sq() * r(ZERO * ZERO) } else { R::ZERO };
         for (k, number) in [1.0, 2.0, 3.0].into_iter().enumerate() {
             let (calls, angle) = self.zero[k];
-            let (missing, missed) = (wanted[k] - measured[k], before[k] - measured[k]);
+            let (missing, missed) = (wanted[k] - measured[k], lately[k] - measured[k]);
             let aimed = |missing: R| missing * missing > deviation * r(AIMED);
             let lasts = aimed(missing) && aimed(missed) && (missing < R::ZERO) == (missed < R::ZERO);
             self.zero[k] = match turned {
@@ -203,7 +214,6 @@ impl<R: Real> Phases<R> {
                 _ => (0, R::ZERO),
             };
             let (calls, angle) = self.zero[k];
-            self.at_zero |= calls > 0;
             if calls > c.calls_zero && angle > r(PASSED) {
                 return open(number);
             }
@@ -263,6 +273,7 @@ mod tests {
         calls_control: 1000,
         calls_zero: CALLS,
         t_s: 0.08,
+        lag: 0.25,
     };
 
     /// Call in which phase b is found to be open while a direct current along the axis of phase a is asked for.
