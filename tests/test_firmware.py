@@ -286,8 +286,8 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: 16 KiB of flash, 1024 bytes of RAM and 512 of stack, which the published scheme meets. The enhanced one,
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (13_560, 15_920), "ram_drive": (876, 896), "stack_step": (376, 408)},
-    "enhanced": {"flash_library": (31_300, 41_750), "ram_drive": (1600, 1624), "stack_step": (496, 512)},
+    "paper": {"flash_library": (13_740, 16_120), "ram_drive": (880, 900), "stack_step": (376, 424)},
+    "enhanced": {"flash_library": (31_450, 41_860), "ram_drive": (1600, 1624), "stack_step": (504, 512)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
 WITH_ADDITIONS = {"flash_library": (17_830, 20_820), "ram_drive": (1020, 1044), "stack_step": (400, 432)}
@@ -297,8 +297,8 @@ WITH_ADDITIONS = {"flash_library": (17_830, 20_820), "ram_drive": (1020, 1044), 
 #: enhanced one. All are met.
 BUDGET = {
     "flux_estimator": {"f32": 138, "q": 182},
-    "drive_step": {"f32": 480, "q": 808, "f32_worst": 664, "q_worst": 1104},
-    "drive_step_enhanced": {"f32": 600, "q": 970, "f32_worst": 768, "q_worst": 1308},
+    "drive_step": {"f32": 480, "q": 824, "f32_worst": 664, "q_worst": 1152},
+    "drive_step_enhanced": {"f32": 600, "q": 973, "f32_worst": 768, "q_worst": 1308},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }

@@ -152,7 +152,8 @@ int main(int argc, char **argv)
   settings_reach_the_page(&settings, &memory, page);
   refusals(page);
 
-  FILE *to = argc > 1 ? fopen(argv[1], "wb") : NULL;
-  expect(to != NULL && fwrite(page, sizeof page, 1, to) == 1 && fclose(to) == 0, "usage: page TO");
+  expect(argc > 1, "usage: page TO");
+  FILE *to = fopen(argv[1], "wb");
+  expect(to != NULL && fwrite(page, sizeof page, 1, to) == 1 && fclose(to) == 0, "the page cannot be written");
   return 0;
 }

@@ -204,8 +204,8 @@ pub struct stillflux_fault_report {
     pub limit: f32,
 }
 
-/// State and estimates, SI. While the bridge is blocked nothing is estimated: speed, frequency, torque, flux and currents stay
-/// those of the latest period before, whatever the shaft does.
+/// State and estimates, SI. While the bridge is blocked nothing is estimated: torque and currents are zero, speed, frequency and
+/// flux stay those of the latest period before, whatever the shaft does.
 #[repr(C)]
 pub struct stillflux_telemetry {
     /// STILLFLUX_STOPPED to STILLFLUX_FAULTED.

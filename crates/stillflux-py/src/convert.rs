@@ -305,7 +305,8 @@ pub fn counted<T>(
 
 /// Three phase values from a numpy array or any iterable of numbers.
 pub fn three(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
-    let wrong = |n: usize| PyValueError::new_err(format!("{name} has {n} values, three are needed"));
+    let wrong =
+        |n: usize| PyValueError::new_err(format!("{name} has {n} values, three are needed, those of the phases"));
     let no_three = || is_not(name, value, "not three numbers");
     real(name, value)?;
     if let Ok(array) = value.extract::<PyReadonlyArray1<'_, f64>>() {

@@ -57,9 +57,10 @@ impl<R: Real> Ready<R> {
         full: (f64, f64),
         memory: &MemorySi,
     ) -> Result<Self, ParamError> {
+        let config = DriveConfig::new(machine, inverter, params)?;
         memory.validate()?;
         Ok(Self {
-            config: DriveConfig::new(machine, inverter, params)?,
+            config,
             scale: Scale::new(machine, params, full.0, full.1)?,
             units: Units::new(machine),
             memory: SiUnits::new(machine, inverter).memory_per_unit(memory),
@@ -106,11 +107,16 @@ impl Page {
 
     /// First words of a page for this arithmetic and build.
     const fn head<R: Real>() -> [u32; HEAD] {
-        const { assert!(HEAD + Ready::<R>::LEN < WORDS, "a configuration is too long for a page") };
+        const {
+            assert!(
+                HEAD + Ready::<R>::LEN < WORDS,
+                "a configuration is too long for a page, which holds those of f32 and Q"
+            )
+        };
         [MAGIC, arithmetic::<R>(), Scheme::BUILT, Ready::<R>::LAYOUT, (HEAD + Ready::<R>::LEN) as u32]
     }
 
-    /// The page that holds `ready`.
+    /// The page that holds `ready`, of `f32` or `Q`: a configuration in `f64` is too long, which the compiler says.
     #[must_use]
     pub fn seal<R: Real>(ready: &Ready<R>) -> Self {
         let mut words = [0; WORDS];

@@ -28,8 +28,8 @@ pub enum SetPoint {
 
 /// State and estimates of a drive, SI.
 ///
-/// While the bridge is blocked nothing is estimated: speed, frequency, torque, flux and currents stay those of the latest
-/// period before. A shaft that coasts, or stands, shows in none of them.
+/// While the bridge is blocked nothing is estimated: torque and currents are zero, speed, frequency and flux stay those of the
+/// latest period before. A shaft that coasts, or stands, shows in none of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[allow(non_snake_case)]

@@ -44,7 +44,8 @@ impl<T: Copy, const N: usize> Trace<T, N> {
         if let Some(to) = self.samples.get_mut(self.count as usize & (N - 1)) {
             *to = sample;
         }
-        self.count = self.count.wrapping_add(1);
+        // Where the count ends it is as full as before, at the same place.
+        self.count = self.count.checked_add(1).unwrap_or(N as u32);
         self.frozen = fault;
     }
 
@@ -88,6 +89,17 @@ mod tests {
             trace.record(k, false);
         }
         assert_eq!(values(&trace), [7, 8, 9, 10]);
+    }
+
+    #[test]
+    fn a_count_that_ends_loses_nothing() {
+        let mut trace = Trace::<u32, 4> { count: u32::MAX - 1, ..Trace::new(0) };
+        for k in 1..=4 {
+            trace.record(k, false);
+        }
+        assert_eq!(values(&trace), [1, 2, 3, 4]);
+        trace.record(5, true);
+        assert_eq!(values(&trace), [2, 3, 4, 5]);
     }
 
     #[test]

@@ -29,7 +29,7 @@ pub enum Cause {
     SwappedChannels = 10,
     /// A current channel has the wrong sign.
     InvertedChannel = 11,
-    /// Gains of the channels (or impedances of the phases) differ by more than 15 %.
+    /// The gain of a channel (or the impedance of a phase) is further from the mean of the three than 15 %.
     ChannelGain = 12,
     /// The machine is far from its nameplate.
     WrongMotor = 13,

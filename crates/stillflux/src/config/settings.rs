@@ -27,6 +27,12 @@ const LEAST_BUILD_UP: f64 = 3.0;
 
 /// Whether the monitors of the supervision are built.
 const SUPERVISED: bool = cfg!(feature = "supervision");
+/// Least trip level in units of the largest current: at 11 kW a start to rated speed with all of it reaches 1.1 times.
+const TRIP_LEAST: f64 = 1.15;
+/// Least bandwidth of the speed estimator in units of that of speed control: with 1.5 times the speed swings by 0.002 pu at 5 Hz and
+/// less at 9 Hz, with 1.1 times by 0.02, and with once at 5 Hz control is lost (2.2 and 11 kW).
+const PLL_LEAST: f64 = 1.5;
+
 /// Whether this build has field weakening, which is on by default.
 const WEAKENED: bool = cfg!(feature = "weakening");
 /// Control periods from one run to the next of the supervision.
@@ -485,9 +491,10 @@ impl DriveParams {
         let most = f64::from(u8::from(turns >= PERIODS_OVERMODULATED));
         check("overmodulation", f64::from(u8::from(self.overmodulation)), 0.0, most, "")
             .map_err(|e| e.with_note("at least 45 control periods in one turn of the field at omega_max"))?;
-        check("i_trip", self.i_trip, self.i_max, 8.0 * i_n, "A")?;
+        check("i_trip", self.i_trip, TRIP_LEAST * self.i_max, 8.0 * i_n, "A")
+            .map_err(|e| e.with_note("1.15 times i_max or more: current control exceeds it in steps"))?;
         check("i_range", self.i_range, self.i_trip, 20.0 * i_n, "A")?;
-        check("u_dc_min", self.u_dc_min, 0.0, inverter.u_dc, "V")?;
+        check("u_dc_min", self.u_dc_min, 0.0, 0.95 * inverter.u_dc, "V")?;
         // The link at its rated voltage, with ripple and noise of the reading, is no fault.
         check("u_dc_max", self.u_dc_max, 1.05 * inverter.u_dc, 3.0 * inverter.u_dc, "V")
             .map_err(|e| e.with_note("1.05 to 3 times the rated voltage of the dc link"))?;
@@ -497,7 +504,10 @@ impl DriveParams {
             .map_err(|e| e.with_note("by way of the leakage its current acts on the flux at once"))?;
         check("speed_bandwidth", self.speed_bandwidth, SPEED_BANDWIDTH.0, SPEED_BANDWIDTH.1, "Hz")?;
         // A fifteenth of the rate at which the loop runs.
-        check("pll_bandwidth", self.pll_bandwidth, 2.0, (0.03 * f_s).min(100.0), "Hz")?;
+        check("pll_bandwidth", self.pll_bandwidth, PLL_LEAST * self.speed_bandwidth, (0.03 * f_s).min(100.0), "Hz")
+            .map_err(|e| {
+                e.with_note("1.5 times speed_bandwidth or more: the speed that is controlled is the estimated one")
+            })?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
         let modes = cfg!(feature = "modes");
         self.validate_sensors(inverter)?;

@@ -112,11 +112,11 @@ mod tests {
 
     #[test]
     fn the_ripple_of_a_leg_is_kept_while_the_field_turns_by_a_few_degrees() {
-        let largest = |f_N: f64, f_s: f64| {
-            let machine = Machine { f_N, ..Machine::preset_2k2() };
+        let largest = |rated: f64, f_s: f64| {
+            let machine = Machine { f_N: rated, ..Machine::preset_2k2() };
             let pu = PerUnit::new(&machine, &Inverter { f_s, ..Inverter::preset_2k2() }).unwrap();
             let degrees = (largest_voltage(&pu) * TURN_PERIODS * pu.t_s).to_degrees();
-            assert!(degrees < 5.41, "{f_N} Hz, {f_s} Hz: {degrees}");
+            assert!(degrees < 5.41, "{rated} Hz, {f_s} Hz: {degrees}");
             largest_voltage(&pu)
         };
         assert!((largest(50.0, 10e3) - 0.25).abs() < 1e-3, "most at 10 kHz, where that was chosen");
