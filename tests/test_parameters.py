@@ -91,6 +91,7 @@ def test_other_errors() -> None:
     ("change", "text"),
     [
         ({"T_N": 14600.0}, r"T_N = 1.46e\+04 N·m does not fit .* 4\.41 to 44\.1 N·m"),
+        ({"J": 150.0}, r"with J = 150 kg·m² rated torque takes 1.61e\+03 s to rated speed"),
         ({"T_N": 0.0146}, "T_N = 0.0146 N·m does not fit U_N, I_N, f_N and n_p"),
         ({"R_s": 1000.0}, r"R_s = 1000 Ω takes more than the rated voltage .* up to 46\.2 Ω"),
         ({"f_N": 314.16}, "T_N = 14.6 N·m does not fit"),

@@ -522,7 +522,11 @@ def test_what_is_no_saved_result_is_named(tmp_path: Path, scenario: sf.Scenario)
     with pytest.raises(ValueError, match=r"junk.npz is not a saved result"):
         sf.Result.load(tmp_path / "junk.npz")
     whole = tmp_path / "run.npz"
-    sf.simulate(scenario.replace(duration=0.01, changes=[])).save(whole)
+    result = sf.simulate(scenario.replace(duration=0.01, changes=[]))
+    result.save(whole)
+    with pytest.raises(ValueError, match=r"run\.csv: \.csv is not \.npz"):
+        result.save(tmp_path / "run.csv")
+    assert not (tmp_path / "run.csv").exists()
     torn = bytearray(whole.read_bytes())
     torn[121] ^= 0xFF
     (tmp_path / "torn.npz").write_bytes(torn)

@@ -22,8 +22,8 @@ saturation = [0.25, 0.7, 6.0]  # optional
 [inverter]                     # fields of stillflux.Inverter; optional, the rest suits the motor
 u_dc = 540.0
 
-[deviation]                    # optional: relative standard deviation of single values
-R_s = 0.01
+[deviation]                    # optional: relative standard deviations, of which the drive makes its priors
+R_s = 0.05
 
 [plant.motor]                  # optional: the motor and the inverter that are simulated where they differ
 R_s = 3.65                     # from what the drive is told, as `stillflux commission` writes them
@@ -47,11 +47,11 @@ import os
 import re
 import sys
 import warnings as python_warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from stillflux import _core
 from stillflux.messages import MachineWarning, meant, outside
@@ -89,6 +89,7 @@ _TABLES = ("motor", "inverter", "deviation", "nameplate", "plant")
 NOTES = ("status", "cause", "warnings")
 """What commissioning writes about itself."""
 _DEVIATIONS = ("R_s", "R_R", "L_sigma", "L_M", "J", "loss", "c_out", "leg_delay")
+_MEASURED = {"R_s", "R_R", "L_sigma", "L_M", "J", "loss", "c_out"}
 _CIRCUITS = (
     (Motor.inverse_gamma, ("R_s", "R_R", "L_sigma", "L_M")),
     (Motor.gamma, ("R_s", "R_r", "L_l", "L_s")),
@@ -105,7 +106,9 @@ class Machine:
     motor: Motor
     inverter: Inverter
     deviation: Mapping[str, float] = field(default_factory=dict)
-    """Relative standard deviation of single values, where the file knows one."""
+    """Relative standard deviation of single values, where the file or the nameplate knows one."""
+    settings: DriveSettings = field(default_factory=DriveSettings)
+    """What a drive begins with by the deviations in the file (`priors`)."""
     plant_motor: Motor | None = None
     """The motor that is simulated; None: `motor`."""
     plant_inverter: Inverter | None = None
@@ -119,18 +122,16 @@ class Machine:
     warnings: tuple[str, ...] = ()
     """What commissioning has warned of."""
 
-    @property
-    def settings(self) -> DriveSettings:
-        """What a drive begins with by the deviations that commissioning has written."""
-        return priors(self.deviation)
 
-
-def priors(deviation: Mapping[str, float]) -> DriveSettings:
-    """Priors of a drive for the relative standard deviations of R_s, R_R, L_sigma, L_M, J, loss and c_out;
-    none unless all of them are known: a nameplate's are no measurement."""
-    if not {"R_s", "R_R", "L_sigma", "L_M", "J", "loss", "c_out"} <= set(deviation):
-        return {}
-    return _core.priors(deviation)
+def priors(deviation: Mapping[str, float], told: Collection[str] = ()) -> DriveSettings:
+    """Priors of a drive (`prior_R_s` and so on) for relative standard deviations: where those of R_s, R_R,
+    L_sigma, L_M, J, loss and c_out are known, as a commissioning leaves them, of all but J, and else of those
+    that are `told`. Those of a nameplate are no measurement."""
+    if set(deviation) >= _MEASURED:
+        return _core.priors(deviation)
+    some = {name: deviation[name] for name in _MEASURED & set(told)}
+    every = _core.priors({**dict.fromkeys(_MEASURED, 0.1), **some})
+    return cast("DriveSettings", {k: x for k, x in every.items() if k.removeprefix("prior_") in some})
 
 
 def with_machine(scenario: Mapping[str, Any], machine: Machine) -> dict[str, Any]:
@@ -163,6 +164,7 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
     if ("motor" in data) == ("nameplate" in data):
         raise ValueError(f"{path}: give one of the tables [motor] and [nameplate]")
     deviation = deviation_of(path, data)
+    told = tuple(deviation)
     if "motor" in data:
         motor = checked(path, "motor", _motor, data["motor"])
     else:
@@ -200,6 +202,7 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         motor=motor,
         inverter=inverter,
         deviation=deviation,
+        settings=priors(deviation, told if notes["status"] is None else ()),
         plant_motor=plant_motor,
         plant_inverter=plant_inverter,
         of_plate="nameplate" in data,

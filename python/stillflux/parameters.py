@@ -25,6 +25,9 @@ PRESETS = ("2.2kW", "11kW")
 _TORQUE = (0.2, 2.0)
 """Rated torque that fits the other rated values, of √3 U_N I_N n_p/(2π f_N): efficiency times power factor,
 0.4 to 0.9, and a factor of two or more for a rating that is rounded or reduced."""
+_SPIN_UP = 100.0
+"""Time to rated speed with rated torque, s, above which a motor's inertia is doubted: 0.02 to 3 s are usual,
+and of one in kg·cm² it is 10⁴ times as long."""
 
 
 def number(name: str, value: Any) -> float:
@@ -155,6 +158,12 @@ class Motor:
                     f"{name} = {value:.4g} Ω takes more than the rated voltage at rated current: "
                     f"up to {impedance:.3g} Ω fit U_N and I_N"
                 )
+        spin_up = self.J * 2.0 * math.pi * self.f_N / (self.n_p * self.T_N)
+        if spin_up > _SPIN_UP:
+            yield (
+                f"with J = {self.J:.4g} kg·m² rated torque takes {spin_up:.3g} s to rated speed: "
+                f"is it in kg·m²?"
+            )
 
     @classmethod
     def preset(cls, name: str) -> Self:

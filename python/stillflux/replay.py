@@ -239,7 +239,9 @@ def replay(
         three of `i_a`, `i_b`, `i_c`, or `i_alpha`, `i_beta`, or `i_d`, `i_q` with `angle`, or complex `i_s`;
         the same for `u_`, line voltages `u_ab`, `u_bc`, or duties `d_a`, `d_b`, `d_c`; `u_dc`; `psi_ref`.
     voltage
-        "terminal", "bridge" or "compensated", see above. None: "bridge" for duties, "terminal" for voltages.
+        What the log's voltage is: "terminal", measured or computed at the terminals; "bridge", duties times
+        dc link, or a reference to which the loss of the bridge is added; "compensated", a reference without
+        that. None: "bridge" for duties, "terminal" for voltages.
     rate
         Sampling rate in Hz, 1 kHz or more, for a log without `t`.
     delay

@@ -220,7 +220,10 @@ class Result:
         return f"<table><caption>{html.escape(self.scenario.name or 'closed loop')}</caption>{cells}</table>"
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes an npz file, whole or not at all."""
+        """Writes a file with the suffix .npz, whole or not at all. Raises ValueError for another suffix,
+        FileNotFoundError if there is no such folder."""
+        if Path(path).suffix.lower() != ".npz":
+            raise ValueError(f"{path}: {Path(path).suffix or 'no suffix'} is not .npz")
         meta = {
             "scenario": self.scenario.to_dict(),
             "status": self.status.__getnewargs__(),

@@ -163,9 +163,9 @@ def _restart(motor: Motor, seed: int) -> Demand:
 
 
 def _duty(motor: Motor, seed: int) -> Demand:
-    """Speeds and loads at random for some 20 s: a standstill, a speed from 0.003 to 0.1 or one from 0.1 to 1, in either
-    direction, on a ramp that asks the largest inertia for at most 0.4 of rated torque and may be ten times as
-    long; meanwhile the load goes within 10 ms to 1 s to none or to anything between ± rated torque."""
+    """Speeds and loads at random for some 20 s: standstill, a speed from 0.003 to 0.1 or from 0.1 to 1, in
+    either direction, on a ramp that asks the largest inertia for at most 0.4 of rated torque and may be ten
+    times as long; meanwhile the load goes within 10 ms to 1 s to none or to any between ± rated torque."""
     rng = np.random.default_rng([seed, 3])
 
     def spread(low: float, high: float) -> float:
