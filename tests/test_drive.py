@@ -579,6 +579,13 @@ def test_an_estimate_and_a_true_state_go_to_other_processes(motor: sf.Motor, inv
         ({"u_dc_chopper": ("a", 1)}, r"u_dc_chopper = \('a', 1\) is not \(voltage from"),
         ({"noise_gain": 1.0, "scheme": "paper"}, r"noise_gain = 1\.0 is not \(smallest gain, .*unit\)$"),
         ({"noise_gain": None, "scheme": "paper"}, "noise_gain = None is not"),
+        ({"u_dc_min": 540.0}, "u_dc_min = 540 V is outside .* 0 to 513 V"),
+        (
+            {"i_max": 10.0, "i_trip": 11.0},
+            r"i_trip = 11 A is outside .* 11\.5 to .*1\.15 times i_max or more",
+        ),
+        ({"pll_bandwidth": 10.0}, r"pll_bandwidth = 10 Hz is outside .* 13\.5 to 100 Hz: .*1\.5 times speed"),
+        ({"speed_bandwidth": 0.5, "pll_bandwidth": 1.0}, "pll_bandwidth = 1 Hz is outside .* 2 to 100 Hz"),
         (
             {"u_dc_max": 540.0},
             "u_dc_max = 540 V is outside .* 567 to 1620 V: 1.05 to 3 times the rated voltage",

@@ -116,7 +116,7 @@ def test_a_drive_under_load_at_rest_goes_on(number: int, course: str) -> None:
     "number",
     [
         # 87 and 100 Hz at 4 kHz: the loss of the bridge was that of the current's reference, and its ripple
-        # that of a current 27° before. The estimated flux of the unloaded motor swung until control was lost.
+        # that of a current 23 to 27° before. The flux estimate without load swung until control was lost.
         174,
         548,
         941,

@@ -63,8 +63,8 @@ pub(crate) use paper::{PaperConfig, r_s_periods};
 pub(crate) const I_OFF_MAX: f64 = 0.15;
 
 /// Stator frequency, in units of the bandwidth of current control, from which the inverter model takes the current itself.
-/// Where the flux estimate has an error that stands in the stator its reference swings with the stator frequency, and the
-/// current follows it with a deviation of this part.
+/// An error of the flux estimate that stands in the stator makes the current's reference swing with the stator frequency, and
+/// the current follows the reference with a deviation of this part.
 const APART: f64 = 0.1;
 
 /// Least dc-link voltage of a bridge that switches, per unit: its reciprocal is computed without a check.
@@ -102,7 +102,7 @@ pub struct DriveConfig<R: Real> {
     pub(crate) t_ahead: R,
     /// Part of the deviation of the current from its reference that is corrected within that time.
     pub(crate) part_ahead: R,
-    /// Stator frequency from which the current does not follow its reference closely enough to be taken for it.
+    /// Stator frequency from which the inverter model takes the current in place of its reference.
     pub(crate) omega_apart: R,
     pub(crate) i_range: R,
     /// Sum of the squared phase currents below which neither range nor trip level can be reached.

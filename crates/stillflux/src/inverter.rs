@@ -394,7 +394,7 @@ impl<R: Real> InverterModel<R> {
             #[cfg(feature = "ripple")]
             ripple: r(if edges { 0.25 * pu.dead_time_swing / (pu.dead_time * pu.u_dc) } else { 0.0 }),
             #[cfg(feature = "ripple")]
-            ripple_within_sq: r(ripple::largest_voltage(pu) * ripple::largest_voltage(pu)),
+            ripple_within_sq: r(ripple::largest_voltage_sq(pu)),
             #[cfg(feature = "legs")]
             legs: Legs::new(&pu.legs),
             #[cfg(feature = "legs")]

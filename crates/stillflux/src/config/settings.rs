@@ -494,8 +494,8 @@ impl DriveParams {
         check("i_trip", self.i_trip, TRIP_LEAST * self.i_max, 8.0 * i_n, "A")
             .map_err(|e| e.with_note("1.15 times i_max or more: current control exceeds it in steps"))?;
         check("i_range", self.i_range, self.i_trip, 20.0 * i_n, "A")?;
+        // The link at its rated voltage, with ripple, sag under load and noise of the reading, is no fault.
         check("u_dc_min", self.u_dc_min, 0.0, 0.95 * inverter.u_dc, "V")?;
-        // The link at its rated voltage, with ripple and noise of the reading, is no fault.
         check("u_dc_max", self.u_dc_max, 1.05 * inverter.u_dc, 3.0 * inverter.u_dc, "V")
             .map_err(|e| e.with_note("1.05 to 3 times the rated voltage of the dc link"))?;
         check("current_bandwidth", self.current_bandwidth, 10.0, FASTEST_CURRENT * f_s, "Hz")?;
@@ -504,10 +504,10 @@ impl DriveParams {
             .map_err(|e| e.with_note("by way of the leakage its current acts on the flux at once"))?;
         check("speed_bandwidth", self.speed_bandwidth, SPEED_BANDWIDTH.0, SPEED_BANDWIDTH.1, "Hz")?;
         // A fifteenth of the rate at which the loop runs.
-        check("pll_bandwidth", self.pll_bandwidth, PLL_LEAST * self.speed_bandwidth, (0.03 * f_s).min(100.0), "Hz")
-            .map_err(|e| {
-                e.with_note("1.5 times speed_bandwidth or more: the speed that is controlled is the estimated one")
-            })?;
+        let least = (PLL_LEAST * self.speed_bandwidth).max(2.0);
+        check("pll_bandwidth", self.pll_bandwidth, least, (0.03 * f_s).min(100.0), "Hz").map_err(|e| {
+            e.with_note("2 Hz and 1.5 times speed_bandwidth or more: the speed that is controlled is the estimated one")
+        })?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
         let modes = cfg!(feature = "modes");
         self.validate_sensors(inverter)?;

@@ -91,7 +91,7 @@ pub struct Weakening<R: Real> {
     most: R,
     /// Torque current that the voltage allows.
     i_q_most: R,
-    /// Largest voltage that the flux is weakened for.
+    /// Largest voltage, on which the flux reference counts.
     u_max: R,
 }
 

@@ -432,14 +432,14 @@ fn within_current<R: Real>(i_ref: &Dq<R>, i_max_sq: R) -> (Dq<R>, R) {
 /// reference and current swing with the stator frequency, and the current follows with a deviation of the part
 /// `ω_s/ω_c`. The loss `U` of the bridge has the direction of the current `i`; seen from the stator a part of order
 /// `U/(π i)` of that deviation is a direct voltage, which the flux estimate integrates: beyond some frequency `δ` grows. So
-/// from `ω_s` = 0.1 `ω_c` on the current itself counts, which does without noise there; within the delay current control
+/// from `ω_s` = 0.1 `ω_c` on the current itself counts, whose noise does not matter there; within the delay current control
 /// corrects a part of its deviation. With the reference an unloaded motor of 250 kW, 87 Hz at 4 kHz, swung at 0.24
 /// of rated speed until control was lost, every parameter right.
 ///
-/// In field weakening the current without load is small, so that its deviation from a reference that swings turns it by tens
-/// of degrees.
+/// In field weakening the current counts at any frequency: without load it is small, so that its deviation from a reference that
+/// swings turns it by tens of degrees.
 ///
-/// So it is while the current of a start follows a flux that turns and builds up. An error `δ` of the flux that stands in
+/// So it does while the current of a start follows a flux that turns and builds up. An error `δ` of the flux that stands in
 /// the stator turns the current by `δ e^(-jωτ)/ψ` against its reference, and the loss `U` of the bridge with it; seen from
 /// the stator a part `U δ/2ψ` of that is a direct voltage, which lets `δ` grow within `2ψ/U`. At 160 kW and 4 kHz
 /// (`U` = 0.02) that is 30 ms at a tenth of rated flux.

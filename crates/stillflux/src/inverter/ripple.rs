@@ -11,17 +11,23 @@ const NEAR: f64 = 3.0;
 const SLOW_RAMP: f64 = 1.0 / 3.0;
 const FAST_RAMP: f64 = 0.27;
 
-/// Control periods until it is a leg's turn again.
+/// Control periods until it is a leg's turn again: three legs, one in every fourth period ([`crate::drive`]).
 const TURN_PERIODS: f64 = 12.0;
 /// Largest angle, rad, by which the current turns meanwhile, and largest voltage, per unit, with which the ripple is
 /// computed. Allowance: near its zero a current is for 15° (2.2 kW, 10 kHz). What is kept for longer is the loss of another
-/// current: with 27°, 4 kHz and 87 Hz rated, the estimated flux of an unloaded motor swings until control is lost.
+/// current: with 23 to 27°, 4 kHz and 87 to 100 Hz rated, the estimated flux of an unloaded motor swings until control is lost.
 const TURN: f64 = 0.094;
 const VOLTAGE_MOST: f64 = 0.25;
 
 /// Largest voltage with which the ripple is computed, per unit, as large as the speed that belongs to it.
-pub(super) fn largest_voltage(pu: &PerUnit) -> f64 {
+fn largest_voltage(pu: &PerUnit) -> f64 {
     (TURN / (TURN_PERIODS * pu.t_s)).min(VOLTAGE_MOST)
+}
+
+/// Its square.
+pub(super) fn largest_voltage_sq(pu: &PerUnit) -> f64 {
+    let voltage = largest_voltage(pu);
+    voltage * voltage
 }
 
 impl<R: Real> Knee<R> {

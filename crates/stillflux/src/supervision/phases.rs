@@ -17,9 +17,11 @@
 //! zero after 2 · 0.03 rad. What such a phase lacks lies along its axis: a deviation along the line of the other two is
 //! none of it, as while a speed controller takes the torque current back as fast as the field turns, and the dead time
 //! holds at zero a phase that is to carry next to nothing (the published scheme before its first offset). Nor is a
-//! deviation by which the current is where its reference was lately, its low-pass with `3/ω_c` of current control: it follows one that
+//! deviation by which the current is where its reference was lately, the reference's low-pass with the time constant `3/ω_c` (`ω_c`: bandwidth of current control, whose lag behind a
+//! ramp was 2.7/`ω_c`): it follows one that
 //! moves, after a load that is taken away, or, at 4 kHz, while a torque reverses at the end of a fast change of the speed. Not while a violation is remembered: after a step of the reference the current comes up to it from beside, by as much as the
-//! field turns, and a healthy phase may stay at its zero for some ms. The longest stay that was seen is 14 ms: while a load reversed the
+//! field turns, and a healthy phase may stay at its zero for some ms. The longest stay that was seen beside
+//! these is 14 ms: while a load reversed the
 //! reference turned back in the field as fast as that turned, and a long dead time (3.5 µs at 4 kHz) held the current of the phase at
 //! zero, a tenth of the current vector short of its reference. Up to 0.15 the turned angle therefore counts half. After 4 ms and 24 periods of violation (leaky, [`super::leaky`])
 //! an open phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped
@@ -105,7 +107,7 @@ pub struct Phases<R: Real> {
     counter: LeakyCounter,
     /// Calls for which each phase has been at the zero of its current, and by what the field has turned in them, rad.
     zero: [(u32, R); 3],
-    /// The latest call had a deviation, or one of them is.
+    /// The latest call had a deviation, or a phase is at the zero of its current.
     watching: bool,
     /// Reference of the latest call with a deviation.
     i_ref: Dq<R>,
