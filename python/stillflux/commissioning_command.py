@@ -134,7 +134,7 @@ def commission(parser: argparse.ArgumentParser) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     source = options.motor if options.machine is None else options.machine
-    check_file(options.out)
+    check_file(options.out, ".toml")
     check_file(options.report, ".html", ".htm")
     apart({"MACHINE": source, "--out": options.out, "--report": options.report})
     task = _task(source)

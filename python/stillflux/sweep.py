@@ -89,6 +89,7 @@ _UNITS: Mapping[str, str] = {
 }
 _SHOWN = 20  # rows of a table in a notebook
 _IN_FLIGHT = 1000  # tasks handed to an executor at a time
+_LARGEST_GRID = 1_000_000  # points: some GB of scenarios
 
 
 @dataclass(frozen=True)
@@ -147,13 +148,16 @@ def grid(base: Scenario, axes: Mapping[str, Sequence[Any] | Factors]) -> list[Po
     A field is that of a scenario ("load_torque", "arithmetic") or of a part ("plant_motor.R_s",
     "settings.psi_ref", "plant.current_offset"). A number in place of a profile holds from t = 0 on: a load
     turns the machine before the drive has started. A combination that no scenario admits is a point with the
-    error. Raises ValueError for a field that there is not and an axis without values, TypeError for an axis
-    that is no list.
+    error. Raises ValueError for a field that there is not, an axis without values and more than a million
+    points, TypeError for an axis that is no list.
     """
     instance("base", base, Scenario)
     if not isinstance(axes, Mapping):
         raise TypeError(f"axes = {axes!r} is not a mapping of fields to values")
     values = [_values(base, name, axis) for name, axis in axes.items()]
+    number = math.prod(map(len, values))
+    if number > _LARGEST_GRID:
+        raise ValueError(f"axes = {tuple(axes)} have {number} combinations: at most {_LARGEST_GRID} are a grid")
     return [_point(base, dict(zip(axes, chosen, strict=True))) for chosen in product(*values)]
 
 
@@ -379,10 +383,10 @@ def sweep(
         True: a bar on stderr. A function gets the number done, the number of all, and the latest row.
 
     A scenario or a metric that raises an error is a row with the error, and so is a task that a cluster's
-    worker took along when it ended. Raises `SweepInterrupted` on Ctrl-C,
-    ValueError for an unknown metric, one that cannot be sent to another process, and with `resume` one that
-    cannot be told from others, FileNotFoundError where there is no folder for `resume`. In a script call it
-    below `if __name__ == "__main__":`, as everything that starts processes.
+    worker took along when it ended. Raises `SweepInterrupted` on Ctrl-C, ValueError for an unknown metric or
+    none at all, one that cannot be sent to another process, and with `resume` one that cannot be told from
+    others, FileNotFoundError where there is no folder for `resume`. In a script call it below
+    `if __name__ == "__main__":`, as everything that starts processes.
     """
     chosen = named_metrics(metrics)
     check_progress(progress)
@@ -426,7 +430,8 @@ def sweep(
 
 
 def named_metrics(metrics: Metrics) -> dict[str, Metric]:
-    """Functions by name. Raises ValueError for a name that is none of `METRICS`, or not one of its own."""
+    """Functions by name. Raises ValueError for a name that is none of `METRICS`, or not one of its own, and
+    where there is none."""
     chosen: dict[str, Metric] = {}
     if isinstance(metrics, str):
         raise TypeError(f"metrics = {metrics!r}: give a list of names, [{metrics!r}]")
@@ -448,6 +453,8 @@ def named_metrics(metrics: Metrics) -> dict[str, Metric]:
             why = "is there twice" if name in chosen else "is a column of every sweep"
             raise ValueError(f"metrics: {name!r} {why}: give a mapping of other names to functions")
         chosen[name] = metric
+    if not chosen:
+        raise ValueError(f"metrics = {metrics!r} has no metric: the sweep would keep nothing of a run")
     return chosen
 
 

@@ -345,7 +345,11 @@ impl<R: Real> Common<R> {
             return Some(StartUp { stage: self.sequence.stage() });
         }
         if action == Action::Ready {
-            estimators.begin(c, self.sequence.pause(c), self.sequence.periods_blocked());
+            let pause = self.sequence.pause(c);
+            if pause.is_none() && c.calibrate_offset {
+                estimators.forget_offset(c);
+            }
+            estimators.begin(c, pause, self.sequence.periods_blocked());
             self.control.begin(c);
             self.supervision.begin();
         }

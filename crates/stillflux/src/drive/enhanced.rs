@@ -221,13 +221,13 @@ impl<R: Real> EnhancedEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
+    fn forget_offset(&mut self, c: &DriveConfig<R>) {
+        self.filter.forget_offset(&c.enhanced.filter);
+        self.balance.forget_offset();
+    }
+
     fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>, periods_blocked: u32) {
         let r = R::from_f64;
-        if pause.is_none() && c.calibrate_offset {
-            // The offsets have been read anew: what the last run found beyond the old ones is in them.
-            self.filter.forget_offset(&c.enhanced.filter);
-            self.balance.forget_offset();
-        }
         let unknown = match c.enhanced.decay_periods.saturating_sub(periods_blocked) {
             0 => Start::Unknown,
             until => Start::Decaying(until),

@@ -100,6 +100,9 @@ pub(super) struct Estimated<R: Real> {
 
 /// Estimators of a scheme, with its start-up sequence.
 pub(super) trait Estimators<R: Real> {
+    /// The offsets of the sensors have been read anew: what the last run found beyond the old ones is in them.
+    fn forget_offset(&mut self, c: &DriveConfig<R>);
+
     /// A start-up begins with the next period; `pause`: periods since the drive ran last, if what it learned then is
     /// fresh; `periods_blocked`: those since the bridge switched last.
     fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>, periods_blocked: u32);

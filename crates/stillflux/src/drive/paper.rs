@@ -155,11 +155,11 @@ impl<R: Real> PaperEstimators<R> {
 }
 
 impl<R: Real> Estimators<R> for PaperEstimators<R> {
-    fn begin(&mut self, c: &DriveConfig<R>, pause: Option<u32>, _: u32) {
-        if pause.is_none() && c.calibrate_offset {
-            // The offsets have been read anew: what the last run found beyond the old ones is in them.
-            self.flux.offset.restore(AlphaBeta::default());
-        }
+    fn forget_offset(&mut self, _: &DriveConfig<R>) {
+        self.flux.offset.restore(AlphaBeta::default());
+    }
+
+    fn begin(&mut self, _: &DriveConfig<R>, _: Option<u32>, _: u32) {
         self.r_s_mean = Integrator::default();
         self.speed = SpeedEstimate::default();
         self.regeneration = Regeneration::default();
