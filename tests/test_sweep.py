@@ -347,7 +347,9 @@ def test_what_is_no_sweep_is_refused_by_name() -> None:
         (lambda: sf.sweep([base, base], {"x": lambda _: 1.0}), "'x' cannot be sent to another process"),
         (lambda: sf.grid(base, {"plant_motor.R_s": sf.factors()}), "has no value"),
         (
-            lambda: sf.grid(base, dict.fromkeys(("load_torque", "duration", "plant_motor.R_s"), range(1, 102))),
+            lambda: sf.grid(
+                base, dict.fromkeys(("load_torque", "duration", "plant_motor.R_s"), range(1, 102))
+            ),
             "have 1030301 combinations: at most 1000000 are a grid",
         ),
         (lambda: sf.sweep([base], []), r"metrics = \[\] has no metric"),

@@ -157,7 +157,9 @@ def grid(base: Scenario, axes: Mapping[str, Sequence[Any] | Factors]) -> list[Po
     values = [_values(base, name, axis) for name, axis in axes.items()]
     number = math.prod(map(len, values))
     if number > _LARGEST_GRID:
-        raise ValueError(f"axes = {tuple(axes)} have {number} combinations: at most {_LARGEST_GRID} are a grid")
+        raise ValueError(
+            f"axes = {tuple(axes)} have {number} combinations: at most {_LARGEST_GRID} are a grid"
+        )
     return [_point(base, dict(zip(axes, chosen, strict=True))) for chosen in product(*values)]
 
 
