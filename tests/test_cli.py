@@ -336,10 +336,12 @@ def test_no_output_takes_the_place_of_an_input_or_of_another(
     Path("own.toml").write_text("[nameplate]\n")
     Path("sweep.toml").write_text("")
     Path("link.csv").symlink_to("log.csv")
+    Path("link.toml").symlink_to("s.html")
     for command, expected in (
         ("replay log.csv --motor 2.2kW --out log.csv", "--out log.csv is the file of LOG"),
         ("replay log.csv --motor 2.2kW --out ./link.csv", "--out link.csv is the file of LOG"),
         ("commission own.toml --out own.toml", "--out own.toml is the file of MACHINE"),
+        ("commission 2.2kW --out link.toml --report s.html", "--report s.html is the file of --out"),
         ("commission 2.2kW --out found.json", "found.json: .json is not one of .toml"),
         ("commission 2.2kW --report x.pdf", "x.pdf: .pdf is not one of .html, .htm"),
         ("commission 5.5kW", "motor = '5.5kW' is neither a preset (2.2kW, 11kW) nor a motor file"),

@@ -286,7 +286,7 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: 16 KiB of flash, 1024 bytes of RAM and 512 of stack, which the published scheme meets. The enhanced one,
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (13_740, 16_130), "ram_drive": (880, 900), "stack_step": (376, 424)},
+    "paper": {"flash_library": (13_740, 16_120), "ram_drive": (880, 900), "stack_step": (376, 424)},
     "enhanced": {"flash_library": (31_450, 41_860), "ram_drive": (1600, 1624), "stack_step": (504, 512)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).

@@ -89,7 +89,7 @@ _UNITS: Mapping[str, str] = {
 }
 _SHOWN = 20  # rows of a table in a notebook
 _IN_FLIGHT = 1000  # tasks handed to an executor at a time
-_LARGEST_GRID = 1_000_000  # points: some GB of scenarios
+_LARGEST_GRID = 1_000_000  # points, an allowance: of a plain scenario 1.3 GB
 
 
 @dataclass(frozen=True)

@@ -345,13 +345,14 @@ impl<R: Real> Common<R> {
             return Some(StartUp { stage: self.sequence.stage() });
         }
         if action == Action::Ready {
+            self.control.begin(c);
+            self.supervision.begin();
             let pause = self.sequence.pause(c);
-            if pause.is_none() && c.calibrate_offset {
+            // The sequence reads the offsets in every start but one with fresh data.
+            if c.calibrate_offset && pause.is_none() {
                 estimators.forget_offset(c);
             }
             estimators.begin(c, pause, self.sequence.periods_blocked());
-            self.control.begin(c);
-            self.supervision.begin();
         }
         estimators.idle(&i_s);
         None
