@@ -21,6 +21,7 @@ from stillflux.evidence.drives import DRIVES, pull_out
 from stillflux.evidence.effects import effects
 from stillflux.evidence.seeds import seed_of
 from stillflux.evidence.table import Group, Line, Table, line_of, of_consistency, of_rate, order
+from stillflux.metrics import running
 
 METRICS = Path(__file__).parent / "metrics.csv"
 DRIVE = pytest.mark.parametrize("machine", DRIVES)
@@ -175,6 +176,22 @@ def test_a_setting_in_place_of_its_default_is_that_of_the_drive_and_of_the_comma
     outcome, result = tolerance.run("2.2kW", "light-load", 0, settings=(("dither", 0.05),))
     assert result.scenario.settings == {"dither": 0.05}
     assert tolerance.rerun_of(outcome).endswith("--course light-load --draw 0 --set dither=0.05")
+
+
+def test_a_course_begins_when_a_start_that_settings_make_longer_has_ended() -> None:
+    """With two sensors the start has a second part; the course of the defaults would begin in it."""
+    drive, seed = DRIVES["2.2kW"], seed_of("2.2kW", "duty", 0)
+    default, longer, shorter = (
+        tolerance.scenario("2.2kW", COURSES["duty"], seed, settings=settings)[0]
+        for settings in ((), (("current_sensors", 2),), (("magnetise_time", 1.0), ("identify_legs", False)))
+    )
+    repeated = 0.75 * sf.Drive(drive.motor, longer.inverter).settings["magnetise_time"]
+    assert longer.duration - default.duration == pytest.approx(repeated)
+    assert shorter.duration == default.duration
+    _, result = tolerance.run("2.2kW", "start", 0, settings=(("current_sensors", 2),))
+    begins = result.t[np.flatnonzero(running(result))[0]]
+    told = result.scenario.motor, result.scenario.inverter
+    assert tolerance.start_up(*told) < begins < tolerance.start_up(*told, settings=(("current_sensors", 2),))
 
 
 def test_rank_correlation_is_spearmans() -> None:

@@ -257,6 +257,54 @@ fn a_torque_that_reverses_is_no_open_phase() {
     }
 }
 
+/// A drive of 0.84 kW and 100 Hz whose shaft a load that reverses turns from rest to a sixth of its rated speed in 15 ms, with a control
+/// of 2.5 kHz; `at`: the time of it, s.
+fn small_and_slow(half_periods: u32, at: f64, load: f64) -> Scenario {
+    let rating = Rating { n_p: 2, J: 0.32e-3, U_N: 400.0, I_N: 1.84, f_N: 100.0, T_N: 2.66 };
+    let t = TModel { R_s: 9.96, R_r: 8.41, L_ls: 0.0147, L_lr: 0.0147, L_m: 0.378 };
+    let bridge = Inverter {
+        f_s: 1250.0 * f64::from(half_periods),
+        half_periods,
+        u_dc: 546.0,
+        c_out: 1e-9,
+        ..Inverter::preset_2k2()
+    };
+    let mut s = Scenario::new(Machine::from_t_model(t, rating), bridge, 0.0);
+    s.plant.adc.noise = 0.004 * rating.I_N;
+    let begin = s.drive.offset_time + s.drive.magnetise_time + 0.1;
+    s.duration = begin + at + 0.5;
+    s.reference = ReferenceProfile::Speed(after(begin, Base::new(&s.machine).omega_m, &[(0.0, 0.0), (0.1, -0.025)]));
+    s.load = after(begin, rating.T_N, &[(0.3, 0.0), (0.6, 0.9), (at, 0.9), (at + 0.02, load)]);
+    s.record_every = 1;
+    s
+}
+
+#[test]
+fn a_load_that_reverses_at_rest_is_no_open_phase_and_no_lost_field_of_a_control_of_2_5_khz() {
+    for (half_periods, load) in [(2, -0.93), (6, -0.93), (8, -0.5)] {
+        for k in 0..16 {
+            let s = small_and_slow(half_periods, 1.2 + 0.011 * f64::from(k), load);
+            assert_eq!(fault(s).map(|(fault, _)| fault.cause), None, "{half_periods} {load} {k}");
+        }
+    }
+}
+
+#[test]
+fn an_open_phase_of_a_control_of_2_5_khz_is_found_within_60_ms() {
+    for phase in 0..3 {
+        let at = 1.2;
+        let mut s = small_and_slow(2, at, 0.9);
+        let (begin, base) = (s.duration - 0.5, Base::new(&s.machine));
+        s.reference = ReferenceProfile::Speed(after(begin - at, base.omega_m, &[(0.0, 0.0), (0.3, 0.2)]));
+        s.changes = vec![(begin, Change::OpenPhase(phase))];
+        let (fault, t) = fault(s).unwrap();
+        assert_eq!((fault.cause, fault.value), (Fault::OpenPhase, phase as f64 + 1.0));
+        println!("{phase}: {:.1} ms", 1e3 * (t - begin));
+        // Half a turn at 0.2 · 100 Hz until the phase is to carry most, and 24 ms.
+        assert!(t - begin < 0.06, "{} s", t - begin);
+    }
+}
+
 #[test]
 fn missed_and_doubled_calls_are_found_by_the_stamp_and_by_nothing_else() {
     for calls in [Calls { missed: 0.05, doubled: 0.0 }, Calls { missed: 0.0, doubled: 0.05 }] {

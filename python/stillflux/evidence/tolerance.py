@@ -178,12 +178,19 @@ def interval(lost: int, runs: int) -> tuple[float, float]:
     return low, (middle + half) / (1.0 + square) if lost < runs else 1.0
 
 
-def start_up(motor: Any, inverter: Any) -> float:
-    """Duration of offset reading and magnetisation by the drive's defaults, s; four rotor time constants."""
+def start_up(motor: Any, inverter: Any, scheme: str = "enhanced", settings: Settings = ()) -> float:
+    """Duration of offset reading and magnetisation by the drive's defaults, s, or with these settings of a scheme
+    where it is longer; four rotor time constants. Two sensors whose gains differ repeat the last three quarters of
+    the magnetisation."""
     from stillflux import Drive
 
-    settings = Drive(motor, inverter).settings
-    return float(settings["offset_time"] + settings["magnetise_time"])
+    def of(drive: Drive) -> float:
+        of_drive = drive.settings
+        again = 0.75 if of_drive["current_sensors"] == 2 and scheme == "enhanced" else 0.0
+        return float(of_drive["offset_time"] + (1.0 + again) * of_drive["magnetise_time"])
+
+    by_default = of(Drive(motor, inverter))
+    return max(by_default, of(Drive(motor, inverter, scheme=scheme, **dict(settings)))) if settings else by_default
 
 
 def scenario(
@@ -196,12 +203,13 @@ def scenario(
     beyond_model: bool = False,
     signals: Sequence[str] | None = SIGNALS,
     drive: TypicalDrive | None = None,
+    settings: Settings = (),
 ) -> tuple[Scenario, Mapping[str, float]]:
     """A drive on an installation, and what was drawn of it; `scale` as of `draws.drawn`. `beyond_model`: the
     plant has `effects` as well. `signals` to record, None: all. `drive`: None is that of the name."""
     drive = drive or DRIVES[machine]
     motor, found = drive.motor, drawn(drive, seed, scale)
-    begin = start_up(motor, found.told) + 0.05
+    begin = start_up(motor, found.told, scheme, settings) + 0.05
     demand = course.build(motor, seed).after(begin)
     changes = ripple(drive.inverter.u_dc, found.phase, demand.end) + demand.changes
     plant = found.plant
@@ -216,6 +224,7 @@ def scenario(
             plant_inverter=found.inverter,
             scheme=scheme,
             arithmetic=arithmetic,
+            settings=dict(settings),
             plant=plant,
             omega_ref=scaled(demand.omega, motor.base["omega_m"]),
             load_torque=scaled(demand.load, motor.T_N),
@@ -267,9 +276,10 @@ def run(
         beyond_model,
         signals=signals,
         drive=drive_of(machine, draw),
+        settings=settings,
     )
-    result = simulate(made.with_settings(**dict(settings)))
-    begin = start_up(made.motor, made.inverter)
+    result = simulate(made)
+    begin = start_up(made.motor, made.inverter, scheme, settings)
     when, why = loss(result, begin)
     error, runs = np.abs(angle(result)), running(result)
     trust = confidence(result, begin + when)

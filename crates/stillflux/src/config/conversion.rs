@@ -21,6 +21,8 @@ use crate::control::weakening::{self, WeakeningConfig};
 use crate::estimate::encoder::count_angle;
 #[cfg(feature = "enhanced")]
 use crate::estimate::kalman::FilterConfig;
+#[cfg(feature = "supervision")]
+use crate::estimate::kalman::nis_time;
 use crate::estimate::speed::SpeedConfig;
 use crate::params::{Inverter, Machine, ParamError, check};
 use crate::scalar::Real;
@@ -57,10 +59,14 @@ const LIMIT_HIGH: f64 = 2.0;
 /// with the flux. While it did not, a drive of 160 kW and 4 kHz oscillated at twice rated speed at a gain of 17, one of 10 kHz
 /// did not at 15, and at this one 28 of 100 fan motors with deep bars and rotor slots did; now 6 do.
 const SPEED_GAIN: f64 = 12.0;
-/// Control periods of a violation before a phase is open, where they are more than 4 ms: the current comes up to a reference that
-/// has stepped within that many.
+/// Least time of a violation before a phase is open, s, and the same in units of `1/ω_c`. A load that steps, or reverses, accelerates a
+/// small machine at 0.02 to 0.05 pu/ms; the current falls behind the ramp of the induced voltage, with `5/ω_c` of the integral
+/// part, and meanwhile a phase may stay at its zero, where the field stands: for up to `8.3/ω_c` in random speeds and loads of drives with
+/// a control of 2 to 5 kHz, supervision off.
 #[cfg(feature = "supervision")]
-const OPEN_PERIODS: u32 = 24;
+const OPEN: f64 = 0.004;
+#[cfg(feature = "supervision")]
+const OPEN_LAG: f64 = 11.0;
 /// Time for which the field stands at the torque limit before the torque is halved to see why, and the least time for which
 /// it is halved, s ([`crate::control::realign`]).
 #[cfg(feature = "supervision")]
@@ -71,15 +77,16 @@ const REALIGN_TEST: f64 = 0.5;
 /// Time constant of the speed's low-pass there, s.
 #[cfg(feature = "supervision")]
 const REALIGN_LOW_PASS: f64 = 0.025;
-/// Thresholds `h` of the tests for a lost field ([`crate::supervision::innovation`]): any contradiction, s, and a flux that
-/// falls, in rotor time constants, and at least, s. The part of the rotor time constant is measured, not derived: with a third
+/// Thresholds `h` of the tests for a lost field ([`crate::supervision::innovation`]): of any contradiction, at least, s, and of a flux
+/// that falls, in rotor time constants, and at least, s; and both at least in time constants of the innovation's low-pass, which holds
+/// what a transient has left. The part of the rotor time constant is measured, not derived: with a third
 /// of it steps of `r_s` by 25 % in regeneration at 11 kW end, which are held.
 #[cfg(feature = "supervision")]
-const LOST_FIELD: f64 = 0.04;
+const LOST_FIELD: (f64, f64) = (0.04, 2.0);
 #[cfg(feature = "supervision")]
 const FLUX_FALLS: f64 = 0.75;
 #[cfg(feature = "supervision")]
-const FLUX_FALLS_LEAST: f64 = 0.06;
+const FLUX_FALLS_LEAST: (f64, f64) = (0.06, 3.0);
 
 /// Validated settings of a drive, and what its blocks have in common, per unit.
 pub(super) struct Conversion<'a> {
@@ -320,6 +327,8 @@ impl<'a> Conversion<'a> {
         let calls = |t: f64| self.periods(t / f64::from(SUPERVISION_PERIODS));
         #[cfg(feature = "supervision")]
         let watched = |t: f64| if p.supervision { calls(t).max(2) } else { u32::MAX };
+        #[cfg(feature = "supervision")]
+        let open = watched(OPEN.max(OPEN_LAG / (core::f64::consts::TAU * p.current_bandwidth)));
         SupervisionConfig {
             plausibility: PlausibilityConfig {
                 psi_deviation: r(0.4 * p.psi_ref),
@@ -331,9 +340,9 @@ impl<'a> Conversion<'a> {
             phases: PhaseConfig {
                 floor_sq: r(0.05 * 0.05),
                 small_floor_sq: r(0.02 * 0.02),
-                calls_open: watched(0.004).max(OPEN_PERIODS / SUPERVISION_PERIODS),
+                calls_open: open,
                 calls_control: watched(0.25),
-                calls_zero: watched(0.004),
+                calls_zero: open,
                 t_s: r(pu.t_s * f64::from(SUPERVISION_PERIODS)),
                 lag: r((pu.t_s * f64::from(SUPERVISION_PERIODS) * pu.hz(p.current_bandwidth) / 3.0).min(1.0)),
             },
@@ -347,8 +356,10 @@ impl<'a> Conversion<'a> {
             innovation: {
                 let seconds = f64::from(SUPERVISION_PERIODS) / self.inverter.f_c();
                 let gain = |h: f64| r(if p.supervision { seconds / h } else { 0.0 });
-                let falling = (FLUX_FALLS * pu.tau_r / pu.base.omega).max(FLUX_FALLS_LEAST);
-                InnovationConfig { gain: gain(LOST_FIELD), gain_falling: gain(falling) }
+                let low_pass = nis_time(self.machine, self.inverter);
+                let least = |(seconds, times): (f64, f64)| f64::max(seconds, times * low_pass);
+                let falling = (FLUX_FALLS * self.tau_r()).max(least(FLUX_FALLS_LEAST));
+                InnovationConfig { gain: gain(least(LOST_FIELD)), gain_falling: gain(falling) }
             },
             #[cfg(feature = "supervision")]
             stall_calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX },

@@ -2,6 +2,8 @@
 
 use super::load::LOAD_TIME;
 use super::model::{Model, Saturated};
+#[cfg(feature = "supervision")]
+use super::noise::NIS_CORNER;
 use super::noise::{Identified, Noise};
 use crate::base::{PerUnit, rounded};
 use crate::estimate::priors::Priors;
@@ -50,6 +52,18 @@ pub struct FilterConfig<R: Real> {
 }
 words!(FilterConfig: t_s, block, inv_block, slot_mask, slot_bits, model, noise, saturation, load_corner, correct, temperature);
 
+/// Control periods in the block for which noise is stated.
+fn stated_periods(machine: &Machine, inverter: &Inverter) -> f64 {
+    f64::from(SLOTS).max(STATED_BLOCK_TIME * STATED_FREQUENCY / machine.f_N * inverter.f_c())
+}
+
+/// Time constant of the NIS' low-pass, s.
+#[cfg(feature = "supervision")]
+#[must_use]
+pub fn nis_time(machine: &Machine, inverter: &Inverter) -> f64 {
+    stated_periods(machine, inverter) / (NIS_CORNER * inverter.f_c())
+}
+
 impl<R: Real> FilterConfig<R> {
     /// Settings for validated parameters at a flux reference `psi_ref`; `calibrated`: the offsets of the
     /// current sensors are read before each start.
@@ -64,8 +78,7 @@ impl<R: Real> FilterConfig<R> {
     ) -> Self {
         let (slot_bits, seconds) = Self::block(machine, inverter);
         let block = SLOTS << slot_bits;
-        let relative_frequency = machine.f_N / STATED_FREQUENCY;
-        let part = f64::from(SLOTS).max(STATED_BLOCK_TIME / relative_frequency * inverter.f_c()) / f64::from(block);
+        let part = stated_periods(machine, inverter) / f64::from(block);
         let saturated = Saturated::of(machine);
         Self {
             t_s: rounded(pu.t_s),
@@ -74,7 +87,7 @@ impl<R: Real> FilterConfig<R> {
             slot_mask: (1 << slot_bits) - 1,
             slot_bits,
             model: Model::new(machine, pu, psi_ref, seconds),
-            noise: Noise::new(pu, (seconds, relative_frequency, part), calibrated, saturated.known, identified),
+            noise: Noise::new(pu, (seconds, machine.f_N / STATED_FREQUENCY, part), calibrated, saturated.known, identified),
             saturation: rounded(saturated.c),
             load_corner: rounded(seconds / LOAD_TIME),
             correct: identified.flux,

@@ -108,6 +108,8 @@ mod standing;
 mod start;
 
 pub use config::FilterConfig;
+#[cfg(feature = "supervision")]
+pub use config::nis_time;
 pub use learned::Learned;
 pub use noise::Identified;
 

@@ -159,7 +159,7 @@ const LOAD_FORGOTTEN: f64 = 1.0 / 512.0;
 /// flux on the wrong side of the current can look like the right one. Allowance.
 const SIGMA_FORGOTTEN: f64 = 1.0 / 4096.0;
 /// Corner of the low-pass of the normalised innovation squared, per stated block.
-const NIS_CORNER: f64 = 0.05;
+pub(super) const NIS_CORNER: f64 = 0.05;
 /// Blocks after a start in which the NIS is not evaluated (hold-off): initial errors are not steps.
 const HOLD_OFF: f64 = 200.0;
 
