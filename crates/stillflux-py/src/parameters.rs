@@ -3,7 +3,7 @@
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use stillflux::base::Base;
+use stillflux::base::{Base, PerUnit};
 use stillflux::config::{DriveParams, EncoderMode, EnhancedParams, LowConfidence, PaperParams, Scheme};
 use stillflux::params::{self, Gamma, Machine, Rating, Saturation, TModel, check};
 use stillflux::si::Arithmetic;
@@ -357,5 +357,7 @@ pub fn drive_params(
         }
         set(p, name, value)
     };
+    // A machine and a bridge that do not go together come first: the ranges of the settings follow from them.
+    PerUnit::new(machine, inverter).map_err(value_error)?;
     changed(p, settings, ("the drive", SETTINGS), set, |p| p.validate(machine, inverter))
 }

@@ -133,7 +133,8 @@ impl PerUnit {
         within("U_N", machine.U_N, inverter.u_dc * machine.U_N / b.u, (1.0 / 8.0, 1.0 / 0.2), "V")?;
         // Limits are those of the control frequency.
         let f_s = machine.f_N * inverter.f_s / inverter.f_c();
-        within("f_s", inverter.f_s, f_s, (20.0, 1e3 * core::f64::consts::TAU), "Hz")?;
+        check("f_s", inverter.f_s, 20.0 * f_s, 1e3 * core::f64::consts::TAU * f_s, "Hz")
+            .map_err(|e| e.with_note("with half_periods and f_N, 20 to 6283 control periods in a turn at f_N"))?;
         Ok(Self {
             base: b,
             r_s: (machine.R_s + inverter.r_d) / b.z,
