@@ -430,6 +430,9 @@ def test_draws_of_the_evidence_are_found_and_judged(tmp_path: Path) -> None:
     assert all(
         found[f"{name}, median error"].value < 2 * limit for name, limit in commissioning.LIMITS.items()
     )
+    assert all(
+        found[f"{name}, {commissioning.STATED}"].value < 3.0 for name in ("R_s + r_d", "R_R", "c_out", "J")
+    )
     assert "R_s + r_d, median error" in commissioning.table(outcomes)
     commissioning.page(tmp_path / "page.html", "stillflux beyond commissioning", outcomes)
     assert "<svg" in (tmp_path / "page.html").read_text()

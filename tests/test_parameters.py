@@ -91,7 +91,9 @@ def test_too_few_control_periods_in_a_turn_are_refused_by_what_they_follow_from(
     motor = sf.Motor.preset("2.2kW")
     for half_periods, least in ((16, "8000"), (12, "6000")):
         few = sf.Inverter(f_s=5.9e3, half_periods=half_periods)
-        with pytest.raises(ValueError, match=rf"f_s = 5900 Hz .* {least} to .* half_periods and f_N, 20 to 6283"):
+        with pytest.raises(
+            ValueError, match=rf"f_s = 5900 Hz .* {least} to .* half_periods and f_N, 20 to 6283"
+        ):
             sf.Drive(motor, few)
     sf.Drive(motor, sf.Inverter(f_s=6.1e3, half_periods=12))
 

@@ -371,13 +371,15 @@ def _setting(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def _draws(options: argparse.Namespace, default: int) -> Sequence[int]:
+def _draws(options: argparse.Namespace, default: int, since: int = 0) -> Sequence[int]:
     for name in ("draws", "first"):
         if options.draw and getattr(options, name):
             raise ValueError(f"--{name} {getattr(options, name)} and --draw: give only one")
-    first = options.first or 0
-    if first and options.metrics:
-        raise ValueError(f"--metrics {options.metrics}: a table of the draws from 0 on, and --first is given")
+    first = since if options.first is None else options.first
+    if first != since and options.metrics:
+        raise ValueError(
+            f"--metrics {options.metrics}: a table of the draws from {since} on, and --first is given"
+        )
     return options.draw or range(first, first + (options.draws or default))
 
 
@@ -485,11 +487,14 @@ def _consistency(options: argparse.Namespace) -> int:
 def _commissioning(options: argparse.Namespace) -> int:
     from stillflux.evidence import commissioning
     from stillflux.evidence.report import page
+    from stillflux.evidence.table import of_commissioning, update
     from stillflux.parallel import Stopped, run_jobs
 
-    if options.motor is not None or options.machine != "all" or options.metrics:
-        raise ValueError("--motor, --machine and --metrics: not of commissioning, whose motors are drawn")
-    draws = _draws(options, commissioning.DRAWS)
+    if options.motor is not None or options.machine != "all":
+        raise ValueError("--motor and --machine: not of commissioning, whose motors are drawn")
+    if options.metrics and options.course:
+        raise ValueError(f"--metrics {options.metrics}: a table without courses, and --course is given")
+    draws = _draws(options, commissioning.DRAWS, commissioning.FIRST)
     journal = _journal(options, "beyond commissioning")
     runner, stopped = (journal.run if journal else run_jobs), ""
     try:
@@ -498,6 +503,8 @@ def _commissioning(options: argparse.Namespace) -> int:
         )
     except Stopped as stop:
         found, stopped = stop.results, str(stop)
+    if options.metrics and not stopped:
+        update(options.metrics, [of_commissioning(commissioning.claims(found))])
     if options.json:
         _write_json(options.json, page.finite([asdict(x) for x in found]))
     path = options.out / "commissioning.html"

@@ -22,6 +22,7 @@ from typing import cast, get_args
 import numpy as np
 
 from stillflux.evidence import plane_points
+from stillflux.evidence.commissioning import STATED
 from stillflux.evidence.conditions import SCHEMES
 from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
@@ -42,7 +43,17 @@ from stillflux.evidence.population import DRAWN
 from stillflux.evidence.registry import experiments, figures, operations, targets
 from stillflux.evidence.sensitivity import FIGURES as OF_MARGINS
 from stillflux.evidence.sensitivity import LESS, MORE, Margin
-from stillflux.evidence.table import BEYOND_MODEL, DRAWS, LOST_AFTER, Group, Kind, Line, Table, guarantee_at
+from stillflux.evidence.table import (
+    BEYOND_MODEL,
+    COMMISSIONING,
+    DRAWS,
+    LOST_AFTER,
+    Group,
+    Kind,
+    Line,
+    Table,
+    guarantee_at,
+)
 from stillflux.evidence.tolerance import EXCURSIONS, MISSES, NEEDLESS, interval, rerun
 
 __all__ = ["DOCUMENTS", "PLANE", "TABLES", "draw_plane", "drawn_from", "rendered", "tests_named", "update"]
@@ -688,6 +699,43 @@ def _temperature(table: Table) -> str:
     return markdown(["cold, hot", *head], rows)
 
 
+_FOUND = {
+    "R_s + r_d": "R_s + r_d",
+    "bridge curve": "curve of the bridge from 2 to 120 % of the rated peak current, of the dead-time voltage",
+    "c_out": "capacitance of a leg",
+    "L_sigma": "L_σ",
+    "R_R": "R_R",
+    "L_M(ψ)": "L_M(ψ) from half to 1.1 of rated flux",
+    "J": "J",
+    "legs": "delays of the legs, rms of the six",
+}
+
+
+def _commissioning(table: Table) -> str:
+    lines = {line.quantity: line for line in table.find(*COMMISSIONING)}
+
+    def row(name: str, text: str) -> list[str]:
+        median, most = (lines.get(f"{name}, {of}") for of in ("median error", "95 % of the draws within"))
+        limits = [line.bound for line in (median, most) if line is not None and line.bound]
+        cells = (median, most, lines.get(f"{name}, largest error"), lines.get(f"{name}, {STATED}"))
+        return [
+            text,
+            *map(value, cells[:3]),
+            f"{', '.join(limits)} %" if limits else _UNKNOWN,
+            value(cells[3]),
+        ]
+
+    head = [
+        "error",
+        "median",
+        "95 % of the draws within",
+        "largest",
+        "limit of median and 95 %",
+        "rms, of what is stated",
+    ]
+    return markdown(head, (row(*of) for of in _FOUND.items()))
+
+
 TABLES: Mapping[str, Callable[[Table], str]] = {
     "headline": _headline,
     "plane": _plane,
@@ -711,6 +759,7 @@ TABLES: Mapping[str, Callable[[Table], str]] = {
     "guarantee-runs": _guarantee_runs,
     "operations": _operations,
     "temperature": _temperature,
+    "commissioning": _commissioning,
 }
 """By the name in the marker."""
 

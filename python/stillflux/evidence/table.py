@@ -2,12 +2,12 @@
 
 `kind` says what a line is about: a "figure" of the paper, its negative "control", the "margin" of a
 parameter, a "target" of the plane, losses over drawn installations on a course ("tolerance"), the
-"consistency" of the estimate over them, the "guarantee" that none of them goes on lost, or an "operation"
-with its negative control ("without: …"). `value` is the worst that was found; `run` and `seed` say where:
-which run of a target it was, and under which realisation of the noise, empty where there is none; of a figure
-the realisation of noise and offset (`seeds.REALISATIONS`), of a loss what was lost and the number of the
-draw. `ok` says that it is as it should be: that the claim holds, or, of a control, that it fails for its
-reason and not before its time.
+"consistency" of the estimate over them, the "guarantee" that none of them goes on lost, an "operation"
+with its negative control ("without: …"), or what a "commissioning" of drawn motors finds. `value` is the
+worst that was found; `run` and `seed` say where: which run of a target it was, and under which
+realisation of the noise, empty where there is none; of a figure the realisation of noise and offset
+(`seeds.REALISATIONS`), of a loss what was lost and the number of the draw. `ok` says that it is as it
+should be: that the claim holds, or, of a control, that it fails for its reason and not before its time.
 
 The closed loop is chaotic where phase currents cross zero, so digits move with the compiler. A line that
 agrees with the one there (see `agree`), is of the same run and seed and no worse, is left as it stands: only
@@ -41,6 +41,7 @@ from stillflux.outputs import write_text
 
 __all__ = [
     "BEYOND_MODEL",
+    "COMMISSIONING",
     "Group",
     "Kind",
     "Line",
@@ -48,6 +49,7 @@ __all__ = [
     "agree",
     "guarantee_at",
     "line_of",
+    "of_commissioning",
     "of_consistency",
     "of_guarantee",
     "of_margin",
@@ -59,7 +61,15 @@ __all__ = [
 ]
 
 Kind: TypeAlias = Literal[
-    "figure", "control", "margin", "target", "tolerance", "consistency", "guarantee", "operation"
+    "figure",
+    "control",
+    "margin",
+    "target",
+    "tolerance",
+    "consistency",
+    "guarantee",
+    "operation",
+    "commissioning",
 ]
 Group: TypeAlias = tuple[Kind, str, str, str]
 """Kind, name, machine, scheme: lines that are measured together."""
@@ -67,8 +77,10 @@ Group: TypeAlias = tuple[Kind, str, str, str]
 _OF_PAPER, _BEYOND = SCHEMES
 DRAWS = "draws"
 """Quantity of a campaign: over how many drawn installations the others of its group are."""
-_COUNTED = {"tolerance", "guarantee"}
-"""Kinds whose lines count runs."""
+_COUNTED = {"tolerance", "guarantee", "commissioning"}
+"""Kinds whose lines count runs, or are of the distribution over them."""
+COMMISSIONING: Group = ("commissioning", "commissioning", DRAWN, _BEYOND)
+"""What commissionings of drawn motors show."""
 LOST_AFTER = "time of the loss, not before the mechanism is needed"
 """Quantity of a control: when it was lost, held against its event."""
 
@@ -207,6 +219,11 @@ def of_operation(found: Performed) -> list[Line]:
     return [line_of(group, claim) for claim in (*found.claims, *found.without)]
 
 
+def of_commissioning(claims: Iterable[Claim]) -> list[Line]:
+    """The lines of what commissionings show."""
+    return [line_of(COMMISSIONING, claim) for claim in claims]
+
+
 def agree(old: Line, new: Line) -> bool:
     """Whether two lines say the same: equal, or within 30 % or 5 % of the bound where both are as they should
     be."""
@@ -323,4 +340,5 @@ def order() -> list[Group]:
         found += [("guarantee", name, machine, scheme) for machine in DRIVES for scheme in SCHEMES]
     for name in operations():
         found += [("operation", name, machine, scheme) for machine in DRIVES for scheme in SCHEMES]
+    found.append(COMMISSIONING)
     return found

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from stillflux.evidence.machines import scaled
 from stillflux.evidence.population import drive_of
 from stillflux.evidence.seeds import seed_of
 from stillflux.metrics import running, speed_error
+from stillflux.options import DriveSettings, Scheme
 from stillflux.parallel import run_jobs
 from stillflux.result import Result
 from stillflux.scenario import Scenario
@@ -179,9 +180,9 @@ def interval(lost: int, runs: int) -> tuple[float, float]:
 
 
 def start_up(motor: Any, inverter: Any, scheme: str = "enhanced", settings: Settings = ()) -> float:
-    """Duration of offset reading and magnetisation by the drive's defaults, s, or with these settings of a scheme
-    where it is longer; four rotor time constants. Two sensors whose gains differ repeat the last three quarters of
-    the magnetisation."""
+    """Duration of offset reading and magnetisation by the drive's defaults, s, or with these settings of a
+    scheme where it is longer; four rotor time constants. Two sensors whose gains differ repeat the last three
+    quarters of the magnetisation."""
     from stillflux import Drive
 
     def of(drive: Drive) -> float:
@@ -190,7 +191,13 @@ def start_up(motor: Any, inverter: Any, scheme: str = "enhanced", settings: Sett
         return float(of_drive["offset_time"] + (1.0 + again) * of_drive["magnetise_time"])
 
     by_default = of(Drive(motor, inverter))
-    return max(by_default, of(Drive(motor, inverter, scheme=scheme, **dict(settings)))) if settings else by_default
+    if not settings:
+        return by_default
+    return max(by_default, of(Drive(motor, inverter, scheme=cast(Scheme, scheme), **_of_drive(settings))))
+
+
+def _of_drive(settings: Settings) -> DriveSettings:
+    return cast(DriveSettings, dict(settings))
 
 
 def scenario(
@@ -224,7 +231,7 @@ def scenario(
             plant_inverter=found.inverter,
             scheme=scheme,
             arithmetic=arithmetic,
-            settings=dict(settings),
+            settings=_of_drive(settings),
             plant=plant,
             omega_ref=scaled(demand.omega, motor.base["omega_m"]),
             load_torque=scaled(demand.load, motor.T_N),

@@ -129,7 +129,7 @@ impl<R: Real> Commissioning<R> {
     #[must_use]
     pub fn bridge_readings(&self) -> [Option<[f64; 3]>; bridge::LEVELS.len()] {
         let (found, record) = (self.result().ok(), &self.state.bridge);
-        let curve = found.and_then(|f| Some((f.bridge?, BridgeCurve::loss(&f.bridge?.inverter, &f.machine).ok()?)));
+        let curve = found.and_then(|f| Some((f.bridge?, BridgeCurve::mean_loss(&f.bridge?.inverter, &f.machine).ok()?)));
         core::array::from_fn(|k| {
             let (fit, loss) = curve.as_ref().filter(|_| k < record.level)?;
             let (u, i) = (record.u[k].to_f64(), record.i[k].to_f64());

@@ -59,12 +59,15 @@ const LIMIT_HIGH: f64 = 2.0;
 /// with the flux. While it did not, a drive of 160 kW and 4 kHz oscillated at twice rated speed at a gain of 17, one of 10 kHz
 /// did not at 15, and at this one 28 of 100 fan motors with deep bars and rotor slots did; now 6 do.
 const SPEED_GAIN: f64 = 12.0;
-/// Least time of a violation before a phase is open, s, and the same in units of `1/ω_c`. A load that steps, or reverses, accelerates a
-/// small machine at 0.02 to 0.05 pu/ms; the current falls behind the ramp of the induced voltage, with `5/ω_c` of the integral
-/// part, and meanwhile a phase may stay at its zero, where the field stands: for up to `8.3/ω_c` in random speeds and loads of drives with
-/// a control of 2 to 5 kHz, supervision off.
+/// Least time of a violation before a phase is open, s, and in control periods: the current comes up to a reference that has stepped
+/// within that many.
 #[cfg(feature = "supervision")]
 const OPEN: f64 = 0.004;
+#[cfg(feature = "supervision")]
+const OPEN_PERIODS: u32 = 24;
+/// The same in units of `1/ω_c`, where a load that reverses accelerates the shaft by so much that the current falls behind its
+/// reference ([`Conversion::behind`]), and where the field stands a phase may stay at its zero meanwhile: up to `8.3/ω_c` in random speeds and
+/// loads of small drives with a control of 2 to 5 kHz, supervision off.
 #[cfg(feature = "supervision")]
 const OPEN_LAG: f64 = 11.0;
 /// Time for which the field stands at the torque limit before the torque is halved to see why, and the least time for which
@@ -328,7 +331,7 @@ impl<'a> Conversion<'a> {
         #[cfg(feature = "supervision")]
         let watched = |t: f64| if p.supervision { calls(t).max(2) } else { u32::MAX };
         #[cfg(feature = "supervision")]
-        let open = watched(OPEN.max(OPEN_LAG / (core::f64::consts::TAU * p.current_bandwidth)));
+        let open = OPEN.max(OPEN_LAG * self.behind().min(1.0) / (core::f64::consts::TAU * p.current_bandwidth));
         SupervisionConfig {
             plausibility: PlausibilityConfig {
                 psi_deviation: r(0.4 * p.psi_ref),
@@ -340,9 +343,9 @@ impl<'a> Conversion<'a> {
             phases: PhaseConfig {
                 floor_sq: r(0.05 * 0.05),
                 small_floor_sq: r(0.02 * 0.02),
-                calls_open: open,
+                calls_open: watched(open).max(OPEN_PERIODS / SUPERVISION_PERIODS),
                 calls_control: watched(0.25),
-                calls_zero: open,
+                calls_zero: watched(open),
                 t_s: r(pu.t_s * f64::from(SUPERVISION_PERIODS)),
                 lag: r((pu.t_s * f64::from(SUPERVISION_PERIODS) * pu.hz(p.current_bandwidth) / 3.0).min(1.0)),
             },
@@ -364,6 +367,15 @@ impl<'a> Conversion<'a> {
             #[cfg(feature = "supervision")]
             stall_calls: if p.stall_time > 0.0 { watched(p.stall_time) } else { u32::MAX },
         }
+    }
+
+    /// By how much the current falls behind its reference while twice the rated torque accelerates the shaft: the slope of the voltage that
+    /// the rated flux induces over the integral part of current control, per unit. At most 0.1 for the ten drives of docs/tolerance.md, 0.3
+    /// for nearly all that are drawn there, 1 to 5 for small ones with a control of 2 to 5 kHz.
+    #[cfg(feature = "supervision")]
+    fn behind(&self) -> f64 {
+        let slope = 2.0 * self.pu.torque_rated / self.pu.j;
+        slope * self.pu.t_s / self.current_k_i()
     }
 
     pub fn ramp<R: Real>(&self) -> RampConfig<R> {

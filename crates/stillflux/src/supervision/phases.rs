@@ -4,7 +4,7 @@
 //! |i* - i|² > 0.2² |i*|² + 0.05²         violated
 //! Σ|i_x| < 0.15 Σ|i_x*|                  phase x is open; sums over the violated calls
 //! |i* - i|² > 0.06² |i*|² + 0.02²        with (i_x* - i_x)² > |i* - i|²/4, also with i_x* low-passed in field coordinates
-//!                                        and with the same sign, and |ω̂_s| > 0.03, for max(4 ms, 11/ω_c) and 0.1 rad of ω̂_s τ, which
+//!                                        and with the same sign, and |ω̂_s| > 0.03, for 4 ms and 0.1 rad of ω̂_s τ, which
 //!                                        counts half where |i_x* - i_x| < 0.15 |i*|,
 //!                                        and in every call from the first to the last of them |i_x| < 0.03 |i|:
 //!                                        phase x is open
@@ -24,7 +24,8 @@
 //! these is 14 ms: while a load reversed the
 //! reference turned back in the field as fast as that turned, and a long dead time (3.5 µs at 4 kHz) held the current of the phase at
 //! zero, a tenth of the current vector short of its reference. Up to 0.15 the turned angle therefore counts half. After
-//! `max(4 ms, 11/ω_c)` of violation (leaky, [`super::leaky`]), or at the zero of its current,
+//! 4 ms of it, and after 4 ms and 24 periods of violation (leaky, [`super::leaky`]), up to `11/ω_c` of either where a load that reverses
+//! accelerates the shaft faster than current control follows (`Conversion::behind`),
 //! an open phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped
 //! or inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
 //!
