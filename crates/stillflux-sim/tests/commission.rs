@@ -212,6 +212,60 @@ fn the_capacitance_is_found_as_well_as_stated_where_the_ripple_is_a_part_of_the_
     }
 }
 
+/// 0.43 kW at 100 Hz and 8 kHz: 190 control periods in a rotor time constant, in 60 of which the current rises and settles.
+#[test]
+fn a_motor_with_a_short_rotor_time_constant_saturates_in_no_level_of_the_bridge_and_states_what_its_inductance_is_off()
+{
+    let machine = Machine {
+        R_s: 9.42,
+        R_R: 6.48,
+        L_sigma: 31.1e-3,
+        L_M: 0.157,
+        n_p: 3,
+        U_N: 230.0,
+        I_N: 1.82,
+        f_N: 100.0,
+        T_N: 2.06,
+        J: 0.55e-3,
+        saturation: Some(Saturation { L_u: 0.31, a: 3.11, S: 6.0 }),
+    };
+    let sheet = Inverter {
+        u_dc: 327.0,
+        f_s: 8e3,
+        u_th: 0.96,
+        dead_time: 0.68e-6,
+        c_out: 0.53e-9,
+        r_d: 0.35,
+        ..Inverter::preset_2k2()
+    };
+    let real = Inverter { u_th: 0.55, dead_time: 0.64e-6, c_out: 0.46e-9, ..sheet };
+    let plate =
+        Nameplate { P_N: 395.0, U_N: 230.0, I_N: 1.82, f_N: 100.0, n_N: 1825.0, cos_phi: 0.72, T_max: None, J: None };
+    let plant = PlantParams::new(machine, real);
+    let mut run =
+        CommissioningRun::new(&plate, &sheet, Shaft::Locked, Arithmetic::F32, plant, Wiring::default()).unwrap();
+    while run.advance(10_000) {}
+    let found = run.commissioning().result().unwrap();
+    assert!(!found.warnings.bridge_fit);
+    let loss = |x: &Inverter| x.u_th + x.dead_time * x.f_s * x.u_dc;
+    let off = [
+        (loss(&found.inverter) / loss(&real) - 1.0, 0.05),
+        ((found.machine.R_s + sheet.r_d) / (machine.R_s + real.r_d) - 1.0, 0.02),
+        (found.inverter.c_out / real.c_out - 1.0, 0.3),
+    ];
+    println!("{off:?}");
+    assert!(off.iter().all(|(off, most)| off.abs() < *most), "{off:?}");
+    let l_m = inductance_at_rated_flux(&found.machine) / inductance_at_rated_flux(&machine) - 1.0;
+    println!("{l_m} of {}", found.deviation.L_M);
+    assert!(l_m.abs() > 0.03 && l_m.abs() < found.deviation.L_M, "{l_m} of {}", found.deviation.L_M);
+}
+
+/// `L_M` at rated flux, H.
+fn inductance_at_rated_flux(m: &Machine) -> f64 {
+    let psi = stillflux::base::Base::new(m).psi;
+    m.saturation.map_or(m.L_M, |s| s.L_u / (1.0 + (s.a * psi).powf(s.S)) - m.L_sigma)
+}
+
 #[test]
 fn a_procedure_alone_finds_its_values_and_leaves_the_others_as_they_were_known() {
     let (plate, sheet, plant) = connected(1.0);

@@ -123,8 +123,10 @@ impl<R: Real> CommissioningConfig<R> {
         let volt_seconds = wiring::RESPONSE * pu.sigma_l_s;
         let pulse = ((volt_seconds / (0.25 * pu.t_s) + 0.5) as u32).clamp(1, 50);
         let tau_r = machine.L_M / machine.R_R;
-        // Short against the rotor time constant, so that the flux stays small; long enough for the control.
-        let settle = (SETTLE * tau_r * f_s).clamp(120.0, (0.02 * f_s).max(200.0)) as u32;
+        // Short against the rotor time constant, so that the flux stays small; long enough for the control, two time constants beyond
+        // the rise. With twice as many periods the flux of a motor whose time constant is 200 of them came to its saturation, which the fit of
+        // the bridge took for a dead time twice that of the bridge.
+        let settle = (SETTLE * tau_r * f_s).clamp(60.0, (0.02 * f_s).max(200.0)) as u32;
         let window = ((LEVEL * tau_r).min(LEVEL_MAX) * f_s / WINDOWS as f64).max(1.0) as u32;
         let offset_periods = (0.1 * f_s) as u32;
         Ok(Self {
