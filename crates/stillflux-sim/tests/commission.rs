@@ -6,7 +6,7 @@ use stillflux::commission::{Cause, Deviation, Nameplate, Stage, Status};
 use stillflux::params::{Inverter, Machine, Saturation};
 use stillflux::si::Arithmetic;
 use stillflux_sim::commission::{CommissioningRun, Wiring};
-use stillflux_sim::{Mechanics, PlantParams};
+use stillflux_sim::{LeakageSaturation, Mechanics, PlantParams};
 
 /// A machine with impedances larger by `factor` than its plate says: 3 in star instead of delta, 1/3 the other way.
 fn connected(factor: f64) -> (Nameplate, Inverter, PlantParams) {
@@ -264,6 +264,36 @@ fn a_motor_with_a_short_rotor_time_constant_saturates_in_no_level_of_the_bridge_
 fn inductance_at_rated_flux(m: &Machine) -> f64 {
     let psi = stillflux::base::Base::new(m).psi;
     m.saturation.map_or(m.L_M, |s| s.L_u / (1.0 + (s.a * psi).powf(s.S)) - m.L_sigma)
+}
+
+/// `share` of the leakage is lost at 1.5 times the rated peak current; at 0.8 of it the slope of its flux is 0.85 times that lower, and
+/// the chord by a third of that.
+#[test]
+fn a_leakage_that_saturates_is_found_by_its_chord_and_states_by_how_much_its_slope_differs() {
+    for machine in [Machine::preset_2k2(), Machine::preset_11k()] {
+        for share in [0.0, 0.1, 0.2] {
+            let sheet = Inverter::preset_2k2();
+            let mut plant = PlantParams::new(machine, sheet);
+            let current = 1.5 * machine.I_N * 2f64.sqrt();
+            plant.leakage_saturation = (share > 0.0).then_some(LeakageSaturation { share, current });
+            let run = CommissioningRun::new(
+                &Nameplate::of(&machine).unwrap(),
+                &sheet,
+                Shaft::Locked,
+                Arithmetic::F32,
+                plant,
+                Wiring::default(),
+            );
+            let mut run = run.unwrap();
+            while run.advance(10_000) {}
+            let found = run.commissioning().result().unwrap();
+            let (off, stated) = (found.machine.L_sigma / machine.L_sigma - 1.0, found.deviation.L_sigma);
+            println!("{share}: {off:.4} of {stated:.4}");
+            // The slope alone: -0.09 and -0.18.
+            assert!((off + 0.4 * share).abs() < 0.02, "{share}: {off}");
+            assert!(off.abs() < stated && stated < 0.03 + 0.6 * share, "{share}: {off} of {stated}");
+        }
+    }
 }
 
 #[test]

@@ -179,11 +179,12 @@ impl<R: Real> Commissioning<R> {
         };
         let mut curve = fit(&machine, &sheet)?;
         if done(Stage::Leakage) {
-            let l = s.leakage.inductance(curve.r, pu.t_s);
+            let (l, saturated) = s.leakage.inductance(curve.r, pu.t_s);
             machine.L_sigma = l * pu.base.l;
             machine.validate()?;
             curve = fit(&machine, &sheet)?;
-            found.deviation.L_sigma = libm::hypot(DEVIATION_LEAKAGE, DEVIATION_GAIN[usize::from(!c.third)]);
+            let model = libm::hypot(DEVIATION_LEAKAGE, DEVIATION_GAIN[usize::from(!c.third)]);
+            found.deviation.L_sigma = libm::hypot(model, saturated);
         }
         #[cfg(feature = "legs")]
         if done(Stage::Legs) {
