@@ -21,6 +21,7 @@ from stillflux.evidence import beyond, commissioning
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.machines import OwnMachine
 from stillflux.evidence.registry import targets
+from stillflux.evidence.table import COMMISSIONING, Table
 from stillflux.machine_file import Machine, priors
 
 PLANE = [(omega, torque) for omega in (-0.05, -0.02, 0.0, 0.02, 0.1) for torque in (-1.0, 0.4, 1.0)]
@@ -436,6 +437,24 @@ def test_draws_of_the_evidence_are_found_and_judged(tmp_path: Path) -> None:
     assert "R_s + r_d, median error" in commissioning.table(outcomes)
     commissioning.page(tmp_path / "page.html", "stillflux beyond commissioning", outcomes)
     assert "<svg" in (tmp_path / "page.html").read_text()
+
+
+def test_what_commissionings_find_is_brought_into_the_table_from_the_first_draw_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "table.csv"
+    given = ["beyond", "commissioning", "--metrics", str(table), "--out", str(tmp_path)]
+    assert main([*given, "--draws", "2"]) == 0
+    lines = {line.quantity: line for line in Table.read(table).find(*COMMISSIONING)}
+    assert lines["draws"].value == "2"
+    expected = [commissioning.run(commissioning.FIRST + k).errors["c_out"] for k in range(2)]
+    assert lines["c_out, largest error"].number == pytest.approx(max(expected), rel=0.01)
+    for option, text in (
+        (["--first", "0"], "a table of the draws from 3000 on"),
+        (["--course", "start"], "a table without"),
+    ):
+        assert main([*given, *option]) == 2
+        assert text in capsys.readouterr().err
 
 
 def _unknown(made: commissioning.Draw) -> str:
