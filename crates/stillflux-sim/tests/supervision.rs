@@ -258,7 +258,7 @@ fn a_torque_that_reverses_is_no_open_phase() {
 }
 
 /// A drive of 0.84 kW and 100 Hz whose shaft a load that reverses turns from rest to a sixth of its rated speed in 15 ms, with a control
-/// of 2.5 kHz; `at`: the time of it, s.
+/// of 2.5 kHz; the load steps to `load`, in units of rated torque, `at` so many s after the start-up.
 fn small_and_slow(half_periods: u32, at: f64, load: f64) -> Scenario {
     let rating = Rating { n_p: 2, J: 0.32e-3, U_N: 400.0, I_N: 1.84, f_N: 100.0, T_N: 2.66 };
     let t = TModel { R_s: 9.96, R_r: 8.41, L_ls: 0.0147, L_lr: 0.0147, L_m: 0.378 };
@@ -294,14 +294,14 @@ fn an_open_phase_of_a_control_of_2_5_khz_is_found_within_60_ms() {
     for phase in 0..3 {
         let at = 1.2;
         let mut s = small_and_slow(2, at, 0.9);
-        let (begin, base) = (s.duration - 0.5, Base::new(&s.machine));
-        s.reference = ReferenceProfile::Speed(after(begin - at, base.omega_m, &[(0.0, 0.0), (0.3, 0.2)]));
-        s.changes = vec![(begin, Change::OpenPhase(phase))];
+        let (event, base) = (s.duration - 0.5, Base::new(&s.machine));
+        s.reference = ReferenceProfile::Speed(after(event - at, base.omega_m, &[(0.0, 0.0), (0.3, 0.2)]));
+        s.changes = vec![(event, Change::OpenPhase(phase))];
         let (fault, t) = fault(s).unwrap();
         assert_eq!((fault.cause, fault.value), (Fault::OpenPhase, phase as f64 + 1.0));
-        println!("{phase}: {:.1} ms", 1e3 * (t - begin));
+        println!("{phase}: {:.1} ms", 1e3 * (t - event));
         // Half a turn at 0.2 · 100 Hz until the phase is to carry most, and 24 ms.
-        assert!(t - begin < 0.06, "{} s", t - begin);
+        assert!(t - event < 0.06, "{} s", t - event);
     }
 }
 

@@ -91,7 +91,7 @@ FRICTION = (0.002, 0.02)
 CURRENT, TURN, TIME = 1.5, 1.0, 60.0
 """Largest phase current relative to the rated peak, largest turn of a free shaft at standstill in electrical
 degrees, and longest duration in s."""
-STATED = "rms of the errors in units of what is stated of them"
+STATED = "rms error over stated standard deviation"
 """Quantity of a value found: 1 where its standard deviation is as large as it says."""
 TOLD = ("true", "found", "nameplate")
 """What the drive is told in its courses; the nameplate alone is the negative control."""
@@ -380,8 +380,8 @@ def claims(outcomes: Sequence[Outcome]) -> list[Claim]:
             )
             found.append(reported(f"{name}, largest error", float(values.max()), unit))
     for name in done[0].deviations if done else ():
-        stated = np.array([x.errors[name] / x.deviations[name] for x in done])
-        found.append(reported(f"{name}, {STATED}", float(np.sqrt(np.mean(stated**2)))))
+        ratio = np.array([x.errors[name] / x.deviations[name] for x in done])
+        found.append(reported(f"{name}, {STATED}", float(np.sqrt(np.mean(ratio**2)))))
     for key in dict.fromkeys(key for x in outcomes for key in x.drives):
         runs = [x.drives[key] for x in outcomes if key in x.drives]
         kept = [error for error, why in runs if not why]

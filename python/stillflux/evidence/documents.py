@@ -731,7 +731,7 @@ def _commissioning(table: Table) -> str:
         "95 % of the draws within",
         "largest",
         "limit of median and 95 %",
-        "rms, of what is stated",
+        STATED,
     ]
     return markdown(head, (row(*of) for of in _FOUND.items()))
 

@@ -197,6 +197,7 @@ def start_up(motor: Any, inverter: Any, scheme: str = "enhanced", settings: Sett
 
 
 def _of_drive(settings: Settings) -> DriveSettings:
+    """As keywords of a drive."""
     return cast(DriveSettings, dict(settings))
 
 

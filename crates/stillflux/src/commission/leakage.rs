@@ -34,11 +34,11 @@ const BIAS: [f64; 2] = [0.5, 0.8];
 pub(super) const SWING: f64 = 0.2;
 /// Chord less slope at the larger current, in units of the difference of the slopes.
 const CHORD: f64 = 2.0 * BIAS[1] * BIAS[1] / (3.0 * (BIAS[1] * BIAS[1] - BIAS[0] * BIAS[0]));
-/// Largest part of the slope that the difference of the slopes is taken for.
+/// Largest difference of the slopes that counts, in parts of the slope: beyond it a reading has failed.
 const DIFFERENCE: f64 = 0.3;
-/// Plateaus at each of them, alternating in sign.
-const PLATEAUS: u32 = 8;
-const ALL: u32 = BIAS.len() as u32 * PLATEAUS;
+/// Plateaus at each of them, alternating in sign, and of the whole procedure.
+const PLATEAUS_EACH: u32 = 8;
+const PLATEAUS: u32 = BIAS.len() as u32 * PLATEAUS_EACH;
 
 /// State and record.
 #[derive(Clone, Copy, Debug)]
@@ -51,7 +51,7 @@ pub(super) struct Leakage<R: Real> {
 
 /// Periods of the whole procedure.
 pub(super) fn duration(settle: u32) -> u32 {
-    ALL * 2 * settle
+    PLATEAUS * 2 * settle
 }
 
 impl<R: Real> Leakage<R> {
@@ -61,7 +61,7 @@ impl<R: Real> Leakage<R> {
 
     /// Whether all plateaus have been read.
     pub fn is_complete(&self) -> bool {
-        self.plateau == ALL
+        self.plateau == PLATEAUS
     }
 
     /// One period with the amplitude `u` of the square voltage; `weight` is one over the periods. `None` at the end.
@@ -91,12 +91,12 @@ impl<R: Real> Leakage<R> {
 
     /// Which of the direct currents flows.
     fn level(&self) -> usize {
-        usize::from(self.plateau >= PLATEAUS)
+        usize::from(self.plateau >= PLATEAUS_EACH)
     }
 
     /// One over the periods, roughly: numerator and denominator share it.
     pub fn weight(settle: u32) -> R {
-        R::from_f64(1.0 / f64::from(PLATEAUS * settle))
+        R::from_f64(1.0 / f64::from(PLATEAUS_EACH * settle))
     }
 
     /// Leakage inductance, per unit, for the resistance `R'` and the control period, and by what part its slope is less.

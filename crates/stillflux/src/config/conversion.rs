@@ -66,7 +66,7 @@ const OPEN: f64 = 0.004;
 #[cfg(feature = "supervision")]
 const OPEN_PERIODS: u32 = 24;
 /// The same in units of `1/ω_c`, where a load that reverses accelerates the shaft by so much that the current falls behind its
-/// reference ([`Conversion::behind`]), and where the field stands a phase may stay at its zero meanwhile: up to `8.3/ω_c` in random speeds and
+/// reference ([`Conversion::tracking_error`]), and where the field stands a phase may stay at its zero meanwhile: up to `8.3/ω_c` in random speeds and
 /// loads of small drives with a control of 2 to 5 kHz, supervision off.
 #[cfg(feature = "supervision")]
 const OPEN_LAG: f64 = 11.0;
@@ -331,7 +331,7 @@ impl<'a> Conversion<'a> {
         #[cfg(feature = "supervision")]
         let watched = |t: f64| if p.supervision { calls(t).max(2) } else { u32::MAX };
         #[cfg(feature = "supervision")]
-        let open = OPEN.max(OPEN_LAG * self.behind().min(1.0) / (core::f64::consts::TAU * p.current_bandwidth));
+        let open = OPEN.max(OPEN_LAG * self.tracking_error().min(1.0) / (core::f64::consts::TAU * p.current_bandwidth));
         SupervisionConfig {
             plausibility: PlausibilityConfig {
                 psi_deviation: r(0.4 * p.psi_ref),
@@ -369,11 +369,11 @@ impl<'a> Conversion<'a> {
         }
     }
 
-    /// By how much the current falls behind its reference while twice the rated torque accelerates the shaft: the slope of the voltage that
-    /// the rated flux induces over the integral part of current control, per unit. At most 0.1 for the ten drives of docs/tolerance.md, 0.3
+    /// Tracking error of current control, per unit of current, while twice the rated torque accelerates the shaft: the slope of the voltage that
+    /// the rated flux induces over the integral gain. At most 0.1 for the ten drives of docs/tolerance.md, 0.3
     /// for nearly all that are drawn there, 1 to 5 for small ones with a control of 2 to 5 kHz.
     #[cfg(feature = "supervision")]
-    fn behind(&self) -> f64 {
+    fn tracking_error(&self) -> f64 {
         let slope = 2.0 * self.pu.torque_rated / self.pu.j;
         slope * self.pu.t_s / self.current_k_i()
     }

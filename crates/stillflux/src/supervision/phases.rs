@@ -23,11 +23,12 @@
 //! field turns, and a healthy phase may stay at its zero for some ms. The longest stay that was seen beside
 //! these is 14 ms: while a load reversed the
 //! reference turned back in the field as fast as that turned, and a long dead time (3.5 µs at 4 kHz) held the current of the phase at
-//! zero, a tenth of the current vector short of its reference. Up to 0.15 the turned angle therefore counts half. After
-//! 4 ms of it, and after 4 ms and 24 periods of violation (leaky, [`super::leaky`]), up to `11/ω_c` of either where a load that reverses
-//! accelerates the shaft faster than current control follows (`Conversion::behind`),
-//! an open phase is a fault, after `calls_control` any lasting deviation is, under control: channels that are swapped
-//! or inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
+//! zero, a tenth of the current vector short of its reference. Up to 0.15 the turned angle therefore counts half.
+//!
+//! An open phase is a fault after 4 ms at the zero of its current, or after 4 ms and 24 periods of violation (leaky, [`super::leaky`]). Both
+//! times grow up to `11/ω_c` with the tracking error of current control under a load that reverses (`Conversion::tracking_error`): a small
+//! machine is accelerated faster than a slow control follows, and a healthy phase stays at its zero meanwhile. Under control any deviation is a fault after
+//! `calls_control`: channels that are swapped or inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
 //!
 //! In a start-up nothing but a phase that is open keeps a direct current off its reference, however small it is (0.13
 //! pu in the comparison of the legs of a machine with a small magnetising current): there the deviation that is
