@@ -18,11 +18,14 @@ import stillflux as sf
 from stillflux.cli import main
 from stillflux.commissioning_command import _task
 from stillflux.evidence import beyond, commissioning
+from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES
-from stillflux.evidence.machines import OwnMachine
+from stillflux.evidence.machines import OwnMachine, scaled
 from stillflux.evidence.registry import targets
 from stillflux.evidence.table import COMMISSIONING, Table
+from stillflux.evidence.tolerance import start_up
 from stillflux.machine_file import Machine, priors
+from stillflux.options import PlantOptions
 
 PLANE = [(omega, torque) for omega in (-0.05, -0.02, 0.0, 0.02, 0.1) for torque in (-1.0, 0.4, 1.0)]
 
@@ -234,6 +237,60 @@ def test_a_file_of_a_faulted_commissioning_says_so(tmp_path: Path) -> None:
     assert seen[0].filename == __file__
     with pytest.warns(sf.MachineWarning, match="swapped current channels"):
         sf.Scenario.from_dict({"motor": str(path), "duration": 0.1})
+
+
+@pytest.mark.parametrize(("preset", "most"), [("2.2kW", 2.5), ("11kW", 1.0)])
+def test_what_is_found_of_a_deep_bar_keeps_the_angle_in_a_slow_crossing(preset: str, most: float) -> None:
+    motor, bridge, bar = sf.Motor.preset(preset), sf.Inverter.preset(preset), (0.06, 0.43)
+    plant: PlantOptions = {"adc_noise": 0.004 * motor.I_N, "deep_bar": bar}
+    found = sf.commission(sf.Nameplate.of(motor), bridge, plant_motor=motor, plant_inverter=bridge, **plant)
+    seen = motor.at_slip_frequency(bar)
+    assert seen.L_sigma > 1.4 * motor.L_sigma
+    assert found.motor.L_sigma == pytest.approx(seen.L_sigma, rel=0.04)
+    assert pytest.approx(seen.R_R, rel=0.02) == found.motor.R_R
+
+    def error(told: sf.Motor) -> float:
+        """Largest angle error in a crossing of ω_s = 0 under rated load, degrees."""
+        begin = start_up(told, found.inverter) + 0.05
+        demand = COURSES["crossing"].build(motor, 0).after(begin)
+        result = sf.simulate(
+            sf.Scenario(
+                motor=told,
+                inverter=found.inverter,
+                plant_motor=motor,
+                plant_inverter=bridge,
+                settings=found.settings,
+                plant={"seed": 1, **plant},
+                omega_ref=scaled(demand.omega, motor.base["omega_m"]),
+                load_torque=scaled(demand.load, motor.T_N),
+                duration=demand.end,
+                signals=["angle_error"],
+                record_every=20,
+            )
+        )
+        assert str(result.status) == "running"
+        return float(np.degrees(np.abs(result["angle_error"][result.t > begin])).max())
+
+    assert error(found.motor) < most
+    # The negative control: the leakage of high frequency.
+    gamma = found.motor.to_gamma()
+    gamma["L_l"] *= motor.to_gamma()["L_l"] / seen.to_gamma()["L_l"]
+    rating = {name: getattr(motor, name) for name in ("n_p", "J", "U_N", "I_N", "f_N", "T_N")}
+    saturation = found.motor.saturation
+    high = sf.Motor.gamma(**gamma, saturation=saturation, **rating)
+    assert error(high) > 1.3 * most
+
+
+def test_the_motor_of_slip_frequency_has_the_rotor_current_of_both_branches() -> None:
+    motor, (g, s) = sf.Motor.preset("11kW"), (0.15, 0.4)
+    one, both = motor.at_slip_frequency((g, s)).to_gamma(), motor.to_gamma()
+    assert (one["R_r"], one["L_s"]) == pytest.approx((both["R_r"], both["L_s"]))
+    R, L, omega = both["R_r"], both["L_l"], 2j * math.pi * 0.05
+    branches = 1 / (R / (1 - g) + omega * L / (1 - s)) + 1 / (R / g + omega * L / s)
+    assert 1 / (R + omega * one["L_l"]) == pytest.approx(branches, rel=5e-5)
+    assert abs(1 / (R + omega * L) / branches - 1) > 5e-4, "the negative control"
+    with pytest.raises(ValueError, match=r"deep_bar leakage = 0.95 is outside 0.01 … 0.9"):
+        motor.at_slip_frequency((0.1, 0.95))
 
 
 def test_two_current_sensors_commission_and_a_single_shunt_is_refused_by_name() -> None:

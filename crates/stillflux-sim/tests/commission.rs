@@ -1,12 +1,13 @@
 //! A commissioning on the plant: what it refuses, and what is left of it when it is stopped.
+#![allow(non_snake_case)]
 
 use crate::rig::Largest;
 use stillflux::commission::si::Shaft;
 use stillflux::commission::{Cause, Deviation, Nameplate, Stage, Status};
-use stillflux::params::{Inverter, Machine, Saturation};
+use stillflux::params::{Gamma, Inverter, Machine, Rating, Saturation};
 use stillflux::si::Arithmetic;
 use stillflux_sim::commission::{CommissioningRun, Wiring};
-use stillflux_sim::{LeakageSaturation, Mechanics, PlantParams};
+use stillflux_sim::{DeepBar, LeakageSaturation, Mechanics, PlantParams};
 
 /// A machine with impedances larger by `factor` than its plate says: 3 in star instead of delta, 1/3 the other way.
 fn connected(factor: f64) -> (Nameplate, Inverter, PlantParams) {
@@ -287,11 +288,50 @@ fn a_leakage_that_saturates_is_found_by_its_chord_and_states_by_how_much_its_slo
             let mut run = run.unwrap();
             while run.advance(10_000) {}
             let found = run.commissioning().result().unwrap();
-            let (off, stated) = (found.machine.L_sigma / machine.L_sigma - 1.0, found.deviation.L_sigma);
+            let fit = found.magnetising.unwrap();
+            let (whole, stated) = (found.machine.L_sigma / machine.L_sigma - 1.0, found.deviation.L_sigma);
+            assert!((whole + 0.28 * share).abs() < 0.03 && whole.abs() < stated, "{share}: {whole} of {stated}");
+            // What the ramps have shown, without the ratio to slip frequency.
+            let mut ramps = found.machine.to_gamma();
+            ramps.L_l /= fit.bar.max(1.0);
+            let off = ramps.L_l * ramps.L_s / (ramps.L_l + ramps.L_s) / machine.L_sigma - 1.0;
+            let stated = (stated * stated - fit.deviation[6] * fit.deviation[6]).sqrt();
             println!("{share}: {off:.4} of {stated:.4}");
             // By the plant's law the chord is 0.28 share lower; the fit adds up to 0.02. The slope alone: -0.09 and -0.18.
             assert!((off + 0.4 * share).abs() < 0.02, "{share}: {off}");
             assert!(off.abs() < stated && stated < 0.03 + 0.6 * share, "{share}: {off} of {stated}");
+        }
+    }
+}
+
+/// Three deep bars, with 1.05, 1.26 and 1.56 times the leakage at slip frequency.
+#[test]
+fn the_motor_found_has_the_leakage_of_slip_frequency() {
+    for (machine, sheet) in
+        [(Machine::preset_2k2(), Inverter::preset_2k2()), (Machine::preset_11k(), Inverter::preset_11k())]
+    {
+        for (conductance, leakage) in [(0.2, 0.3), (0.15, 0.4), (0.06, 0.43)] {
+            let mut plant = PlantParams::new(machine, sheet);
+            plant.deep_bar = Some(DeepBar { conductance, leakage });
+            let plate = Nameplate::of(&machine).unwrap();
+            let wired = Wiring::default();
+            let mut run = CommissioningRun::new(&plate, &sheet, Shaft::Locked, Arithmetic::F32, plant, wired).unwrap();
+            while run.advance(10_000) {}
+            let found = run.commissioning().result().unwrap();
+            let gamma = machine.to_gamma();
+            let ratio =
+                (1.0 - conductance) * (1.0 - conductance) / (1.0 - leakage) + conductance * conductance / leakage;
+            let Machine { n_p, J, U_N, I_N, f_N, T_N, .. } = machine;
+            let rating = Rating { n_p, J, U_N, I_N, f_N, T_N };
+            let seen = Machine::from_gamma(Gamma { L_l: ratio * gamma.L_l, ..gamma }, rating);
+            let off = |x: f64, y: f64| x / y - 1.0;
+            let (of_leakage, r_r) = (off(found.machine.L_sigma, seen.L_sigma), off(found.machine.R_R, seen.R_R));
+            println!("{ratio:.3}: {of_leakage:.4} of {:.4}, {r_r:.4}", found.deviation.L_sigma);
+            assert!(
+                of_leakage.abs() < 0.04 && of_leakage.abs() < 2.0 * found.deviation.L_sigma,
+                "{ratio}: {of_leakage}"
+            );
+            assert!(r_r.abs() < 0.02, "{ratio}: {r_r}");
         }
     }
 }

@@ -20,10 +20,10 @@ rounded as printed, and a data sheet whose threshold, dead time and capacitance 
 | delay of each switch | 1σ 25 ns, of which the data sheet says nothing |
 | current channels | offset 1 % of the rated peak, gain 1 %, each uniform; noise 0.4 % of the rated rms |
 
-The errors of a motor's values are relative, in per cent; that of the bridge's curve is the largest between 2
-and 120 % of the rated peak current, in per cent of the dead-time voltage, of which the mean delay of the
-legs is a part; that of `L_M(ψ)` is the largest between half and 1.1 of rated flux; that of the legs is the
-root mean square of the errors of the six `leg_delay`, in ns.
+The errors of a motor's values are relative to those of slip frequency, in per cent; that of the bridge's
+curve is the largest between 2 and 120 % of the rated peak current, in per cent of the dead-time voltage, of
+which the mean delay of the legs is a part; that of `L_M(ψ)` is the largest between half and 1.1 of rated
+flux; that of the legs is the root mean square of the errors of the six `leg_delay`, in ns.
 """
 
 from __future__ import annotations
@@ -109,6 +109,11 @@ class Draw:
     inverter: Inverter
     plant: PlantOptions
     """Options of the plant."""
+
+    @property
+    def seen(self) -> Motor:
+        """The motor that a drive sees, at slip frequency."""
+        return self.motor.at_slip_frequency(self.plant["deep_bar"])
 
 
 @dataclass(frozen=True)
@@ -237,7 +242,7 @@ def _leg(inverter: Inverter, i: float) -> float:
 
 def errors(made: Draw, found: Commissioned) -> dict[str, float]:
     """By the names of `LIMITS` and of the capacitance, %, and of the legs, ns."""
-    true, got = made.motor, found.motor
+    true, got = made.seen, found.motor
     peak = math.sqrt(2) * true.I_N
     pulses = pulse_delay(made.plant)
     common = pulses.mean(axis=0)
@@ -307,7 +312,7 @@ def _drive(made: Draw, found: Commissioned, told: str, demand: Demand, arithmeti
     """Largest angle error and what was lost on what a course demands."""
     settings: DriveSettings = {}
     if told == "true":
-        motor, inverter = made.motor, made.inverter
+        motor, inverter = made.seen, made.inverter
     elif told == "found":
         motor, inverter, settings = found.motor, found.inverter, found.settings
     else:

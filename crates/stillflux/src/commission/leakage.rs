@@ -21,7 +21,7 @@
 //! stated as a deviation: the leakage of other currents differs by about that.
 //!
 //! **Valid** at the frequency of the square voltage, `f_s/(2 RAMP)`, at small flux: the total leakage as the high
-//! frequency sees it, without what a deep bar adds at slip frequency.
+//! frequency sees it, without what a deep bar adds at slip frequency ([`super::magnetising`] finds their ratio).
 
 use super::excitation::{Command, Sample};
 use crate::scalar::{Integrator, Real};

@@ -15,7 +15,7 @@
 //! |---|---|---|---|
 //! | `L_σ` | 0.17 pu, or that of the pull-out torque | 30 %, 12 % | induction machines of 0.25 to 200 kW |
 //! | `κ` | 0.2 | 0.2 | loss segregation of such machines |
-//! | `R_s` | mean of the power balance and 0.075 pu `(P_N/kW)^-0.33`, by their variances | 40 % of the second | the same |
+//! | `R_s` | the most likely one of the power balance, normal, and of 0.075 pu `(P_N/kW)^-0.33`, log-normal | 40 % of the second | the same |
 //! | `J` | 0.25 g·m² `(T_N/Nm)^1.35` | 50 % | the machine alone, without load |
 //! | slip, loss, `1 - cos φ` | the plate's | 10 %, 7 %, 8 % | half the tolerances of IEC 60034-1 |
 //!
@@ -223,6 +223,9 @@ impl Nameplate {
                 variance[k] += d * d;
             }
         }
+        // Beside the end of what a tolerance may leave for the winding the changes show one side of it alone.
+        let likelihood = self.resistance(&Change::default()).1;
+        variance[0] = variance[0].max(likelihood * likelihood);
         let [R_s, R_R, L_sigma, L_M] = variance.map(libm::sqrt);
         let L_M = libm::sqrt(L_M * L_M + DEVIATION_CURVE * DEVIATION_CURVE);
         let J = if self.J.is_some() { 0.02 } else { DEVIATION_J };
@@ -263,11 +266,21 @@ impl Nameplate {
 
     /// The circuit of the rated point with a leakage inductance in H.
     fn circuit(&self, L_sigma: f64, change: Change) -> Result<Circuit, ParamError> {
-        self.rated_point(self.resistance(&change), L_sigma * (1.0 + change.leakage), &change)
+        self.rated_point(self.resistance(&change).0, L_sigma * (1.0 + change.leakage), &change)
     }
 
-    /// Stator resistance, Ω, from two sources by their variances: the balance of the rated power, and the size.
-    fn resistance(&self, change: &Change) -> f64 {
+    /// Stator resistance, Ω, the most likely one by two sources: the balance of the rated power `B`, whose error `b` is normal, and the
+    /// size `T`, whose error is log-normal with `σ`,
+    ///
+    /// ```text
+    /// ln(R/T)/σ² + R (R - B)/b² = 0        between T and B
+    /// ```
+    ///
+    /// and the relative standard deviation `1/√(1/σ² + R (2R - B)/b²)` by the curvature of the likelihood there.
+    /// Where the tolerances of slip and power factor leave nothing for the winding, or less than nothing, the size keeps it from zero.
+    /// In plates of 600 drawn motors that are off by such tolerances `ln R` is off by 0.23 (rms; 0.98 at most), as a mean of the two weighted
+    /// by variances by 0.32 (1.57); of plates that are exact both are off by 0.15.
+    fn resistance(&self, change: &Change) -> (f64, f64) {
         let (P_in, slip, i) = (self.P_in(), self.slip(), self.I_N);
         let rest = |loss: f64, slip: f64| (P_in + (P_in - self.P_N) * loss - self.P_N / (1.0 - slip)).max(0.0);
         let per_ohm = 3.0 * i * i;
@@ -279,9 +292,18 @@ impl Nameplate {
             + DEVIATION_SLIP * slip * self.P_N
             + DEVIATION_ROUNDING * P_in)
             / per_ohm;
-        let of_typical = DEVIATION_R_S * typical;
-        let weight = of_typical * of_typical / (of_typical * of_typical + of_balance * of_balance);
-        weight * balance + (1.0 - weight) * typical * (1.0 + change.typical)
+        let typical = typical * (1.0 + change.typical);
+        let slope = |r: f64| {
+            libm::log(r / typical) / (DEVIATION_R_S * DEVIATION_R_S) + r * (r - balance) / (of_balance * of_balance)
+        };
+        let (mut low, mut high) = (balance.min(typical).max(1e-3 * typical), balance.max(typical));
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if slope(middle) < 0.0 { low = middle } else { high = middle }
+        }
+        let r = 0.5 * (low + high);
+        let curvature = 1.0 / (DEVIATION_R_S * DEVIATION_R_S) + r * (2.0 * r - balance) / (of_balance * of_balance);
+        (r, libm::sqrt(1.0 / curvature.max(1.0)))
     }
 
     /// The circuit of the rated point with stator resistance and leakage inductance.
@@ -345,6 +367,28 @@ mod tests {
                 assert!((0.02..0.5).contains(&d), "{name}: deviation {d}");
             }
         }
+    }
+
+    /// A plate of 160 kW whose rounded and tolerated values leave nothing for the winding: a mean weighted by variances makes a third of the
+    /// size's resistance of it.
+    #[test]
+    fn a_plate_that_leaves_no_loss_for_the_winding_keeps_half_of_the_resistance_of_its_size() {
+        let plate = Nameplate {
+            P_N: 160e3,
+            U_N: 400.0,
+            I_N: 272.0,
+            f_N: 50.0,
+            n_N: 1489.0,
+            cos_phi: 0.855,
+            T_max: None,
+            J: None,
+        };
+        assert!(plate.P_N / (1.0 - plate.slip()) > 0.995 * plate.P_in());
+        let (machine, deviation) = plate.machine().unwrap();
+        let of_size = R_S_1KW * libm::pow(160.0, R_S_EXPONENT) * 400.0 / (libm::sqrt(3.0) * 272.0);
+        let part = machine.R_s / of_size;
+        assert!((0.4..0.7).contains(&part), "{part}");
+        assert!((0.2..0.8).contains(&deviation.R_s), "{}", deviation.R_s);
     }
 
     #[test]
