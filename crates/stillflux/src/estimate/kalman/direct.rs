@@ -33,7 +33,7 @@
 //! current, and it falls with the slope `s = γ d(m g)/dm`: an error `δ` of the saturated part `i_c` moves the flux by `l_M δ i_c/s`, white noise of
 //! standard deviation `q` a block by `q/√(2 r_R Δ s/l_M)`, so `q ∝ 1/√s`. With the same `q` at every slope the flux of a motor whose
 //! curve is steep had no weight against the integral of the voltage, which was off by up to 13 % (drawn motors with 0.7 of the unsaturated
-//! current in addition at rated flux) and with deep bars by more than twice the rated flux.
+//! current in addition at rated flux) and with deep bars by up to 104 %.
 
 use super::covariance::Column;
 use super::intermediate::Intermediate;
