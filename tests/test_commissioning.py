@@ -273,7 +273,7 @@ def test_what_is_found_of_a_deep_bar_keeps_the_angle_in_a_slow_crossing(preset: 
 
     assert error(found.motor) < most
     # The negative control: the leakage of high frequency.
-    gamma = found.motor.to_gamma()
+    gamma: dict[str, Any] = found.motor.to_gamma()
     gamma["L_l"] *= motor.to_gamma()["L_l"] / seen.to_gamma()["L_l"]
     rating = {name: getattr(motor, name) for name in ("n_p", "J", "U_N", "I_N", "f_N", "T_N")}
     saturation = found.motor.saturation

@@ -113,7 +113,8 @@ class Draw:
     @property
     def seen(self) -> Motor:
         """The motor that a drive sees, at slip frequency."""
-        return self.motor.at_slip_frequency(self.plant["deep_bar"])
+        deep_bar = self.plant["deep_bar"]
+        return self.motor if deep_bar is None else self.motor.at_slip_frequency(deep_bar)
 
 
 @dataclass(frozen=True)
