@@ -25,6 +25,7 @@ __all__ = [
     "Status",
     "StatusWarning",
     "Trace",
+    "at_slip_frequency",
     "base",
     "from_gamma",
     "from_t_model",
@@ -60,6 +61,9 @@ def from_t_model(R_s: float, R_r: float, L_ls: float, L_lr: float, L_m: float) -
 
 def to_gamma(motor: Motor) -> dict[str, float]:
     """Γ parameters of a motor."""
+
+def at_slip_frequency(motor: Motor, deep_bar: tuple[float, float] | None) -> dict[str, float]:
+    """Inverse-Γ parameters at slip frequency of a motor with a second rotor branch; None: its own."""
 
 def to_t_model(motor: Motor) -> dict[str, float]:
     """T parameters of a motor, with equal leakages."""

@@ -63,7 +63,7 @@ class Commissioned:
     """What a commissioning has found. Values of procedures that were not completed are the nameplate's."""
 
     motor: Motor
-    """The motor, with its saturation curve if that was found."""
+    """The motor at slip frequency, with its saturation curve if that was found."""
     inverter: Inverter
     """The inverter with its curve: u_th, dead_time and c_out, and with what its legs differ: leg_delay."""
     deviation: Mapping[str, float]

@@ -241,13 +241,11 @@ def _in_plant(options: Mapping[str, Any]) -> Iterator[None]:
 def _rows(task: _Task, found: Commissioned) -> Iterator[tuple[str, str, str, str]]:
     """Name, value, deviation and, against the simulated motor, error of everything found."""
     psi = found.motor.base["psi"]
-    real = task.motor
-    if (deep_bar := task.options.get("deep_bar")) is not None:
-        real = real.at_slip_frequency(deep_bar)
-    truth = {name: getattr(real, name) for name in _UNITS}
-    if real.saturation is not None:
-        inductance, a, exponent = real.saturation
-        truth["L_M"] = inductance / (1.0 + (a * psi) ** exponent) - real.L_sigma
+    motor = task.motor.at_slip_frequency(task.options.get("deep_bar"))
+    truth = {name: getattr(motor, name) for name in _UNITS}
+    if motor.saturation is not None:
+        inductance, a, exponent = motor.saturation
+        truth["L_M"] = inductance / (1.0 + (a * psi) ** exponent) - motor.L_sigma
     values = {name: getattr(found.motor, name) for name in _UNITS}
     truth["R_s"] += task.inverter.r_d
     values["R_s"] += found.inverter.r_d
@@ -266,12 +264,12 @@ def _rows(task: _Task, found: Commissioned) -> Iterator[tuple[str, str, str, str
             f"{100 * found.deviation[name]:.1f} %",
             f"{100 * (values[name] / truth[name] - 1):+.1f} %",
         )
-    loss, real_loss = _loss(found.inverter), _loss(task.inverter)
+    loss, real = _loss(found.inverter), _loss(task.inverter)
     yield (
         "threshold, dead time",
         f"{loss:.3g} V",
         f"{100 * found.deviation['loss']:.1f} %",
-        f"{100 * (loss / real_loss - 1):+.1f} %",
+        f"{100 * (loss / real - 1):+.1f} %",
     )
     c = (found.inverter.c_out, task.inverter.c_out)
     error = f"{100 * (c[0] / c[1] - 1):+.0f} %" if c[1] else "–"

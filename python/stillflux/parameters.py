@@ -237,18 +237,13 @@ class Motor:
         """Base values of the per-unit system: u (V), i (A), omega (rad/s), psi, z, l, torque, omega_m."""
         return _core.base(self)
 
-    def at_slip_frequency(self, deep_bar: tuple[float, float]) -> Self:
-        """The motor without a second rotor branch that is this one with it (option `deep_bar` of the plant)
-        at currents of small frequency: with `(1 - g)²/(1 - s) + g²/s` times the leakage of the Γ circuit
-        for the shares `g` of the conductance and `s` of the inverse leakage, each 0.01 to 0.9, and the
-        same `R_r` and `L_s`. It is what a drive should be told. ValueError for a share outside."""
-        g, s = deep_bar
-        for name, share in (("conductance", g), ("leakage", s)):
-            if not 0.01 <= share <= 0.9:
-                raise ValueError(f"deep_bar {name} = {share!r} is outside 0.01 … 0.9")
-        gamma = self.to_gamma()
-        gamma["L_l"] *= (1.0 - g) ** 2 / (1.0 - s) + g * g / s
-        return self.replace(**_core.from_gamma(gamma["R_s"], gamma["R_r"], gamma["L_l"], gamma["L_s"]))
+    def at_slip_frequency(self, deep_bar: tuple[float, float] | None) -> Self:
+        """What a drive should be told of this motor if the plant has the option `deep_bar`: the motor without
+        a second rotor branch that has the same rotor currents at small slip, with `(1 - g)²/(1 - s) + g²/s`
+        times the leakage of the Γ circuit for the shares `g` of the conductance and `s` of the inverse
+        leakage, and the same `R_r` and `L_s`. None: the motor itself. ValueError for a share outside 0.01 to
+        0.9."""
+        return self.replace(**_core.at_slip_frequency(self, deep_bar))
 
     def to_gamma(self) -> dict[str, float]:
         """Γ parameters R_s, R_r, L_l, L_s."""

@@ -32,7 +32,7 @@ mod core_module {
         validate_motor,
     };
     #[pymodule_export]
-    use crate::plant::{Plant, PlantState};
+    use crate::plant::{Plant, PlantState, at_slip_frequency};
     #[pymodule_export]
     use crate::replay::RecordEstimator;
     #[pymodule_export]

@@ -155,7 +155,8 @@ pub fn inverter_dict<'py>(py: Python<'py>, inverter: &params::Inverter) -> PyRes
 /// No part of a conversion between equivalent circuits depends on the rating.
 const NO_RATING: Rating = Rating { n_p: 1, J: 1.0, U_N: 1.0, I_N: 1.0, f_N: 1.0, T_N: 1.0 };
 
-fn inverse_gamma<'py>(py: Python<'py>, m: &Machine) -> PyResult<Bound<'py, PyDict>> {
+/// Parameters of the inverse-Γ circuit as dict.
+pub fn inverse_gamma<'py>(py: Python<'py>, m: &Machine) -> PyResult<Bound<'py, PyDict>> {
     Ok(dict!(py, m; R_s, R_R, L_sigma, L_M))
 }
 

@@ -15,10 +15,29 @@ use stillflux_sim::{
 use crate::convert::{
     Given, arguments, changed, complex, extract, fields, finite, finite_parts, offsets, parts, three, value_error,
 };
-use crate::parameters::{found, inverter_of, machine_of, names_of, one_of};
+use crate::parameters::{Motor, found, inverse_gamma, inverter_of, machine_of, names_of, one_of};
 
 fn mode(name: &str) -> PyResult<Mode> {
     one_of("mode", name, &[("switching", Mode::Switching), ("averaged", Mode::Averaged)])
+}
+
+/// Second rotor branch of the option `deep_bar`.
+fn deep_bar_of(value: &Bound<'_, PyAny>) -> PyResult<Option<DeepBar>> {
+    let found = parts::<(f64, f64)>("deep_bar", value, "share of the conductance, share of the inverse leakage")?;
+    Ok(found.map(|(conductance, leakage)| DeepBar { conductance, leakage }))
+}
+
+/// Inverse-Γ parameters at slip frequency of a motor with a second rotor branch; `None`: its own.
+#[pyfunction]
+pub fn at_slip_frequency<'py>(
+    py: Python<'py>,
+    motor: Motor,
+    deep_bar: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let machine = motor.machine()?;
+    let Some(bar) = deep_bar_of(deep_bar)? else { return inverse_gamma(py, &machine) };
+    bar.validate().map_err(value_error)?;
+    inverse_gamma(py, &bar.at_slip_frequency(&machine))
 }
 
 const OPTIONS: &[&str] = &[
@@ -76,10 +95,7 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
             p.iron_loss = parts::<(f64, f64)>(name, value, "R_fe in Ω, time constant in s")?
                 .map(|(R_fe, time_constant)| IronLoss { R_fe, time_constant });
         }
-        "deep_bar" => {
-            p.deep_bar = parts::<(f64, f64)>(name, value, "share of the conductance, share of the inverse leakage")?
-                .map(|(conductance, leakage)| DeepBar { conductance, leakage });
-        }
+        "deep_bar" => p.deep_bar = deep_bar_of(value)?,
         "leakage_saturation" => {
             p.leakage_saturation = parts::<(f64, f64)>(name, value, "share of the leakage, peak current in A")?
                 .map(|(share, current)| LeakageSaturation { share, current });

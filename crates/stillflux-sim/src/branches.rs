@@ -15,7 +15,7 @@
 //! frequency, as in a bar. With `g = s` both are one winding again.
 #![allow(non_snake_case)]
 
-use stillflux::params::{Machine, ParamError, check};
+use stillflux::params::{Gamma, Machine, ParamError, Rating, check};
 
 /// Eddy currents in the stator's iron.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +56,18 @@ impl DeepBar {
     pub fn validate(&self) -> Result<(), ParamError> {
         check("deep_bar conductance", self.conductance, 0.01, 0.9, "")?;
         check("deep_bar leakage", self.leakage, 0.01, 0.9, "")
+    }
+
+    /// The machine without a second branch that has the same rotor currents at small slip: with `(1 - g)²/(1 - s) + g²/s` times the leakage
+    /// of the Γ circuit, the term of first order in the frequency of the branches' admittance, and the same `R_r` and `L_s`.
+    #[must_use]
+    pub fn at_slip_frequency(&self, machine: &Machine) -> Machine {
+        let (g, s) = (self.conductance, self.leakage);
+        let ratio = (1.0 - g).powi(2) / (1.0 - s) + g * g / s;
+        let gamma = machine.to_gamma();
+        let &Machine { n_p, J, U_N, I_N, f_N, T_N, saturation, .. } = machine;
+        let rating = Rating { n_p, J, U_N, I_N, f_N, T_N };
+        Machine { saturation, ..Machine::from_gamma(Gamma { L_l: ratio * gamma.L_l, ..gamma }, rating) }
     }
 }
 

@@ -112,9 +112,8 @@ class Draw:
 
     @property
     def seen(self) -> Motor:
-        """The motor that a drive sees, at slip frequency."""
-        deep_bar = self.plant["deep_bar"]
-        return self.motor if deep_bar is None else self.motor.at_slip_frequency(deep_bar)
+        """The motor at slip frequency, which is that of the drive's model."""
+        return self.motor.at_slip_frequency(self.plant["deep_bar"])
 
 
 @dataclass(frozen=True)

@@ -242,6 +242,12 @@ impl MagnetisingCurve {
     pub fn inductance(&self, psi: f64) -> f64 {
         self.l_u / (1.0 + self.c * libm::pow(psi.abs(), self.s))
     }
+
+    /// Leakage inductance of the Γ circuit at slip frequency, for the total leakage `l_sigma` at high frequency and small flux,
+    /// `1/L_σ = 1/L_u + 1/L_l`.
+    pub(super) fn leakage(&self, l_sigma: f64) -> f64 {
+        self.bar / (1.0 / l_sigma - 1.0 / self.l_u).max(0.1 / l_sigma)
+    }
 }
 
 /// A trajectory of the flux.
@@ -271,8 +277,7 @@ impl Trajectory {
             residual: 0.0,
             psi_max: 0.0,
         };
-        // 1/L_σ = 1/L_u + 1/L_l at small flux.
-        Self { curve, l_l: bar / (1.0 / l_sigma - 1.0 / l_u).max(0.1 / l_sigma), psi: 0.0, i: 0.0 }
+        Self { curve, l_l: curve.leakage(l_sigma), psi: 0.0, i: 0.0 }
     }
 
     /// The current steps, the rotor flux does not.

@@ -2,13 +2,13 @@
 //! procedures kept.
 //!
 //! ```text
-//! R_s = R - r_d      ψ_N: rated flux      L_s = L_u/(1 + c)      L_l = λ/(1/L_σ' - 1/L_u)      L_σ = L_s L_l/(L_s + L_l)
+//! R_s = R - r_d      ψ_N: rated flux      L_s = L_u/(1 + c)      L_l = bar/(1/L_σ' - 1/L_u)      L_σ = L_s L_l/(L_s + L_l)
 //! L_M = L_s - L_σ    R_R = R_r (L_s/(L_s + L_l))²
 //! ```
 //!
-//! The machine is that of slip frequency: of the leakage `L_σ'` of high frequency, which ramps show, it has `λ` times as much
-//! ([`MagnetisingCurve::bar`]), by which deep bars differ from a simple cage. The flux of the rotor follows from that one, and control of the
-//! current, which acts at higher frequencies, is faster by `λ` than with `L_σ'`.
+//! The machine found is the equivalent circuit at slip frequency. Ramps show the leakage `L_σ'` at high frequency; that of slip frequency, from
+//! which the rotor flux follows, is larger by the factor `bar` ([`MagnetisingCurve::bar`]) where the rotor has deep bars. The gains of current
+//! control follow from it as well: it is faster by up to that factor than with `L_σ'`.
 //!
 //! The fits begin with the nameplate's values, the later ones with what the earlier found. A procedure that was not
 //! completed leaves the nameplate's value with its deviation.
@@ -249,8 +249,8 @@ impl<R: Real> Commissioning<R> {
         };
         let fit = magnetising::fit(&guess, readings.get(..levels).unwrap_or(&readings));
         let (l_s, l_u) = (fit.inductance(1.0), fit.l_u);
-        // No bar has more leakage at high frequency.
-        let l_l = fit.bar.max(1.0) / (1.0 / l_sigma - 1.0 / l_u).max(0.1 / l_sigma);
+        // The leakage of a cage does not rise with frequency.
+        let l_l = MagnetisingCurve { bar: fit.bar.max(1.0), ..fit }.leakage(l_sigma);
         let Machine { n_p, J, U_N, I_N, f_N, T_N, .. } = *plate;
         let gamma = Gamma {
             R_s: fit.r * pu.base.z - c.sheet.r_d,
