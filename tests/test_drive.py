@@ -359,21 +359,28 @@ def test_a_spindle_reaches_rated_speed_and_its_opposite(f_N: float) -> None:
 
 
 def heavy_shaft(
-    machine: str, resistance: float, load: list[tuple[float, float]], seed: int, settings: DriveSettings
+    machine: str,
+    resistance: float,
+    load: list[tuple[float, float]],
+    seed: int,
+    settings: DriveSettings,
+    since: float | None = None,
 ) -> sf.Result:
     """A drive at rest with twenty times its inertia and a real R_R of `resistance` times its parameter.
 
-    The load is in units of rated torque over the time since control began, s. The run ends half a second
-    after its last point."""
+    The load is in units of rated torque over the time since control began, s; R_R is other than told `since`
+    then, or always. The run ends half a second after its last point."""
     drive = DRIVES[machine]
     motor = drive.motor.replace(J=20 * drive.motor.J)
     begin = start_up(motor, drive.inverter)
     points = [(begin + t, torque * motor.T_N) for t, torque in load]
+    R_R = resistance * motor.R_R
     return sf.simulate(
         sf.Scenario(
             motor=motor,
             inverter=drive.inverter,
-            plant_motor=motor.replace(R_R=resistance * motor.R_R),
+            plant_motor=motor.replace(R_R=R_R) if since is None else None,
+            changes=[] if since is None else [(begin + since, {"R_R": R_R})],
             load_torque=[(0, 0), *points],
             duration=points[-1][0] + 0.5,
             plant={"seed": seed, "adc_noise": ADC_NOISE * motor.I_N},
@@ -406,19 +413,19 @@ def test_the_rotor_resistance_that_a_start_found_is_an_estimate(resistance: floa
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_heavy_shaft_does_not_hunt_where_the_rotor_resistance_is_a_quarter_less(seed: int) -> None:
-    def ripple(settings: DriveSettings) -> float:
+    def ripple(settings: DriveSettings, since: float | None = None) -> float:
         """Standard deviation of the true speed under rated load, per unit."""
-        result = heavy_shaft("2.2kW", 0.75, [(0.2, 0), (0.2, 1), (2.1, 1)], seed, settings)
+        result = heavy_shaft("2.2kW", 0.75, [(0.2, 0), (0.2, 1), (2.1, 1)], seed, settings, since)
         last = result.window(float(result.t[-1]) - 1.0)
         return float(np.std(last["omega_m"])) / DRIVES["2.2kW"].motor.base["omega_m"]
 
+    light: DriveSettings = {"speed_bandwidth": 9.0}
     assert ripple({}) < 0.0005
     # The bandwidth of a light shaft: the gain from the torque to itself is 1.7, unless the start finds the
     # resistance.
-    assert ripple({"speed_bandwidth": 9.0}) < 0.0005
-    known: DriveSettings = {"prior_R_R": 0.002}
-    assert ripple(known) < 0.0005
-    assert ripple({"speed_bandwidth": 9.0, **known}) > 0.005
+    assert ripple(light) < 0.0005
+    assert ripple({}, since=0.1) < 0.0005
+    assert ripple(light, since=0.1) > 0.005
 
 
 @pytest.mark.slow

@@ -130,6 +130,25 @@ def test_a_drive_at_few_kilohertz_holds_any_speed(number: int) -> None:
     assert outcome.angle < 15.0
 
 
+@pytest.mark.parametrize(
+    ("number", "course", "realisations"),
+    [
+        # 0.4 kW, τ_r 20 ms, r_s 0.14: a flux shift of 0.5/s at every motor left the line too late, 9 lost.
+        (2028, "low-speed", 48),
+        # 0.3 kW: a speed that hunts was "field lost" in 6, where a flux above that of the current counted.
+        (941, "duty", 48),
+    ],
+)
+def test_a_small_drive_goes_on_whatever_the_noise(number: int, course: str, realisations: int) -> None:
+    made, _ = tolerance.scenario(DRAWN, COURSES[course], seed_of(DRAWN, course, number), drive=drive(number))
+    begin = tolerance.start_up(made.motor, made.inverter)
+    lost = []
+    for k in range(realisations):
+        result = sf.simulate(made.replace(plant={**made.plant, "seed": made.plant["seed"] + 1000003 * k}))
+        lost += [k] * bool(tolerance.loss(result, begin)[1])
+    assert len(lost) <= 1, lost
+
+
 def test_a_duty_is_any_speed_and_load_on_a_ramp_that_the_torque_carries() -> None:
     motor = drive(7).motor
     spin_up = motor.J * motor.base["omega_m"] / motor.T_N

@@ -212,6 +212,7 @@ def test_the_summary_names_a_torque_reference_that_is_cut(scenario: sf.Scenario)
         ({"plant": {"adc_bits": 99}}, ValueError, "bits = 99"),
         ({"changes": [(1.0, {"R_r": 1.0})]}, TypeError, "'R_r'"),
         ({"changes": [(1.0, {"R_s": -1.0})]}, ValueError, "R_s = -1"),
+        ({"changes": [(1.0, {"R_R": 0.0})]}, ValueError, "R_R = 0 ohm"),
         ({"changes": [(1.0, {"R_s": 1.0}), (0.5, {"R_s": 2.0})]}, ValueError, "changes time = 0.5"),
         ({"load_torque": [(1.0, 0.0), (0.5, 0.0)]}, ValueError, "load_torque: .*time = 0.5"),
         ({"omega_ref": float("nan")}, ValueError, "omega_ref = nan"),
@@ -626,7 +627,7 @@ def test_a_ramp_that_ends_after_the_run_and_a_value_that_stays_are_no_mistake(
         ),
         (
             {"changes": [(0.1, {"load_torque": 4.0})]},
-            "no setting 'load_torque'; there are R_s, current_offset",
+            "no setting 'load_torque'; there are R_s, R_R, current_offset",
         ),
         ({"changes": [(0.1, {"open_phase": -1})]}, "open_phase = -1 is not a whole number from 0 to 2"),
         (

@@ -80,11 +80,11 @@ class Scenario:
     changes: Sequence[tuple[float, dict[str, Any]]] = ()
     """(t, {name: value}) in ascending order.
 
-    Of the plant: R_s (Ω), current_offset (A), u_dc (V), speed (rad/s or None), open_phase (0 to 2), channel:
-    (0 to 2, how) with how "held", or (0 to 2, how, value) with "stuck" and "once" (one sample) in A, "gain",
-    or "of" another channel; encoder: "broken" (no edges), "channel" (one of the two is lost), "swapped",
-    "silent" (not read), or None, whole again. Of the drive: stop (True, or False to go on), reset (True:
-    leave a fault)."""
+    Of the plant: R_s (Ω), R_R (Ω), current_offset (A), u_dc (V), speed (rad/s or None), open_phase (0 to 2),
+    channel: (0 to 2, how) with how "held", or (0 to 2, how, value) with "stuck" and "once" (one sample) in A,
+    "gain", or "of" another channel; encoder: "broken" (no edges), "channel" (one of the two is lost),
+    "swapped", "silent" (not read), or None, whole again. Of the drive: stop (True, or False to go on), reset
+    (True: leave a fault)."""
     record_every: int = 10
     """Record every so many control periods."""
     signals: Sequence[str] | None = None

@@ -92,7 +92,7 @@ fn check_signals(names: Option<&[String]>) -> PyResult<()> {
 
 /// One entry a change: a dict with several names makes several changes at one time.
 const CHANGES: &[&str] =
-    &["R_s", "current_offset", "u_dc", "speed", "open_phase", "channel", "encoder", "stop", "reset"];
+    &["R_s", "R_R", "current_offset", "u_dc", "speed", "open_phase", "channel", "encoder", "stop", "reset"];
 
 fn changes(list: &[(f64, Bound<'_, PyDict>)]) -> PyResult<Vec<(f64, Change)>> {
     let mut all = Vec::new();
@@ -101,6 +101,7 @@ fn changes(list: &[(f64, Bound<'_, PyDict>)]) -> PyResult<Vec<(f64, Change)>> {
         each_keyword(Some(what), "a change of plant or drive", CHANGES, |name, value| {
             let change = match name {
                 "R_s" => Change::StatorResistance(resistance(extract(name, value)?)?),
+                "R_R" => Change::RotorResistance(extract(name, value)?),
                 "current_offset" => Change::CurrentOffset(offsets(name, value)?),
                 "u_dc" => Change::DcLink(dc_link(extract(name, value)?)?),
                 "speed" => Change::Speed(shaft_speed(extract(name, value)?)?),

@@ -75,6 +75,8 @@ pub enum ReferenceProfile {
 pub enum Change {
     /// Stator resistance at its reference temperature, Ω.
     StatorResistance(f64),
+    /// Rotor resistance of the inverse-Γ circuit at its reference temperature, Ω.
+    RotorResistance(f64),
     /// Offsets of the current channels, A.
     CurrentOffset([f64; 3]),
     /// dc-link voltage, V; of a link with a capacitor that of its supply.
@@ -98,6 +100,9 @@ impl Change {
     fn check(&self, plant: &PlantParams) -> Result<(), ParamError> {
         match self {
             Self::CurrentOffset(offset) => plant.adc.check_offset(offset),
+            Self::RotorResistance(value) => {
+                PlantParams { machine: Machine { R_R: *value, ..plant.machine }, ..*plant }.validate()
+            }
             Self::Channel(channel, fault) => fault.validate(*channel),
             Self::OpenPhase(phase) => {
                 let phases = if plant.mode == Mode::Switching { 2.0 } else { -1.0 };
@@ -451,6 +456,7 @@ impl<'s> Run<'s> {
             self.next_change += 1;
             match change {
                 Change::StatorResistance(r) => self.plant.set_R_s(r),
+                Change::RotorResistance(r) => self.plant.set_R_R(r),
                 Change::CurrentOffset(o) => self.plant.set_offset(o),
                 Change::DcLink(u) => self.plant.set_u_dc(u),
                 Change::Speed(w) => self.plant.set_speed(w),

@@ -82,12 +82,12 @@ const REALIGN_TEST: f64 = 0.5;
 const REALIGN_LOW_PASS: f64 = 0.025;
 /// Thresholds `h` of the tests for a lost field ([`crate::supervision::innovation`]): of any contradiction, at least, s, and of a flux
 /// that falls, in rotor time constants, and at least, s; and both at least in time constants of the innovation's low-pass, which holds
-/// what a transient has left. The part of the rotor time constant is measured, not derived: with a third
+/// what a transient has left. The part of the rotor time constant is measured, not derived: with a quarter
 /// of it steps of `r_s` by 25 % in regeneration at 11 kW end, which are held.
 #[cfg(feature = "supervision")]
 const LOST_FIELD: (f64, f64) = (0.04, 2.0);
 #[cfg(feature = "supervision")]
-const FLUX_FALLS: f64 = 0.75;
+const FLUX_FALLS: f64 = 0.5;
 #[cfg(feature = "supervision")]
 const FLUX_FALLS_LEAST: (f64, f64) = (0.06, 3.0);
 

@@ -4,7 +4,7 @@
 //! g = max(0, g + (x - k) dt)      (Page's CUSUM),      a fault at g_1/h_1 + g_2/h_2 > 1
 //!
 //! 1, any contradiction      x = NIS at |ω̂_s| < 0.08, else 0                              k = 0.2,     h = max(40 ms, 2 τ)
-//! 2, flux that falls        x = NIS at |ω̂_s| < 0.03, m > |ψ̂_R| or g > h/2, else 0       k = 0.05,    h = max(60 ms, 3 τ, 3/4 τ_r)
+//! 2, flux that falls        x = NIS at |ω̂_s| < 0.03 and m > |ψ̂_R|, else 0              k = 0.05,    h = max(60 ms, 3 τ, τ_r/2)
 //! ```
 //!
 //! NIS: normalised innovation squared of [`crate::estimate::kalman`], low-passed with the time constant `τ`, 20 of the blocks for
@@ -17,9 +17,9 @@
 //! The second finds a flux that collapses. At `ω_s = 0` the field may turn away from the estimate and decay, while the filter
 //! corrects what the voltage says of it: the flux `|ψ̂_R|` that follows from the voltage is less than the flux `m` that the
 //! current should make, block after block, and the correction makes up for the difference. Its innovation is small, NIS 0.1
-//! to 0.4, and has one sign for a tenth of a second or two, in which the flux is lost. What comes after that, when the current
-//! flows in a shaft that turns away and makes no flux, has either sign, and counts once there is evidence (`g > h/2`). A flux
-//! larger than the current explains (`m < |ψ̂_R|`) comes from a wrong inductance, and alone does not count. `k` is that of
+//! to 0.4, and has one sign for a tenth of a second or two, in which the flux is lost. A flux larger than the current explains
+//! (`m < |ψ̂_R|`) comes from a wrong inductance or is half of a swing, and does not count: where it did once `g` was above `h/2`, a speed
+//! that hunted at 5 Hz without load filled the sum within 2 s (0.3 kW, 6 of 48 realisations of the noise, the angle within 15°). `k` is that of
 //! the likelihood-ratio test of a variance, `ln(x_1/x_0)/(1/x_0 - 1/x_1)`, for a mean of `x_0` = 0.02, of drives that are
 //! undisturbed, against `x_1` = 0.2. `h` grows with the rotor time constant, in which a flux falls: what a slower machine
 //! contradicts for 0.3 s is its parameters, which are still being identified, and its flux lasts until the first test has
@@ -97,8 +97,7 @@ impl<R: Real> Innovation<R> {
         let (explained, calm) = (R::from_f64(EXPLAINED), R::from_f64(CALM));
         let within = |omega: f64, seen: bool| if seen && omega_s.within(R::from_f64(omega)) { nis } else { R::ZERO };
         self.level = (self.level + (within(OMEGA_S, true) - explained) * c.gain).max(R::ZERO);
-        self.falling =
-            (self.falling + (within(STANDING, falls || self.falling > R::HALF) - calm) * c.gain_falling).max(R::ZERO);
+        self.falling = (self.falling + (within(STANDING, falls) - calm) * c.gain_falling).max(R::ZERO);
         let limit = if self.level >= self.falling { explained } else { calm };
         (self.level + self.falling > R::ONE).then(|| Trip::new(Fault::FieldLost, nis, limit))
     }
@@ -166,15 +165,12 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_a_flux_that_has_fallen_counts_whatever_its_sign_and_both_tests_add_up() {
+    fn a_flux_that_swings_is_none_however_long_and_both_tests_add_up() {
         let c = InnovationConfig { gain: 0.01, gain_falling: 0.008 };
-        let found = |falls: u32, omega_s: f64| {
-            let mut innovation = Innovation::<f64>::default();
-            (0..2000).find(|&k| innovation.step(&c, 0.15, k < falls, omega_s).is_some())
-        };
-        // 0.1 · 0.008 a call: half of h after 625.
-        assert_eq!(found(600, 0.0), None);
-        assert!(found(650, 0.0).is_some_and(|k| (1245..=1255).contains(&k)));
+        // Falls for 600 calls, 0.48 of h, and rises for as long: the sum forgets as much of 0.05 as it adds of 0.1.
+        let mut innovation = Innovation::<f64>::default();
+        let mut swings = |k: u32| innovation.step(&c, 0.09, k % 1200 < 600, 0.0).is_some();
+        assert_eq!((0..200_000).find(|&k| swings(k)), None);
         let both = |nis: f64| {
             let mut innovation = Innovation::<f64>::default();
             (0..2000).find(|_| innovation.step(&c, nis, true, 0.0).is_some())

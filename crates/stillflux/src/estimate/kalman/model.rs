@@ -153,7 +153,8 @@ impl Saturated {
     ///
     /// The filter's curve is one over the *rotor* flux `m = ψ_s - L_σ i`. It has the same inductance without
     /// saturation, `L_u - L_σ`, which gives `c`, and the same elasticity `E = (di/dm)(m/i)` at rated flux, which is
-    /// `1 + S c`. Since `m` grows more slowly than `ψ_s`, its exponent is larger than that of the Γ form.
+    /// `1 + S c`. Since `m` grows more slowly than `ψ_s`, its exponent is larger than that of the Γ form. Where a large leakage and a
+    /// steep curve leave hardly any growth, or none, it is the largest.
     pub fn of(machine: &Machine) -> Self {
         let Some(s) = &machine.saturation else { return Self::TYPICAL };
         let k = s.L_u / machine.L_s() - 1.0;
@@ -161,15 +162,17 @@ impl Saturated {
         let di = (1.0 + (s.S + 1.0) * k) / s.L_u;
         let dm = 1.0 - machine.L_sigma * di;
         let c = 1.0 - machine.L_M / unsaturated;
-        // No saturation, or a curve outside the validity of the fit: the typical exponent, and `c` within its limits.
-        if !(k > 0.0 && c > 0.01 && dm > 0.1) {
+        // No saturation: the typical exponent, and `c` within its limits.
+        if !(k > 0.0 && c > 0.01) {
             return Self { c: c.clamp(0.0, C_MAX), ..Self::TYPICAL };
         }
-        let exponent = libm::round((di / dm * machine.L_M - 1.0) / c);
+        let exponent = libm::round((di / dm.max(LEAST_RISE) * machine.L_M - 1.0) / c);
         Self { c: c.min(C_MAX), exponent: exponent.clamp(1.0, 20.0), known: true }
     }
 }
 
+/// Least growth of `m` with `ψ_s` at rated flux from which an exponent follows.
+const LEAST_RISE: f64 = 0.1;
 /// Largest `(m/m_N)^S` that the curve follows: keeps it within fixed point.
 const SATURATED_MAX: f64 = 8.0;
 
