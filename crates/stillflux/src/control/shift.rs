@@ -126,7 +126,7 @@ impl<R: Real> FluxShift<R> {
         if omega_s.abs() < a {
             let weight = clamp_seldom(load.min(self.lasting) * c.inv_torque_fade - R::HALF, R::ZERO, R::ONE);
             let of_current = load * c.inv_torque;
-            least = (R::ONE - weight * R::from_f64(1.0 - FACTOR_MIN * FACTOR_MIN))
+            least = (R::ONE - weight.times(1.0 - FACTOR_MIN * FACTOR_MIN))
                 .max(load * (c.inv_pull_out * leakage))
                 .max(of_current * of_current)
                 .min(R::ONE);
@@ -142,10 +142,10 @@ impl<R: Real> FluxShift<R> {
             self.ahead = omega_s > R::ZERO;
         }
         let lasts = self.ahead && omega_s < a + a.half() && self.factor * self.factor >= least;
-        let rise = if lasts { self.quick_rise.clamp(c.step * R::from_f64(SLOW_RATE), c.step) } else { c.step };
+        let rise = if lasts { self.quick_rise.clamp(c.step.times(SLOW_RATE), c.step) } else { c.step };
         let change = (wanted - self.factor).clamp(-c.step, rise);
         self.factor += change;
-        let quick_rise = self.quick_rise + c.step * R::from_f64(RENEWAL_RATE) - change.max(R::ZERO);
+        let quick_rise = self.quick_rise + c.step.times(RENEWAL_RATE) - change.max(R::ZERO);
         self.quick_rise = quick_rise.clamp(R::ZERO, R::from_f64(QUICK_RISE));
         self.factor
     }

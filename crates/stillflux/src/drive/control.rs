@@ -318,7 +318,7 @@ impl<R: Real> Control<R> {
                     c.speed_control.part(psi_weak * c.flux_control.inv_psi_rated)
                 };
                 let torque = self.speed.step(&c.speed_control, (omega - omega_m) * part, (lo, hi));
-                let at_limit = (hi - lo) * R::from_f64(AT_LIMIT);
+                let at_limit = (hi - lo).times(AT_LIMIT);
                 // Where no torque is allowed there is none that could be lacking.
                 limited = if torque >= hi - at_limit {
                     if hi <= lo { R::ZERO } else { R::ONE }
@@ -349,7 +349,7 @@ impl<R: Real> Control<R> {
         let i_q = torque * c.flux_control.reciprocal(psi);
         let i_d =
             self.flux.step(&c.flux_control, (psi_ff, inv_leakage), psi_ref - estimators.psi_s(), i_q, weight, range);
-        self.i_q_room += (c.i_q_max - self.i_q_room) * R::from_f64(1.0 / 16.0);
+        self.i_q_room += (c.i_q_max - self.i_q_room).times(1.0 / 16.0);
         self.i_dq_ref = Dq::new(i_d, i_q);
         if !likely(self.i_dq_ref.norm_sq() <= self.i_max_sq) {
             self.limit_current(c);

@@ -136,7 +136,7 @@ impl<R: Real> Filter<R> {
         let m = self.m.value();
         let saturated = q.magnetisation.m_g - m + m * self.c.value();
         let of_saturation = c.model.decay * saturated * r(SATURATED / SCALE_PSI);
-        let inv_slope = q.magnetisation.slope.max(R::ONE).recip();
+        let inv_slope = q.magnetisation.slope.recip();
         walk[M] += of_saturation * of_saturation * c.noise.part * inv_slope;
     }
 }
