@@ -15,6 +15,7 @@ from stillflux.evidence.courses import COURSES
 from stillflux.evidence.drives import DRIVES, pull_out
 from stillflux.evidence.population import DRAWN, POPULATION, drive, drive_of
 from stillflux.evidence.seeds import seed_of
+from stillflux.options import DriveSettings
 from stillflux.status import StatusCode
 
 NUMBERS = range(0, POPULATION, 4)
@@ -131,22 +132,38 @@ def test_a_drive_at_few_kilohertz_holds_any_speed(number: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "course", "realisations"),
+    ("number", "course", "most"),
     [
-        # 0.4 kW, τ_r 20 ms, r_s 0.14: a flux shift of 0.5/s at every motor left the line too late, 9 lost.
-        (2028, "low-speed", 48),
-        # 0.3 kW: a speed that hunts was "field lost" in 6, where a flux above that of the current counted.
-        (941, "duty", 48),
+        # 0.4 kW, τ_r 20 ms, r_s 0.14: a flux shift of 0.5/s at every motor left the line too late, 10 lost.
+        (2028, "low-speed", 1),
+        # 0.3 kW: a speed that hunts was "field lost" in 6.
+        (941, "duty", 0),
     ],
 )
-def test_a_small_drive_goes_on_whatever_the_noise(number: int, course: str, realisations: int) -> None:
+def test_a_small_drive_goes_on_whatever_the_noise(number: int, course: str, most: int) -> None:
+    assert len(realisations_lost(number, course, 48, {})) <= most
+
+
+# 0.2 to 0.5 kW, 87 and 100 Hz at 8 and 10 kHz, delays of the switches of 25 ns: a quarter of τ_r has 7 to 12
+# time constants of current control.
+@pytest.mark.parametrize(
+    ("number", "course"), [(5919, "hold"), (4665, "crossing"), (7246, "crossing"), (3211, "hold")]
+)
+def test_the_legs_of_a_small_drive_are_measured_and_it_is_lost_without_that(number: int, course: str) -> None:
+    assert realisations_lost(number, course, 4, {}) == []
+    assert len(realisations_lost(number, course, 4, {"identify_legs": False})) >= 3
+
+
+def realisations_lost(number: int, course: str, realisations: int, settings: DriveSettings) -> list[int]:
+    """Of so many realisations of the noise those that are lost."""
     made, _ = tolerance.scenario(DRAWN, COURSES[course], seed_of(DRAWN, course, number), drive=drive(number))
+    made = made.with_settings(**settings)
     begin = tolerance.start_up(made.motor, made.inverter)
-    lost = []
-    for k in range(realisations):
-        result = sf.simulate(made.replace(plant={**made.plant, "seed": made.plant["seed"] + 1000003 * k}))
-        lost += [k] * bool(tolerance.loss(result, begin)[1])
-    assert len(lost) <= 1, lost
+    results = [
+        sf.simulate(made.replace(plant={**made.plant, "seed": made.plant["seed"] + 1000003 * k}))
+        for k in range(realisations)
+    ]
+    return [k for k, result in enumerate(results) if tolerance.loss(result, begin)[1]]
 
 
 def test_a_duty_is_any_speed_and_load_on_a_ramp_that_the_torque_carries() -> None:
