@@ -50,8 +50,7 @@ const AGAINST_TIME_LEAST: f64 = 0.15;
 const SHIFT_RATE: f64 = 0.5;
 /// Rotor time constant below which it is faster in proportion, s. On the line an error of `Δr_s` moves the flux by `Δr_s i_s` in a normalised time
 /// of 1, and small motors, whose rotor time constant is short, have a large `r_s`: one of 0.4 kW (20 ms, `r_s` 0.14, 87 to 100 Hz) lost its field within 0.1 s,
-/// in which 0.5/s has taken a third of the way, in 9 of 48 realisations of the noise, and with this in one. Twice as fast none is lost, and another of 0.3 kW,
-/// which hunts without load, is off by 15 instead of 12°.
+/// in which 0.5/s has taken a third of the way, in 10 of 48 realisations of the noise, and with this in one.
 const SHIFT_TAU_R: f64 = 0.05;
 /// Time constant of the low-pass that leaves loads alone which pass the flux shift's range, s: longer than a load takes to pass,
 /// and a third of the shortest time after which an angle error of 15° was seen on the line without the shift.

@@ -93,9 +93,9 @@ const SETTLE: f64 = 20.0;
 const FLUX: f64 = 0.03;
 /// The longest, in rotor time constants: with slower alternations a free shaft begins to turn, as a machine on one phase does.
 const SLOWEST: f64 = 0.25;
-/// The least of those, in time constants of current control. Where the window begins, with the weight zero, a tenth of the reversal is left. `ε` is
-/// without its voltage but for the error of the leakage, and that is along the current and changes its sign. With 12 drives of less than
-/// 0.5 kW with rotor time constants of 20 to 30 ms were not measured: every fourth delay of 25 ns lost some of them, with every parameter right.
+/// The least of those, in time constants of current control. Where the window begins, with the weight zero, a tenth of the reversal is left. Its voltage is
+/// not in `ε` but for the error of the leakage, and that is along the current and changes its sign. With 12, motors of less than 0.5 kW with rotor
+/// time constants of 15 to 30 ms were not measured, and delays that differ by 25 ns lost some of them with every parameter right.
 const LEAST: f64 = 6.0;
 /// Speed found in the first direction above which the comparison ends: below it what looks like a rotation may be unequal
 /// legs.

@@ -167,9 +167,9 @@ mod tests {
     #[test]
     fn a_flux_that_swings_is_none_however_long_and_both_tests_add_up() {
         let c = InnovationConfig { gain: 0.01, gain_falling: 0.008 };
-        // Falls for 600 calls, 0.48 of h, and rises for as long: the sum forgets as much of 0.05 as it adds of 0.1.
+        // Falls for 1700 calls, 0.54 of h, and rises for as long, in which the sum forgets it.
         let mut innovation = Innovation::<f64>::default();
-        let mut swings = |k: u32| innovation.step(&c, 0.09, k % 1200 < 600, 0.0).is_some();
+        let mut swings = |k: u32| innovation.step(&c, 0.09, k % 3400 < 1700, 0.0).is_some();
         assert_eq!((0..200_000).find(|&k| swings(k)), None);
         let both = |nis: f64| {
             let mut innovation = Innovation::<f64>::default();
