@@ -37,7 +37,7 @@
 
 use super::covariance::Column;
 use super::intermediate::Intermediate;
-use super::model::{LEAKAGE, M, PSI, ROTOR, SCALE_LEAKAGE, SCALE_PSI, SCALE_ROTOR};
+use super::model::{LEAKAGE, M, PSI, ROTOR, SCALE_LEAKAGE, SCALE_PSI, SCALE_ROTOR, reciprocal};
 use super::{Filter, FilterConfig, correct_state};
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
@@ -71,7 +71,7 @@ impl<R: Real> Filter<R> {
     pub fn end_direct(&mut self, c: &FilterConfig<R>) {
         if self.direct {
             self.direct = false;
-            self.rotor_cold = self.rotor.value() * c.temperature.rotor(self.r_s()).recip();
+            self.rotor_cold = self.rotor.value() * reciprocal(c.temperature.rotor(self.r_s()));
             self.reset_place(self.initial.of_leakage());
         }
     }
@@ -127,6 +127,7 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     pub(super) fn add_direct_noise(&self, c: &FilterConfig<R>, walk: &mut Column<R>) {
         let (r, q) = (R::from_f64, &self.point);
+        let inv_slope = reciprocal(q.magnetisation.slope);
         walk[ROTOR] = R::ZERO;
         let by_leakage = q.d_leakage_flux.re() * r(SCALE_LEAKAGE / SCALE_PSI);
         let u_k = AlphaBeta::from_phases(q.loss.by_knee()).re();
@@ -136,7 +137,6 @@ impl<R: Real> Filter<R> {
         let m = self.m.value();
         let saturated = q.magnetisation.m_g - m + m * self.c.value();
         let of_saturation = c.model.decay * saturated * r(SATURATED / SCALE_PSI);
-        let inv_slope = q.magnetisation.slope.recip();
         walk[M] += of_saturation * of_saturation * c.noise.part * inv_slope;
     }
 }

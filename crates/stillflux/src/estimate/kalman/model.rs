@@ -171,6 +171,13 @@ impl Saturated {
     }
 }
 
+/// `1/x` where it seldom runs: one copy in the code for all.
+#[cold]
+#[inline(never)]
+pub(super) fn reciprocal<R: Real>(x: R) -> R {
+    x.recip()
+}
+
 /// Least growth of `m` with `ψ_s` at rated flux from which an exponent follows.
 const LEAST_RISE: f64 = 0.1;
 /// Largest `(m/m_N)^S` that the curve follows: keeps it within fixed point.
@@ -319,7 +326,7 @@ impl<R: Real> Model<R> {
     #[cold]
     #[inline(never)]
     pub fn transient_saturation(&self, slope: R) -> R {
-        (R::ONE + self.by_saturation * (slope - R::ONE)).recip()
+        reciprocal(R::ONE + self.by_saturation * (slope - R::ONE))
     }
 
     /// Slope of the magnetising curve at rated flux, `1 + S c`.

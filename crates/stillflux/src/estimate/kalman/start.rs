@@ -14,7 +14,7 @@
 use super::covariance::{Column, Covariance};
 use super::intermediate::Intermediate;
 use super::learned::Learned;
-use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V};
+use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V, reciprocal};
 use super::noise::SIGMA_AGAIN;
 use super::{B_MAX, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, R_S_RANGE, V_MAX};
 #[cfg(feature = "supervision")]
@@ -206,7 +206,7 @@ impl<R: Real> Filter<R> {
     #[inline(never)]
     fn flux_per_gamma(&self, c: &FilterConfig<R>, m: R) -> R {
         // At rated flux g = 1, and the slope of the curve is 1 + S c.
-        m * c.model.rated_slope(self.c.value()).recip() * (R::from_f64(SCALE_GAMMA) * R::from_f64(1.0 / SCALE_PSI))
+        m * reciprocal(c.model.rated_slope(self.c.value())) * (R::from_f64(SCALE_GAMMA) * R::from_f64(1.0 / SCALE_PSI))
     }
 
     /// Begins in a machine in operation, at a flux `psi_s` whose components and whose rotor flux are known to a standard
