@@ -144,8 +144,8 @@ def test_a_small_drive_goes_on_whatever_the_noise(number: int, course: str, most
     assert len(realisations_lost(number, course, 48, {})) <= most
 
 
-# 0.2 to 0.5 kW, 87 and 100 Hz at 8 and 10 kHz, delays of the switches of 25 ns: a quarter of τ_r has 7 to 12
-# time constants of current control.
+# 0.2 to 0.5 kW, 87 and 100 Hz at 8 and 10 kHz, delays that differ from switch to switch by 25 ns: a quarter
+# of τ_r is 7 to 12 time constants of current control.
 @pytest.mark.parametrize(
     ("number", "course"), [(5919, "hold"), (4665, "crossing"), (7246, "crossing"), (3211, "hold")]
 )

@@ -306,7 +306,11 @@ fn a_control_of_2_5_khz_ends_by_a_fault_only_where_its_flux_is_lost() {
         let running = (0..t.len()).filter(|&k| t[k] > begin && status[k] == 3.0);
         let largest = running.map(|k| angle[k].abs()).largest().to_degrees();
         match run.drive().fault() {
-            None => held += 1,
+            None => {
+                let last = angle.last().unwrap().abs().to_degrees();
+                assert!(last < 15.0, "{seed} {k}: goes on with {last}°");
+                held += 1;
+            }
             Some(fault) => {
                 assert!(
                     [Fault::FieldLost, Fault::EstimateLost].contains(&fault.cause),
@@ -320,7 +324,7 @@ fn a_control_of_2_5_khz_ends_by_a_fault_only_where_its_flux_is_lost() {
     assert!((32..64).contains(&held), "{held} of 64");
 }
 
-/// Where the two currents that are left reach the trip level before, that is the fault: by the noise, 7 of 24.
+/// Where one of the two currents that are left reaches the trip level first, over-current is the fault: in 7 of 24 realisations of the noise.
 #[test]
 fn an_open_phase_of_a_control_of_2_5_khz_is_found_within_60_ms() {
     let mut named = 0;

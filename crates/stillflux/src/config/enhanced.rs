@@ -48,7 +48,7 @@ const TRIAL_TIME: f64 = 0.25;
 const AGAINST_TIME_LEAST: f64 = 0.15;
 /// Rate of the flux shift in units of rated flux, 1/s: slow against flux control (5 Hz), which follows it.
 const SHIFT_RATE: f64 = 0.5;
-/// Rotor time constant below which it is faster in proportion, s. On the line an error of `Δr_s` moves the flux by `Δr_s i_s` in a normalised time
+/// Rotor time constant below which it is faster in proportion, s. Measured, not derived. On the line an error of `Δr_s` moves the flux by `Δr_s i_s` in a normalised time
 /// of 1, and small motors, whose rotor time constant is short, have a large `r_s`: one of 0.4 kW (20 ms, `r_s` 0.14, 87 to 100 Hz) lost its field within 0.1 s,
 /// in which 0.5/s has taken a third of the way, in 10 of 48 realisations of the noise, and with this in one.
 const SHIFT_TAU_R: f64 = 0.05;
@@ -100,6 +100,8 @@ impl<R: Real> EnhancedConfig<R> {
         // Seconds from one call of the flux shift to the next.
         let adapt = f64::from(adapt_periods(slow_periods(inverter)));
         let call = adapt / inverter.f_c();
+        // In s.
+        let tau_r = pu.tau_r / pu.base.omega;
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
         // ψ² (1 - σ)/(2 σl_s).
@@ -134,15 +136,11 @@ impl<R: Real> EnhancedConfig<R> {
                 // A tenth of the torque that the current allows is kept in reserve.
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
                 inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
-                step: {
-                    let tau_r = pu.tau_r / pu.base.omega;
-                    rounded(SHIFT_RATE * (SHIFT_TAU_R / tau_r).max(1.0) * call)
-                },
+                step: rounded(SHIFT_RATE * (SHIFT_TAU_R / tau_r).max(1.0) * call),
                 corner: rounded(call / SHIFT_TIME),
             },
             #[cfg(feature = "supervision")]
             sides: {
-                let tau_r = pu.tau_r / pu.base.omega;
                 let calls = |time: f64| inverter.periods(time / adapt);
                 // Not for a flux that is only integrated: what it is off by is its drift.
                 let on = p.realignment && p.enhanced.apply_innovation;

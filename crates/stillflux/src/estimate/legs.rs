@@ -94,8 +94,8 @@ const FLUX: f64 = 0.03;
 /// The longest, in rotor time constants: with slower alternations a free shaft begins to turn, as a machine on one phase does.
 const SLOWEST: f64 = 0.25;
 /// The least of those, in time constants of current control. Where the window begins, with the weight zero, a tenth of the reversal is left. Its voltage is
-/// not in `ε` but for the error of the leakage, and that is along the current and changes its sign. With 12, motors of less than 0.5 kW with rotor
-/// time constants of 15 to 30 ms were not measured, and delays that differ by 25 ns lost some of them with every parameter right.
+/// not in `ε` but for the error of the leakage, and that is along the current and changes its sign. With 12, motors of 0.2 to 0.8 kW with rotor
+/// time constants of 15 to 32 ms at 8 and 10 kHz were not measured, and delays that differ by 25 ns lost some of them with every parameter right.
 const LEAST: f64 = 6.0;
 /// Speed found in the first direction above which the comparison ends: below it what looks like a rotation may be unequal
 /// legs.
