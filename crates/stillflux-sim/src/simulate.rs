@@ -8,7 +8,7 @@ use std::borrow::Cow;
 
 use stillflux::config::DriveParams;
 use stillflux::control::shunt::Pulses;
-use stillflux::params::{Inverter, Machine, ParamError, check};
+use stillflux::params::{Inverter, Machine, ParamError, check, check_resistance};
 
 use crate::adc::ChannelFault;
 use crate::encoder::EncoderFault;
@@ -100,6 +100,9 @@ impl Change {
     fn check(&self, plant: &PlantParams) -> Result<(), ParamError> {
         match self {
             Self::CurrentOffset(offset) => plant.adc.check_offset(offset),
+            Self::StatorResistance(value) => check_resistance(*value),
+            Self::DcLink(value) => check("u_dc", *value, 0.0, 10e3, "V"),
+            Self::Speed(value) => check("speed", value.unwrap_or(0.0), -1e5, 1e5, "rad/s"),
             Self::RotorResistance(value) => {
                 PlantParams { machine: Machine { R_R: *value, ..plant.machine }, ..*plant }.validate()
             }
@@ -113,7 +116,7 @@ impl Change {
                 check("encoder_lines", lines, 1.0, f64::INFINITY, "")
                     .map_err(|e| e.with_note("an encoder that fails or heals has to be there"))
             }
-            _ => Ok(()),
+            Self::Stop(_) | Self::Reset => Ok(()),
         }
     }
 }

@@ -362,6 +362,17 @@ fn what_the_plant_does_not_have_is_refused_and_not_left_out() {
     };
     assert_eq!(with(&averaged), Err("open_phase"));
     assert_eq!(with(&change(Change::Encoder(Some(EncoderFault::Broken)))), Err("encoder_lines"));
+    for (what, field) in [
+        (Change::StatorResistance(f64::NAN), "R_s"),
+        (Change::StatorResistance(-1.0), "R_s"),
+        (Change::RotorResistance(0.0), "R_R"),
+        (Change::DcLink(-1.0), "u_dc"),
+        (Change::DcLink(f64::NAN), "u_dc"),
+        (Change::Speed(Some(f64::INFINITY)), "speed"),
+    ] {
+        assert_eq!(with(&change(what)), Err(field));
+    }
+    assert_eq!(with(&change(Change::Speed(None))), Ok(()));
     for (channel, fault, field) in [
         (3, ChannelFault::Held, "channel"),
         (0, ChannelFault::Of(3), "channel"),

@@ -127,7 +127,7 @@ fn run_with(
     s.reference = ReferenceProfile::Speed(after(speed, base.omega_m));
     s.load = after(load, m.T_N);
     set(&mut s);
-    s.signals = Some(["angle_error", "omega_m", "status", "estimate.R_s"].map(String::from).to_vec());
+    s.signals = Some(["angle_error", "omega_m", "status", "psi_s", "estimate.R_s"].map(String::from).to_vec());
     let mut run = Run::new(Cow::Owned(s)).unwrap();
     while run.advance(u64::MAX) {}
     let (record, drive) = run.into_parts();
@@ -209,6 +209,46 @@ fn a_machine_near_pull_out_keeps_its_flux_in_regeneration_with_a_larger_leakage(
     let load = [(0.0, 0.0), (0.8, 0.0), (1.3, 1.0), (3.0, 1.0), (3.5, -1.0)];
     for seed in 1..=8 {
         run(of_48_v(), x, seed, (&speed, &load)).assert_held(8.0, generating);
+    }
+}
+
+/// 134 kW at the current limit, with a leakage three tenths above the data and a rotor time constant of 1.5 s: from field weakening the
+/// voltage would allow rated flux while half of it is there, which is no lost estimate, and near pull-out all the current would go into
+/// keeping that half: it collapsed in 8 of 8.
+#[test]
+fn a_flux_that_takes_long_from_field_weakening_to_rated_is_no_lost_estimate_and_gets_its_current() {
+    let bridge = Inverter {
+        u_dc: 575.0,
+        f_s: 3e3,
+        u_th: 1.15,
+        r_d: 0.007,
+        dead_time: 2.4e-6,
+        c_out: 5e-9,
+        ..Inverter::preset_2k2()
+    };
+    let machine = Machine {
+        R_s: 9.34e-3,
+        R_R: 8.53e-3,
+        L_sigma: 0.517e-3,
+        L_M: 12.46e-3,
+        n_p: 2,
+        J: 1.48,
+        U_N: 400.0,
+        I_N: 228.0,
+        f_N: 50.0,
+        T_N: 854.0,
+        saturation: None,
+    };
+    let x = Factors { r_s: 0.87, r_r: 0.79, l_sigma: 1.3, l_m: 1.03, u_th: 0.41, dead_time: 0.97, j: 0.91 };
+    let speed = [(0.0, 0.0), (0.3, 0.0), (0.3, 1.9), (2.5, 1.9), (2.5, -1.9), (4.3, -1.9)];
+    for seed in 1..=8 {
+        let o = run((machine, bridge), x, seed, (&speed, &[(0.0, 0.0), (1.0, 0.0)]));
+        o.assert_held(15.0, -1.9);
+        // At 0.8 of rated speed the voltage is enough for rated flux.
+        let (psi, omega) = (&o.record.columns.iter().find(|c| c.name == "psi_s").unwrap().data, o.data("omega_m"));
+        let at = (0..omega.len()).find(|&k| o.record.t[k] > o.begin + 2.6 && omega[k] < 0.8 * o.base.omega_m).unwrap();
+        let flux = psi[2 * at].hypot(psi[2 * at + 1]) / o.base.psi;
+        assert!((0.55..0.7).contains(&flux), "{seed}: {flux}");
     }
 }
 

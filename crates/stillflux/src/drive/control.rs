@@ -6,7 +6,8 @@
 //! ```
 //!
 //! `ψ` is the flux of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`] over the leakage relative to
-//! the parameters, by which (12) is solved as well, `κ` that of the flux
+//! the parameters, by which (12) is solved as well; in field weakening it is less by what the flux lags behind its reference beyond
+//! 0.15 pu, so that torque gives way to a flux that has to rise. `κ` is that of the flux
 //! shift, `ψ*_u` that of field weakening ([`crate::control::weakening`]), `u_max` the largest fundamental voltage: 0.98 of
 //! the circle within the hexagon, or with overmodulation 1/0.97 of that circle. The limit
 //! keeps 20 % of distance to pull-out. `i_q,u` is the torque current for which there is voltage: where the voltage is
@@ -27,7 +28,7 @@ use crate::control::ramp::Ramp;
 #[cfg(feature = "supervision")]
 use crate::control::realign::Realign;
 use crate::control::speed::SpeedController;
-use crate::control::weakening::{FREE, Weakening};
+use crate::control::weakening::{FREE, Weakening, YIELDS};
 #[cfg(feature = "encoder")]
 use crate::estimate::encoder::Encoder;
 use crate::estimate::speed::SpeedEstimate;
@@ -281,7 +282,10 @@ impl<R: Real> Control<R> {
             // At this frequency nothing is known better than the flux that the voltage model integrates. The
             // feedforward is that of the reference, which the flux has to follow.
             (psi, weight) = (c.weakening.at_least(estimators.psi_s()), R::ONE);
-            pull_out = estimators.pull_out_flux(psi);
+            // Near pull-out a flux takes all the current to stay as it is. One that has far to rise gets some of the torque's:
+            // with a leakage that is a fifth larger than known the limit above is 0.97 of pull-out.
+            let lag = (psi_ref - psi - R::from_f64(YIELDS)).max(R::ZERO);
+            pull_out = estimators.pull_out_flux(psi) - lag;
             psi_ff = psi_ref;
             range = Range::Weakened;
         }
