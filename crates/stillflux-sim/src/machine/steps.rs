@@ -70,7 +70,8 @@ impl Circuit {
     #[inline(always)]
     fn near(&self, psi_s: V2, b: f64) -> Near {
         let (x, p, a) = (dot(psi_s, psi_s), b - self.b_0, self.binomial);
-        let r = 1.0 / x;
+        // The cube of it is a number, and with a flux of 1e-30 nothing saturates.
+        let r = 1.0 / x.max(1e-60);
         let (p1, r2) = (p * r, r * r);
         Near { x, c: [p, a[0] * p1, a[1] * p1 * r, a[2] * p1 * r2, a[3] * p1 * r * r2] }
     }

@@ -201,3 +201,33 @@ fn a_state_is_found_again_however_far_leakage_saturates() {
     }
     assert!(found > 100, "{found}");
 }
+
+/// A coasting machine is simulated for as long as one likes: the flux decays below what its fourth power can be computed of.
+#[test]
+fn a_flux_that_has_all_but_vanished_stays_a_number() {
+    for saturation in [None, Machine::preset_2k2().saturation] {
+        for (deep_bar, leakage_saturation, slot_ripple) in [
+            (None, None, None),
+            (Some(DeepBar { conductance: 0.3, leakage: 0.6 }), None, None),
+            (None, Some(KNEE), None),
+            (None, None, Some(SLOTS)),
+            (Some(DeepBar { conductance: 0.3, leakage: 0.6 }), Some(KNEE), Some(SLOTS)),
+        ] {
+            for (psi, mode) in [1e-60, 1e-78, 1e-110, 1e-160, 1e-300]
+                .into_iter()
+                .flat_map(|psi| [Mode::Switching, Mode::Averaged].map(|mode| (psi, mode)))
+            {
+                let mut p = PlantParams { mode, deep_bar, leakage_saturation, slot_ripple, ..capacitive(1e-9) };
+                p.machine.saturation = saturation;
+                let mut plant = plant(held(p, 60.0));
+                plant.set_state([psi, 0.0], [0.9 * psi, 0.0], 60.0).unwrap();
+                for _ in 0..20 {
+                    plant.step([0.5; 3], false, 0.0);
+                }
+                let t = plant.truth();
+                let all = [t.psi_s, t.psi_r, t.i_s, t.u_s].concat();
+                assert!(all.iter().all(|x| x.abs() < 1e-50), "{psi:e}, {mode:?}: {all:?}");
+            }
+        }
+    }
+}
