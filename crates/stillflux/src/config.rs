@@ -94,8 +94,6 @@ pub struct DriveConfig<R: Real> {
     pub(crate) flux_control: FluxControlConfig<R>,
     pub(crate) weakening: WeakeningConfig<R>,
     pub(crate) speed_control: SpeedControlConfig<R>,
-    /// Part of the speed's deviation that counts at rated flux.
-    pub(crate) speed_part: R,
     pub(crate) supervision: SupervisionConfig<R>,
     pub(crate) low_confidence: LowConfidence,
     /// From a sample to the middle of the period in which its duties act.
@@ -157,7 +155,7 @@ words! {
     scheme,
     #[cfg(feature = "paper")] paper,
     #[cfg(feature = "enhanced")] enhanced,
-    speed, current, flux_control, weakening, speed_control, speed_part, supervision, low_confidence, t_ahead, part_ahead, omega_apart, i_range, i_plain_sq,
+    speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, part_ahead, omega_apart, i_range, i_plain_sq,
     i_trip, i_max_sq, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "supervision")] realign,
     #[cfg(feature = "dclink")] dclink,
@@ -351,7 +349,6 @@ impl<R: Real> DriveConfig<R> {
             flux_control,
             weakening: x.weakening(),
             speed_control,
-            speed_part: speed_control.part(flux_control.psi_rated * flux_control.inv_psi_rated),
             supervision: x.supervision(),
             low_confidence: p.low_confidence,
             t_ahead: r(1.5 * pu.t_s),

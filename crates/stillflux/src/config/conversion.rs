@@ -55,10 +55,10 @@ const U_OVERMODULATED: f64 = 1.0 / (SQRT_3 * weakening::UTILISATION);
 const WEAK_GAIN: f64 = 0.15;
 const WEAK_RATE: f64 = 0.05;
 const LIMIT_HIGH: f64 = 2.0;
-/// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control, at rated flux; it falls
-/// with the flux. While it did not, a drive of 160 kW and 4 kHz oscillated at twice rated speed at a gain of 17, one of 10 kHz
-/// did not at 15, and at this one 28 of 100 fan motors with deep bars and rotor slots did; now 6 do.
-const SPEED_GAIN: f64 = 12.0;
+/// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control, at rated flux. Of
+/// 100 fan motors with deep bars and rotor slots 13 oscillated at twice rated speed until a fault with 12 and gains that fell with the flux
+/// itself; with this and the square of the flux one does.
+const SPEED_GAIN: f64 = 9.0;
 /// Least time of a violation before a phase is open, s, and in control periods: the current comes up to a reference that has stepped
 /// within that many.
 #[cfg(feature = "supervision")]
@@ -317,7 +317,7 @@ impl<'a> Conversion<'a> {
         SpeedControlConfig {
             k_p: r(speed_gain),
             k_i: r(self.speed_k_i()),
-            inv_gain: r((SPEED_GAIN * pu.hz(p.current_bandwidth) / speed_gain).min(100.0)),
+            inv_gain: r((SPEED_GAIN * pu.hz(p.current_bandwidth) / speed_gain).clamp(1.0, 100.0)),
             torque_max: r(self.torque_max()),
             torque_pos: r(most / pu.base.torque),
             torque_neg: r(-least / pu.base.torque),

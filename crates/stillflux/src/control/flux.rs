@@ -12,6 +12,16 @@
 //! Near pull-out that is a good part of the current: at 0.8 of the pull-out current a leakage 20 % larger takes 19 % more
 //! `i_d`, without which the flux falls, and with it the pull-out torque.
 //!
+//! That is a limit of the steady state. With the angle `δ` between the fluxes, `x = |i_q|/i_q,pull-out = sin 2δ`, and
+//!
+//! ```text
+//! tan δ = σl_s i_q/(ψ - σl_s i_d) ≤ 1/2        at x ≤ 0.8
+//! ```
+//!
+//! contains the rotor flux that there is: less than in the steady state where a flux builds up, and where a limit that takes the leakage for
+//! smaller than it is has let it collapse, a growing `i_d` makes up for it, and `ψ` does not tell
+//! ([`FluxControlConfig::within_load_angle`], in field weakening; at rated flux the limit of `Δi_d` below keeps `i_d` from it).
+//!
 //! The PI part corrects errors of the inductances; with `e = ψ* - |ψ̂_s|`,
 //!
 //! ```text
@@ -117,6 +127,14 @@ impl<R: Real> FluxControlConfig<R> {
         if likely(psi_ref == self.psi_rated) { self.inv_psi_rated } else { psi_ref.recip() }
     }
 
+    /// Torque current at a load angle of 26.6°, that of 0.8 of pull-out, for the rotor flux that a flux `psi` and a direct current leave; the
+    /// leakage as in [`FluxController::step`].
+    #[inline(always)]
+    pub fn within_load_angle(&self, psi: R, inv_leakage: Option<R>, i_d: R) -> R {
+        let half = psi * self.inv_two_sigma_l_s;
+        (inv_leakage.map_or(half, |x| half * x) - i_d.half()).max(R::ZERO)
+    }
+
     /// `i_d*` of (12) without torque current.
     #[inline(always)]
     pub fn no_load(&self, psi_ref: R) -> R {
@@ -213,6 +231,22 @@ mod tests {
         assert!((c.no_load(0.9) - 0.9 / 1.67).abs() < 1e-12);
         let pull_out = (1.0 - sl / l_s) / (2.0 * sl);
         assert!((c.one_minus_sigma * c.one_minus_sigma - c.root_i_q * pull_out * pull_out).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_load_angle_is_that_of_four_fifths_of_pull_out_in_the_steady_state_and_less_current_where_the_rotor_flux_is_less()
+     {
+        let (c, l_s, sl) = (config(), 1.67, 0.143);
+        for (psi, leakage) in [(1.0, 1.0), (0.5, 1.0), (0.5, 1.4)] {
+            let s = leakage * sl;
+            let i_q = 0.8 * (1.0 - s / l_s) / (2.0 * s) * psi;
+            let i_d = FluxController::default().step(&c, (psi, Some(1.0 / leakage)), 0.0, i_q, 0.0, Range::Weakened);
+            let most = |i_d: f64| c.within_load_angle(psi, Some(1.0 / leakage), i_d);
+            assert!((most(i_d) - i_q).abs() < 1e-3, "{psi} {leakage}: {} of {i_q}", most(i_d));
+            assert!((most(i_d + 0.4) - most(i_d) + 0.2).abs() < 1e-9);
+            assert_eq!(most(psi / s + 0.1), 0.0, "no rotor flux");
+        }
+        assert_eq!(c.within_load_angle(0.5, None, 0.6), c.within_load_angle(0.5, Some(1.0), 0.6));
     }
 
     /// `i_d*` beyond the feedforward, after `periods` at a flux and a stator frequency.

@@ -3,6 +3,10 @@
 //! `J dω/dτ = T - T_load`; with `k_p = J ω_c` and `k_i = k_p ω_c / 4` the loop is critically damped.
 //! The integrator is clamped to the torque limit less the proportional part, so that it never holds torque
 //! that the limit would cut.
+//!
+//! In field weakening a torque takes more current, and errors of leakage and rotor resistance make more of an estimated speed of it: both
+//! gains fall with the square of the flux ([`SpeedControlConfig::part`]), that of the integral once more, by which the loop stays as
+//! well damped as it is.
 
 use crate::scalar::{Integrator, Real, likely};
 use crate::words::words;
@@ -16,7 +20,7 @@ pub struct SpeedControlConfig<R: Real> {
     pub k_p: R,
     /// Integral gain times the time between two calls.
     pub k_i: R,
-    /// Gain from speed to torque current up to which current control follows without noise, over `k_p`.
+    /// Largest gain from speed to torque current, at rated flux, over `k_p`; 1 where that is less.
     pub inv_gain: R,
     /// Largest torque of either sign, and of the positive and the negative one.
     pub torque_max: R,
@@ -28,12 +32,11 @@ pub struct SpeedControlConfig<R: Real> {
 words!(SpeedControlConfig: k_p, k_i, inv_gain, torque_max, torque_pos, torque_neg);
 
 impl<R: Real> SpeedControlConfig<R> {
-    /// Part of the deviation that counts at a flux of so much of the rated one: it limits the gain from speed to torque current
-    /// to one that falls with the flux, since an error of the leakage turns the flux by `Δl i_q/|ψ_R|`, and the estimated speed
-    /// contains the derivative of that.
+    /// Part of the gains that counts at a flux of so much of the rated one. An error `Δl` of the leakage turns the flux by
+    /// `Δl i_q/|ψ_R|`, and the estimated speed contains the derivative of that: of a torque it makes `1/ψ²` as much.
     #[inline(always)]
     pub fn part(&self, of_rated: R) -> R {
-        (of_rated * of_rated * self.inv_gain).max(of_rated).min(R::ONE)
+        (of_rated * of_rated * self.inv_gain).min(R::ONE)
     }
 
     /// Limits of the torque, of which `torque_max` is available now.
@@ -71,10 +74,10 @@ impl<R: Real> SpeedController<R> {
         self.demand
     }
 
-    /// One period with the deviation `error` from the speed reference and the limits `lo` and `hi` of the torque. Returns
-    /// the torque reference.
+    /// One period with the deviation `error` from the speed reference, times the part of the gain that counts, the integral gain, and the
+    /// limits `lo` and `hi` of the torque. Returns the torque reference.
     #[inline(always)]
-    pub fn step(&mut self, c: &SpeedControlConfig<R>, error: R, (lo, hi): (R, R)) -> R {
+    pub fn step(&mut self, c: &SpeedControlConfig<R>, error: R, k_i: R, (lo, hi): (R, R)) -> R {
         let p = error * c.k_p;
         self.demand = p + self.x.value();
         let p = p.clamp(lo, hi);
@@ -85,7 +88,7 @@ impl<R: Real> SpeedController<R> {
         } else {
             (lo - p.min(lo.max(R::ZERO)), hi - p.max(hi.min(R::ZERO)))
         };
-        let x = self.x.add_clamped(c.k_i, error, least, most);
+        let x = self.x.add_clamped(k_i, error, least, most);
         (p + x).clamp(lo, hi)
     }
 }
@@ -111,7 +114,7 @@ mod tests {
         for k in 0..200_000 {
             let load = if k > 1000 { 0.7 } else { 0.0 };
             let reference = if k > 60_000 { 0.5 } else { 0.0 };
-            let t = ctrl.step(&c, reference - omega, (-1.0, 1.0));
+            let t = ctrl.step(&c, reference - omega, c.k_i, (-1.0, 1.0));
             assert!(t.abs() <= 1.0);
             omega += t_s * (t - load) / j;
             assert!(omega < 0.55, "no overshoot from a wound-up integrator");
@@ -128,9 +131,9 @@ mod tests {
             for (available, limit) in [(0.4, 0.4), (5.0, 1.0)] {
                 let mut ctrl = SpeedController::default();
                 for _ in 0..1000 {
-                    assert!(ctrl.step(&CONFIG, sign, CONFIG.limits(available)) * sign <= limit);
+                    assert!(ctrl.step(&CONFIG, sign, CONFIG.k_i, CONFIG.limits(available)) * sign <= limit);
                 }
-                assert_eq!(ctrl.step(&CONFIG, sign, CONFIG.limits(available)) * sign, limit);
+                assert_eq!(ctrl.step(&CONFIG, sign, CONFIG.k_i, CONFIG.limits(available)) * sign, limit);
             }
         }
     }
@@ -141,7 +144,7 @@ mod tests {
         assert_eq!((c.limits(2.0), c.limits(0.5)), ((-0.3, 0.8), (-0.3, 0.5)));
         for (sign, most) in [(1.0, 0.8), (-1.0, 0.3)] {
             let mut ctrl = SpeedController::default();
-            let torque = (0..1000).map(|_| ctrl.step(&c, sign, c.limits(2.0))).last();
+            let torque = (0..1000).map(|_| ctrl.step(&c, sign, c.k_i, c.limits(2.0))).last();
             assert_eq!(torque, Some(sign * most));
         }
     }
@@ -150,7 +153,7 @@ mod tests {
     fn a_limit_beyond_zero_is_kept() {
         let mut ctrl = SpeedController::default();
         for _ in 0..100 {
-            assert_eq!(ctrl.step(&CONFIG, 1.0, (-1.0, -0.4)), -0.4);
+            assert_eq!(ctrl.step(&CONFIG, 1.0, CONFIG.k_i, (-1.0, -0.4)), -0.4);
         }
     }
 
@@ -159,14 +162,25 @@ mod tests {
         for sign in [1.0, -1.0] {
             let mut ctrl = SpeedController::default();
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, sign, (-1.0, 1.0));
+                ctrl.step(&CONFIG, sign, CONFIG.k_i, (-1.0, 1.0));
             }
             // Proportional part and limit are equal at an error of 1/3: nothing is left for the integrator.
-            assert!(ctrl.step(&CONFIG, 0.0, (-1.0, 1.0)).abs() < 1e-12);
+            assert!(ctrl.step(&CONFIG, 0.0, CONFIG.k_i, (-1.0, 1.0)).abs() < 1e-12);
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, 0.1 * sign, (-1.0, 1.0));
+                ctrl.step(&CONFIG, 0.1 * sign, CONFIG.k_i, (-1.0, 1.0));
             }
-            assert!((ctrl.step(&CONFIG, 0.0, (-1.0, 1.0)) * sign - 0.7).abs() < 1e-12);
+            assert!((ctrl.step(&CONFIG, 0.0, CONFIG.k_i, (-1.0, 1.0)) * sign - 0.7).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_gain_falls_with_the_square_of_the_flux_from_where_it_would_be_too_large_and_is_whole_at_rated_flux() {
+        for inv_gain in [1.0, 2.0, 100.0] {
+            let c = SpeedControlConfig { inv_gain, ..CONFIG };
+            assert_eq!(c.part(1.0), 1.0);
+            for of_rated in [0.2, 0.5, 0.8] {
+                assert_eq!(c.part(of_rated), (inv_gain * of_rated * of_rated).min(1.0));
+            }
         }
     }
 
@@ -174,6 +188,6 @@ mod tests {
     fn begins_with_the_torque_in_force() {
         let mut ctrl = SpeedController::default();
         ctrl.start(0.6);
-        assert_eq!(ctrl.step(&CONFIG, 0.0, (-1.0, 1.0)), 0.6);
+        assert_eq!(ctrl.step(&CONFIG, 0.0, CONFIG.k_i, (-1.0, 1.0)), 0.6);
     }
 }

@@ -27,7 +27,7 @@ use crate::control::overload::Overload;
 use crate::control::ramp::Ramp;
 #[cfg(feature = "supervision")]
 use crate::control::realign::Realign;
-use crate::control::speed::SpeedController;
+use crate::control::speed::{SpeedControlConfig, SpeedController};
 use crate::control::weakening::{FREE, Weakening, YIELDS};
 #[cfg(feature = "encoder")]
 use crate::estimate::encoder::Encoder;
@@ -291,6 +291,9 @@ impl<R: Real> Control<R> {
         }
         let inv_leakage = estimators.inv_leakage();
         let mut i_q_max = self.largest_torque_current(c, pull_out, inv_leakage);
+        if !likely(self.weakening.is_rated(psi_rated)) {
+            i_q_max = i_q_max.min(c.flux_control.within_load_angle(psi, inv_leakage, self.i_dq_ref.re()));
+        }
         let at_limit = u_sq > u_max * u_max;
         if !likely(!at_limit && !self.weakening.limits_torque()) {
             i_q_max = i_q_max.min(self.i_q_by_voltage(c, speed.omega_s, at_limit));
@@ -314,14 +317,14 @@ impl<R: Real> Control<R> {
                 }
                 #[cfg(feature = "supervision")]
                 let (lo, hi) = if self.realign.is_testing(&c.realign) { (lo.half(), hi.half()) } else { (lo, hi) };
-                // In field weakening a torque takes more current: where the gain from speed to torque current would come
-                // too near to the bandwidth of current control, the deviation counts less, by as much as the flux at most.
-                let part = if likely(self.weakening.is_rated(psi_rated)) {
-                    c.speed_part
+                let SpeedControlConfig { k_i, .. } = c.speed_control;
+                let (part, k_i) = if likely(self.weakening.is_rated(psi_rated)) {
+                    (R::ONE, k_i)
                 } else {
-                    c.speed_control.part(psi_weak * c.flux_control.inv_psi_rated)
+                    let part = c.speed_control.part(psi_weak * c.flux_control.inv_psi_rated);
+                    (part, k_i * part)
                 };
-                let torque = self.speed.step(&c.speed_control, (omega - omega_m) * part, (lo, hi));
+                let torque = self.speed.step(&c.speed_control, (omega - omega_m) * part, k_i, (lo, hi));
                 let at_limit = (hi - lo).times(AT_LIMIT);
                 // Where no torque is allowed there is none that could be lacking.
                 limited = if torque >= hi - at_limit {
