@@ -53,6 +53,7 @@ impl<R: Real> SpeedControlConfig<R> {
 pub struct SpeedController<R: Real> {
     x: Integrator<R>,
     /// Torque that the last call would have asked for without a limit to its proportional part.
+    #[cfg(feature = "weakening")]
     demand: R,
 }
 
@@ -63,23 +64,35 @@ impl<R: Real> SpeedController<R> {
     }
 
     /// Torque control: holds the torque in force, and the one that was asked for.
+    #[cfg_attr(not(feature = "weakening"), allow(unused_variables))]
     pub fn follow(&mut self, torque: R, demand: R) {
         self.x = Integrator::new(torque);
-        self.demand = demand;
+        #[cfg(feature = "weakening")]
+        {
+            self.demand = demand;
+        }
     }
 
-    /// Torque that the last call would have asked for without a limit to its proportional part.
+    /// Torque that the last call would have asked for without a limit to its proportional part, for which field weakening provides; none
+    /// without that.
     #[inline(always)]
+    #[cfg_attr(not(feature = "weakening"), allow(clippy::unused_self))]
     pub fn demand(&self) -> R {
-        self.demand
+        #[cfg(feature = "weakening")]
+        return self.demand;
+        #[cfg(not(feature = "weakening"))]
+        R::ZERO
     }
 
-    /// One period with the deviation `error` from the speed reference, times the part of the gain that counts, the integral gain, and the
-    /// limits `lo` and `hi` of the torque. Returns the torque reference.
+    /// One period with the deviation `error` from the speed reference times the `part` of the gains that counts, and the limits `lo` and
+    /// `hi` of the torque. Returns the torque reference.
     #[inline(always)]
-    pub fn step(&mut self, c: &SpeedControlConfig<R>, error: R, k_i: R, (lo, hi): (R, R)) -> R {
+    pub fn step(&mut self, c: &SpeedControlConfig<R>, error: R, part: R, (lo, hi): (R, R)) -> R {
         let p = error * c.k_p;
-        self.demand = p + self.x.value();
+        #[cfg(feature = "weakening")]
+        {
+            self.demand = p + self.x.value();
+        }
         let p = p.clamp(lo, hi);
         // Of limits on both sides of zero the sum keeps within them whatever the proportional part; of others it only
         // makes up for what that lacks.
@@ -88,7 +101,7 @@ impl<R: Real> SpeedController<R> {
         } else {
             (lo - p.min(lo.max(R::ZERO)), hi - p.max(hi.min(R::ZERO)))
         };
-        let x = self.x.add_clamped(k_i, error, least, most);
+        let x = self.x.add_clamped(c.k_i, error * part, least, most);
         (p + x).clamp(lo, hi)
     }
 }
@@ -114,7 +127,7 @@ mod tests {
         for k in 0..200_000 {
             let load = if k > 1000 { 0.7 } else { 0.0 };
             let reference = if k > 60_000 { 0.5 } else { 0.0 };
-            let t = ctrl.step(&c, reference - omega, c.k_i, (-1.0, 1.0));
+            let t = ctrl.step(&c, reference - omega, 1.0, (-1.0, 1.0));
             assert!(t.abs() <= 1.0);
             omega += t_s * (t - load) / j;
             assert!(omega < 0.55, "no overshoot from a wound-up integrator");
@@ -131,9 +144,9 @@ mod tests {
             for (available, limit) in [(0.4, 0.4), (5.0, 1.0)] {
                 let mut ctrl = SpeedController::default();
                 for _ in 0..1000 {
-                    assert!(ctrl.step(&CONFIG, sign, CONFIG.k_i, CONFIG.limits(available)) * sign <= limit);
+                    assert!(ctrl.step(&CONFIG, sign, 1.0, CONFIG.limits(available)) * sign <= limit);
                 }
-                assert_eq!(ctrl.step(&CONFIG, sign, CONFIG.k_i, CONFIG.limits(available)) * sign, limit);
+                assert_eq!(ctrl.step(&CONFIG, sign, 1.0, CONFIG.limits(available)) * sign, limit);
             }
         }
     }
@@ -144,7 +157,7 @@ mod tests {
         assert_eq!((c.limits(2.0), c.limits(0.5)), ((-0.3, 0.8), (-0.3, 0.5)));
         for (sign, most) in [(1.0, 0.8), (-1.0, 0.3)] {
             let mut ctrl = SpeedController::default();
-            let torque = (0..1000).map(|_| ctrl.step(&c, sign, c.k_i, c.limits(2.0))).last();
+            let torque = (0..1000).map(|_| ctrl.step(&c, sign, 1.0, c.limits(2.0))).last();
             assert_eq!(torque, Some(sign * most));
         }
     }
@@ -153,7 +166,7 @@ mod tests {
     fn a_limit_beyond_zero_is_kept() {
         let mut ctrl = SpeedController::default();
         for _ in 0..100 {
-            assert_eq!(ctrl.step(&CONFIG, 1.0, CONFIG.k_i, (-1.0, -0.4)), -0.4);
+            assert_eq!(ctrl.step(&CONFIG, 1.0, 1.0, (-1.0, -0.4)), -0.4);
         }
     }
 
@@ -162,19 +175,19 @@ mod tests {
         for sign in [1.0, -1.0] {
             let mut ctrl = SpeedController::default();
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, sign, CONFIG.k_i, (-1.0, 1.0));
+                ctrl.step(&CONFIG, sign, 1.0, (-1.0, 1.0));
             }
             // Proportional part and limit are equal at an error of 1/3: nothing is left for the integrator.
-            assert!(ctrl.step(&CONFIG, 0.0, CONFIG.k_i, (-1.0, 1.0)).abs() < 1e-12);
+            assert!(ctrl.step(&CONFIG, 0.0, 1.0, (-1.0, 1.0)).abs() < 1e-12);
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, 0.1 * sign, CONFIG.k_i, (-1.0, 1.0));
+                ctrl.step(&CONFIG, 0.1 * sign, 1.0, (-1.0, 1.0));
             }
-            assert!((ctrl.step(&CONFIG, 0.0, CONFIG.k_i, (-1.0, 1.0)) * sign - 0.7).abs() < 1e-12);
+            assert!((ctrl.step(&CONFIG, 0.0, 1.0, (-1.0, 1.0)) * sign - 0.7).abs() < 1e-12);
         }
     }
 
     #[test]
-    fn the_gain_falls_with_the_square_of_the_flux_from_where_it_would_be_too_large_and_is_whole_at_rated_flux() {
+    fn the_gains_fall_with_the_square_of_the_flux_from_where_they_would_be_too_large_and_are_whole_at_rated_flux() {
         for inv_gain in [1.0, 2.0, 100.0] {
             let c = SpeedControlConfig { inv_gain, ..CONFIG };
             assert_eq!(c.part(1.0), 1.0);
@@ -182,12 +195,17 @@ mod tests {
                 assert_eq!(c.part(of_rated), (inv_gain * of_rated * of_rated).min(1.0));
             }
         }
+        // As well damped, by k_p²/(J k_i): the integral part falls with the square of the proportional one.
+        let mut ctrl = SpeedController::<f64>::default();
+        let torque = [(); 3].map(|()| ctrl.step(&CONFIG, 0.1 * 0.5, 0.5, (-1.0, 1.0)));
+        assert!((torque[0] - 0.05 * (CONFIG.k_p + 0.5 * CONFIG.k_i)).abs() < 1e-12);
+        assert!((torque[2] - torque[1] - 0.025 * CONFIG.k_i).abs() < 1e-12);
     }
 
     #[test]
     fn begins_with_the_torque_in_force() {
         let mut ctrl = SpeedController::default();
         ctrl.start(0.6);
-        assert_eq!(ctrl.step(&CONFIG, 0.0, CONFIG.k_i, (-1.0, 1.0)), 0.6);
+        assert_eq!(ctrl.step(&CONFIG, 0.0, 1.0, (-1.0, 1.0)), 0.6);
     }
 }

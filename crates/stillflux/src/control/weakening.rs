@@ -144,6 +144,12 @@ impl<R: Real> Weakening<R> {
         self.most == psi_rated
     }
 
+    /// Whether the flux reference of a drive that runs is below it.
+    #[inline(always)]
+    pub fn is_weak(&self, psi_rated: R) -> bool {
+        !self.is_rated(psi_rated)
+    }
+
     /// Whether the voltage, now or of late, limits the torque current.
     #[inline(always)]
     pub fn limits_torque(&self) -> bool {

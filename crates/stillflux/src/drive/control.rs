@@ -27,7 +27,7 @@ use crate::control::overload::Overload;
 use crate::control::ramp::Ramp;
 #[cfg(feature = "supervision")]
 use crate::control::realign::Realign;
-use crate::control::speed::{SpeedControlConfig, SpeedController};
+use crate::control::speed::SpeedController;
 use crate::control::weakening::{FREE, Weakening, YIELDS};
 #[cfg(feature = "encoder")]
 use crate::estimate::encoder::Encoder;
@@ -273,7 +273,7 @@ impl<R: Real> Control<R> {
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
         let (range, (psi, weight), psi_ff, pull_out);
-        if likely(self.weakening.is_rated(psi_rated)) {
+        if likely(!self.weakening.is_weak(psi_rated)) {
             (psi, weight) = estimators.present_flux(psi_ref);
             pull_out = estimators.pull_out_flux(psi);
             psi_ff = psi;
@@ -291,7 +291,7 @@ impl<R: Real> Control<R> {
         }
         let inv_leakage = estimators.inv_leakage();
         let mut i_q_max = self.largest_torque_current(c, pull_out, inv_leakage);
-        if !likely(self.weakening.is_rated(psi_rated)) {
+        if !likely(!self.weakening.is_weak(psi_rated)) {
             i_q_max = i_q_max.min(c.flux_control.within_load_angle(psi, inv_leakage, self.i_dq_ref.re()));
         }
         let at_limit = u_sq > u_max * u_max;
@@ -317,14 +317,13 @@ impl<R: Real> Control<R> {
                 }
                 #[cfg(feature = "supervision")]
                 let (lo, hi) = if self.realign.is_testing(&c.realign) { (lo.half(), hi.half()) } else { (lo, hi) };
-                let SpeedControlConfig { k_i, .. } = c.speed_control;
-                let (part, k_i) = if likely(self.weakening.is_rated(psi_rated)) {
-                    (R::ONE, k_i)
+                let error = omega - omega_m;
+                let part = if likely(!self.weakening.is_weak(psi_rated)) {
+                    R::ONE
                 } else {
-                    let part = c.speed_control.part(psi_weak * c.flux_control.inv_psi_rated);
-                    (part, k_i * part)
+                    c.speed_control.part(psi_weak * c.flux_control.inv_psi_rated)
                 };
-                let torque = self.speed.step(&c.speed_control, (omega - omega_m) * part, k_i, (lo, hi));
+                let torque = self.speed.step(&c.speed_control, error * part, part, (lo, hi));
                 let at_limit = (hi - lo).times(AT_LIMIT);
                 // Where no torque is allowed there is none that could be lacking.
                 limited = if torque >= hi - at_limit {

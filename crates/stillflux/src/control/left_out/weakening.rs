@@ -80,6 +80,12 @@ impl<R: Real> Weakening<R> {
         true
     }
 
+    /// Never.
+    #[inline(always)]
+    pub fn is_weak(&self, _: R) -> bool {
+        false
+    }
+
     /// No limit is remembered.
     #[inline(always)]
     pub fn limits_torque(&self) -> bool {

@@ -189,6 +189,13 @@ impl<R: Real> Covariance<R> {
         }
     }
 
+    /// Sets the variance of a state and its correlations to zero.
+    pub fn clear(&mut self, i: usize) {
+        for k in 0..N {
+            self.set(i, k, R::ZERO);
+        }
+    }
+
     /// Update of row `I`: `P ← P - (P h)(P h)ᵀ/S`, the variance not below a floor.
     #[inline(always)]
     pub fn reduce<const I: usize>(&mut self, ph: &Column<R>, inv_s: R, floor: R) {
