@@ -9,7 +9,7 @@ use stillflux::config::DriveParams;
 use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine, Rating, TModel};
 use stillflux_sim::simulate::{Change, Profile, Record, ReferenceProfile, Run, Scenario};
-use stillflux_sim::{Adc, DeepBar, GateDelays, PlantParams, SlotRipple};
+use stillflux_sim::{Adc, DeepBar, GateDelays, PlantParams, SlotRipple, Thermal};
 
 /// Factors of the plant's parameters.
 #[derive(Clone, Copy)]
@@ -313,6 +313,23 @@ fn a_restart_at_rest_holds_with_what_a_run_at_rest_has_shown_of_a_machine_off_it
             s.changes = vec![(stop, Change::Stop(true)), (stop + 1.0, Change::Stop(false))];
         });
         o.assert_held(15.0, 0.0);
+    }
+}
+
+/// Fast, the resistance is held, and a winding that warms is an error of the voltage, which the saturation would take for its own: with the
+/// weaker flux of braking near zero stator frequency the field was lost, though the resistance was right again by then.
+#[test]
+fn a_winding_that_warms_at_speed_leaves_a_field_that_brakes_near_zero_stator_frequency() {
+    let speed =
+        [(0.0, 0.0), (0.5, 0.0), (1.5, 0.8), (30.0, 0.8), (32.0, 0.03), (34.0, 0.03), (37.0, -0.03), (46.0, -0.03)];
+    let load = [(0.0, 0.0), (0.5, 0.0), (1.0, 0.9)];
+    for seed in 1..=3 {
+        let m = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let o = run_with(m, EXACT, seed, (&speed, &load), |s| {
+            s.plant.thermal = Some(Thermal { time_constant: 20.0, rise: 80.0, alpha: 0.0039, alpha_R: 0.0039 });
+            s.record_every = 20;
+        });
+        o.assert_held(10.0, -0.03);
     }
 }
 

@@ -703,7 +703,7 @@ mod tests {
     }
 
     /// At half speed `r_s` is held, 3 % too small as a prediction leaves it. Without its correlation with the flux
-    /// the magnetising curve takes its voltage for its own, and at 0.26 the torque is off by more.
+    /// the magnetising inductance takes its voltage for its own, and at 0.26 the torque is off by more.
     #[test]
     fn the_error_of_a_predicted_resistance_is_not_taken_for_that_of_the_magnetising_curve() {
         let predicted = Temperature { winding: 20.0, cage: 225.0, rotor_rise: 1.0, heat: Some((100.0, 7200.0)) };
@@ -714,7 +714,7 @@ mod tests {
                 run_at(omega, (0.0, 0.0), Some((known, Some(OMEGA_HELD))), true, |_| i_q, [1.03, 1.0], 10.0)
             };
             let (x, y) = (at(&predicted), at(&held));
-            assert!(x.torque < 0.75 * y.torque && y.torque > 0.01, "{i_q}: {} {}", x.torque, y.torque);
+            assert!(x.torque < 0.8 * y.torque && y.torque > 0.01, "{i_q}: {} {}", x.torque, y.torque);
             for rig in [x, y] {
                 let r_s = rig.filter.r_s() / rig.c.model.r_s;
                 assert!((r_s - 1.0).abs() < 1e-3, "{i_q}: corrected by no innovation, {r_s}");

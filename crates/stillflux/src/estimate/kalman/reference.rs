@@ -397,11 +397,12 @@ impl Reference {
             p[(LEAKAGE, LEAKAGE)] = own;
         }
         let isolated = [(RS, held), (V, held), (KNEE, held), (LEAKAGE, held || inductances_held)];
-        for (k, isolated) in isolated.into_iter().chain([(GAMMA, inductances_held), (C, inductances_held)]) {
+        for (k, isolated) in isolated.into_iter().chain([(GAMMA, inductances_held), (C, held || inductances_held)]) {
             if isolated {
                 match k {
                     RS => q[(k, k)] = q[(k, k)].min(room),
-                    GAMMA | C => {}
+                    GAMMA => {}
+                    C if !held => {}
                     _ => q[(k, k)] = 0.0,
                 }
                 let own = p[(k, k)];

@@ -230,6 +230,9 @@ impl<R: Real> Filter<R> {
             (walk[RS], walk[V], walk[KNEE]) = (walk[RS].min(room).max(R::ZERO), R::ZERO, R::ZERO);
             if !c.temperature.predicts() || room < -most {
                 self.p.isolate::<RS>();
+                // At its rated flux nothing shows the saturation, and what the held resistance is off by would go there.
+                self.p.isolate::<C>();
+                walk[C] = R::ZERO;
             }
             self.p.isolate::<V>();
             self.p.isolate::<KNEE>();
