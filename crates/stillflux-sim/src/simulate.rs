@@ -12,6 +12,7 @@ use stillflux::params::{Inverter, Machine, ParamError, check, check_resistance};
 
 use crate::adc::ChannelFault;
 use crate::encoder::EncoderFault;
+use crate::mechanics::Mechanics;
 use crate::plant::{Calls, Mode, Plant, PlantParams};
 use crate::rng::Rng;
 use stillflux::si::{Arithmetic, EstimateSi, MeasurementSi, MemorySi, ReferenceSi, SiDrive, Vector};
@@ -102,7 +103,7 @@ impl Change {
             Self::CurrentOffset(offset) => plant.adc.check_offset(offset),
             Self::StatorResistance(value) => check_resistance(*value),
             Self::DcLink(value) => check("u_dc", *value, 0.0, 10e3, "V"),
-            Self::Speed(value) => check("speed", value.unwrap_or(0.0), -1e5, 1e5, "rad/s"),
+            Self::Speed(value) => Mechanics { speed: *value, ..plant.mechanics }.validate(&plant.machine),
             Self::RotorResistance(value) => {
                 PlantParams { machine: Machine { R_R: *value, ..plant.machine }, ..*plant }.validate()
             }

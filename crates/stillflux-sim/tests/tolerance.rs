@@ -264,7 +264,7 @@ fn a_flux_that_takes_long_from_field_weakening_to_rated_is_no_lost_estimate_and_
         let o = run((machine, bridge), x, seed, (&speed, &[(0.0, 0.0), (1.0, 0.0)]));
         o.assert_held(15.0, -1.9);
         // At 0.8 of rated speed the voltage is enough for rated flux.
-        let (psi, omega) = (&o.record.columns.iter().find(|c| c.name == "psi_s").unwrap().data, o.data("omega_m"));
+        let (psi, omega) = (o.data("psi_s"), o.data("omega_m"));
         let at = (0..omega.len()).find(|&k| o.record.t[k] > o.begin + 2.6 && omega[k] < 0.8 * o.base.omega_m).unwrap();
         let flux = psi[2 * at].hypot(psi[2 * at + 1]) / o.base.psi;
         assert!((0.55..0.7).contains(&flux), "{seed}: {flux}");
@@ -304,7 +304,7 @@ fn a_restart_at_rest_holds_with_what_a_run_at_rest_has_shown_of_a_machine_off_it
             o.assert_held(15.0, 0.0);
         }
     }
-    // And where the machine is magnetised anew: a fan motor with a longer inductance.
+    // And where the machine is magnetised anew: a fan motor with a larger inductance.
     for seed in 1..=3 {
         let still = [(0.0, 0.0), (6.0, 0.0)];
         let o = run_with(fan(), Factors { l_m: 1.15, ..EXACT }, seed, (&still, &still), |s| {

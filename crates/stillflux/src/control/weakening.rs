@@ -49,8 +49,8 @@ pub(crate) const FREE: f64 = 100.0;
 const I_Q_MAX: f64 = 3.0;
 /// Flux reference above the flux, per unit, up to which it rises: three quarters of the deviation that is a fault.
 const AHEAD_OF_FLUX: f64 = 0.3;
-/// Flux below its reference, per unit, from which on torque gives way: half of that. Allowance.
-pub(crate) const YIELDS: f64 = 0.15;
+/// Lag of the flux behind its reference, per unit, from which on torque gives way to it: half of that. Allowance.
+pub(crate) const LAG_ALLOWED: f64 = 0.15;
 /// Excess of the flux over its reference, per unit, from which on the flux has not yet followed.
 const LAGGING: f64 = 0.01;
 

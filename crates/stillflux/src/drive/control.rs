@@ -28,7 +28,7 @@ use crate::control::ramp::Ramp;
 #[cfg(feature = "supervision")]
 use crate::control::realign::Realign;
 use crate::control::speed::SpeedController;
-use crate::control::weakening::{FREE, Weakening, YIELDS};
+use crate::control::weakening::{FREE, LAG_ALLOWED, Weakening};
 #[cfg(feature = "encoder")]
 use crate::estimate::encoder::Encoder;
 use crate::estimate::speed::SpeedEstimate;
@@ -284,7 +284,7 @@ impl<R: Real> Control<R> {
             (psi, weight) = (c.weakening.at_least(estimators.psi_s()), R::ONE);
             // Near pull-out a flux takes all the current to stay as it is. One that has far to rise gets some of the torque's:
             // with a leakage that is a fifth larger than known the limit above is 0.97 of pull-out.
-            let lag = (psi_ref - psi - R::from_f64(YIELDS)).max(R::ZERO);
+            let lag = (psi_ref - psi - R::from_f64(LAG_ALLOWED)).max(R::ZERO);
             pull_out = estimators.pull_out_flux(psi) - lag;
             psi_ff = psi_ref;
             range = Range::Weakened;

@@ -8,8 +8,8 @@ use core::marker::PhantomData;
 pub(crate) const UTILISATION: f64 = 0.97;
 /// A limit of the torque current that is none, per unit.
 pub(crate) const FREE: f64 = 100.0;
-/// Torque does not give way to the flux.
-pub(crate) const YIELDS: f64 = FREE;
+/// Torque never gives way to a flux that lags.
+pub(crate) const LAG_ALLOWED: f64 = FREE;
 /// Rises of limits that there are not.
 pub(crate) const RISE: f64 = 0.0;
 pub(crate) const RISE_OF_VOLTAGE: f64 = 0.0;
