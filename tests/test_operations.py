@@ -19,6 +19,8 @@ from stillflux.options import DriveSettings
         ("speed-step", "2.2kW"),
         ("speed-step", "0.37kW"),
         ("speed-step-negative", "45kW"),
+        ("small-step-light", "45kW"),
+        ("small-step-heavy", "0.37kW"),
         ("inductance", "48V"),
         ("ramp", "2.2kW"),
         ("limits-by-direction", "4kW"),

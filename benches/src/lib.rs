@@ -160,7 +160,13 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
             ));
         }),
         Box::new(move || {
-            black_box(speed_control.step(config.speed_control_config(), black_box(r(0.01)), R::ONE, (-R::ONE, R::ONE)));
+            black_box(speed_control.step(
+                config.speed_control_config(),
+                black_box(r(0.01)),
+                R::ZERO,
+                R::ONE,
+                (-R::ONE, R::ONE),
+            ));
         }),
         Box::new(move || {
             black_box(model.distortion(model.nominal(), black_box(&i), r(1.65), R::ONE));

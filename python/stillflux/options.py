@@ -39,6 +39,10 @@ class DriveSettings(TypedDict, total=False):
     it."""
     speed_bandwidth: float
     """Bandwidth of speed control, Hz: 9, less where the inertia is large."""
+    set_point_weight: float
+    """Part of a change of the speed reference that speed control answers at once, 0 to 1; the rest follows
+    with the time constant of its integral part. 0.3: a step does not overshoot. 1: for a reference that is
+    itself a controller's output."""
     pll_bandwidth: float
     """Natural frequency of the speed estimator's phase-locked loop, Hz."""
     inverter_model: bool

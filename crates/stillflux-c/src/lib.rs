@@ -331,6 +331,9 @@ pub struct stillflux_settings {
     pub flux_bandwidth: f64,
     /// Bandwidth of speed control, Hz: 9, less where the inertia is large.
     pub speed_bandwidth: f64,
+    /// Part of a change of the speed reference that speed control answers at once, 0 to 1; the rest follows with the time constant of its
+    /// integral part. 0.3: a step does not overshoot.
+    pub set_point_weight: f64,
     /// Natural frequency of the speed estimator, Hz.
     pub pll_bandwidth: f64,
     /// Duration of the reading of the sensors' zero, s.
@@ -767,6 +770,7 @@ pub extern "C" fn stillflux_defaults(
         current_bandwidth: d.current_bandwidth,
         flux_bandwidth: d.flux_bandwidth,
         speed_bandwidth: d.speed_bandwidth,
+        set_point_weight: d.set_point_weight,
         pll_bandwidth: d.pll_bandwidth,
         offset_time: d.offset_time,
         magnetise_time: d.magnetise_time,
@@ -879,6 +883,7 @@ pub unsafe extern "C" fn stillflux_page(
         current_bandwidth: s.current_bandwidth,
         flux_bandwidth: s.flux_bandwidth,
         speed_bandwidth: s.speed_bandwidth,
+        set_point_weight: s.set_point_weight,
         pll_bandwidth: s.pll_bandwidth,
         current_sensors: inverter.current_sensors,
         offset_time: s.offset_time,

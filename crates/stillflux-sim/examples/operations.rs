@@ -275,7 +275,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("confidence", operations(|| confidence.step(config.confidence_config(), r(0.05), r(0.001), Some(r(1e-4))))),
         (
             "speed_control",
-            operations(|| speed_control.step(config.speed_control_config(), r(0.001), r(1.0), (r(-1.0), r(1.0)))),
+            operations(|| {
+                speed_control.step(config.speed_control_config(), r(0.001), r(0.0), r(1.0), (r(-1.0), r(1.0)))
+            }),
         ),
         (
             "flux_control",

@@ -290,65 +290,50 @@ fn a_load_that_reverses_at_rest_is_no_open_phase_and_no_lost_field_of_a_control_
     }
 }
 
-/// With edges at 7.5 kHz in a control of 2.5 kHz about every ninth of these runs loses its flux on the line (docs/limits.md: few periods a turn),
-/// by the noise. Where it does, the fault says so, and nowhere else: by the angle, or by the magnitude.
+/// With edges at 7.5 kHz in a control of 2.5 kHz. Fed forward with a frequency that lags behind the speed, the voltage that the load's turn
+/// induces came too late, and every ninth of these runs lost its flux on the line.
 #[test]
-fn a_control_of_2_5_khz_ends_by_a_fault_only_where_its_flux_is_lost() {
-    let mut held = 0;
+fn a_control_of_2_5_khz_keeps_its_flux_while_a_load_reverses() {
     for (seed, k) in (0..4).flat_map(|seed| (0..16).map(move |k| (seed, k))) {
         let mut s = small_and_slow(6, 1.2 + 0.011 * f64::from(k), -0.93);
         s.plant.seed = seed;
-        s.signals = Some(["angle_error", "status", "psi_s"].map(String::from).to_vec());
-        let (begin, rated) = (s.duration - 0.5, Base::new(&s.machine).psi);
+        s.signals = Some(["angle_error", "status"].map(String::from).to_vec());
+        let begin = s.duration - 0.5;
         let mut run = Run::new(Cow::Owned(s)).unwrap();
         while run.advance(1000) {}
-        let (t, [angle, status, psi]) = (&run.record().t, [0, 1, 2].map(|x| &run.record().columns[x].data));
-        let rows: Vec<_> = (0..t.len()).filter(|&k| t[k] > begin && status[k] == 3.0).collect();
-        let largest = rows.iter().map(|&k| angle[k].abs()).largest().to_degrees();
-        let least = rows.iter().map(|&k| psi[2 * k].hypot(psi[2 * k + 1]) / rated).fold(f64::INFINITY, f64::min);
-        match run.drive().fault() {
-            None => {
-                let last = angle.last().unwrap().abs().to_degrees();
-                assert!(last < 15.0, "{seed} {k}: goes on with {last}°");
-                held += 1;
-            }
-            Some(fault) => {
-                assert!(
-                    [Fault::FieldLost, Fault::EstimateLost].contains(&fault.cause),
-                    "{seed} {k}: {:?}",
-                    fault.cause
-                );
-                assert!(largest > 20.0 || least < 0.7, "{seed} {k}: {largest}° and {least}");
-            }
-        }
+        assert_eq!(run.drive().status(), Status::Running, "{seed} {k}: {:?}", run.drive().fault());
+        let (t, [angle, status]) = (&run.record().t, [0, 1].map(|x| &run.record().columns[x].data));
+        let rows = (0..t.len()).filter(|&k| t[k] > begin && status[k] == 3.0);
+        let largest = rows.map(|k| angle[k].abs()).largest().to_degrees();
+        assert!(largest < 20.0, "{seed} {k}: {largest}°");
     }
-    assert!((32..64).contains(&held), "{held} of 64");
 }
 
-/// Where one of the two currents that are left reaches the trip level first, over-current is the fault: in 7 of 24 realisations of the noise.
+/// Near rated load one of the two currents that are left may reach the trip level first: over-current is the fault then.
 #[test]
 fn an_open_phase_of_a_control_of_2_5_khz_is_found_within_60_ms() {
-    let mut named = 0;
-    for (seed, phase) in (0..4).flat_map(|seed| (0..3).map(move |phase| (seed, phase))) {
-        let at = 1.2;
-        let mut s = small_and_slow(2, at, 0.9);
-        s.plant.seed = seed;
-        let (event, base) = (s.duration - 0.5, Base::new(&s.machine));
-        s.reference = ReferenceProfile::Speed(after(event - at, base.omega_m, &[(0.0, 0.0), (0.3, 0.2)]));
-        s.changes = vec![(event, Change::OpenPhase(phase))];
-        let (fault, t) = fault(s).unwrap();
-        println!("{seed} {phase}: {:?}, {:.1} ms", fault.cause, 1e3 * (t - event));
-        // Half a turn at 0.2 · 100 Hz until the phase is to carry most, and 24 ms.
-        assert!(t > event && t - event < 0.06, "{} s", t - event);
-        match fault.cause {
-            Fault::OpenPhase => {
-                assert_eq!(fault.value, phase as f64 + 1.0);
-                named += 1;
+    for (omega, load, seed) in [(0.2, 0.3), (0.4, 0.3), (0.2, 0.7), (0.4, 0.7), (0.2, 0.9), (0.4, 0.9)]
+        .into_iter()
+        .flat_map(|(omega, load)| (0..4).map(move |seed| (omega, load, seed)))
+    {
+        for phase in 0..3 {
+            let at = 1.2;
+            let mut s = small_and_slow(2, at, load);
+            s.plant.seed = seed;
+            let (event, base) = (s.duration - 0.5, Base::new(&s.machine));
+            s.reference = ReferenceProfile::Speed(after(event - at, base.omega_m, &[(0.0, 0.0), (0.3, omega)]));
+            s.load = after(event - at, s.machine.T_N, &[(0.3, 0.0), (0.6, load)]);
+            s.changes = vec![(event, Change::OpenPhase(phase))];
+            let (fault, t) = fault(s).unwrap();
+            println!("{omega} {load} {seed} {phase}: {:?}, {:.1} ms", fault.cause, 1e3 * (t - event));
+            // Half a turn at 0.2 · 100 Hz until the phase is to carry most, and 24 ms.
+            assert!(t > event && t - event < 0.06, "{} s", t - event);
+            match fault.cause {
+                Fault::OpenPhase => assert_eq!(fault.value, phase as f64 + 1.0),
+                cause => assert!(cause == Fault::OverCurrent && load > 0.8, "{omega} {load}: {cause:?}"),
             }
-            cause => assert_eq!(cause, Fault::OverCurrent),
         }
     }
-    assert!(named >= 6, "{named} of 12");
 }
 
 #[test]

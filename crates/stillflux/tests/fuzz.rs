@@ -187,6 +187,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         current_bandwidth: rng.ratio(10.0, 0.06 * inverter.f_s),
         flux_bandwidth: rng.ratio(0.1, 30.0),
         speed_bandwidth: rng.ratio(0.05, 20.0),
+        set_point_weight: rng.within(0.0, 1.0),
         pll_bandwidth: rng.ratio(2.0, (0.03 * inverter.f_s).min(100.0)),
         inverter_model: !rng.chance(5),
         calibrate_offset,

@@ -185,6 +185,11 @@ impl<'a> Conversion<'a> {
         self.torque.1.max(-self.torque.0) / self.pu.base.torque
     }
 
+    /// Deviation of the speed at which the proportional part alone asks for the largest torque.
+    fn lead(&self) -> f64 {
+        (self.torque_max() / self.speed_gain).min(1.0)
+    }
+
     /// What an acceleration in mechanical rad/s² and a jerk in rad/s³ are in a run of the ramp.
     fn ramp_units(&self) -> (f64, f64) {
         let acceleration = self.slow() * ramp::CALLS / self.pu.base.omega_m;
@@ -317,6 +322,9 @@ impl<'a> Conversion<'a> {
         SpeedControlConfig {
             k_p: r(speed_gain),
             k_i: r(self.speed_k_i()),
+            per_t: r(self.speed_k_i() / speed_gain),
+            weight: r(p.set_point_weight),
+            lead: r(self.lead()),
             inv_gain: r((SPEED_GAIN * pu.hz(p.current_bandwidth) / speed_gain).clamp(1.0, 100.0)),
             torque_max: r(self.torque_max()),
             torque_pos: r(most / pu.base.torque),
@@ -383,8 +391,7 @@ impl<'a> Conversion<'a> {
         RampConfig::new(
             r(self.p.acceleration.map_or(0.0, |a| a * acceleration)),
             r(self.p.jerk.map_or(0.0, |j| j * jerk)),
-            // Twice the deviation at which the proportional part alone asks for the largest torque.
-            r((2.0 * self.torque_max() / self.speed_gain).min(1.0)),
+            r((2.0 * self.lead()).min(1.0)),
         )
     }
 

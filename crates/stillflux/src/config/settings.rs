@@ -315,6 +315,10 @@ pub struct DriveParams {
     pub flux_bandwidth: f64,
     /// Bandwidth of speed control, Hz: 9, less where the inertia is large (docs/gains.md).
     pub speed_bandwidth: f64,
+    /// Part of a change of the speed reference that the proportional part of speed control sees at once, from 0 to 1; the rest follows with
+    /// the time constant of its integral part ([`crate::control::speed`]). 0.3: a step does not overshoot. 1: for a reference that is
+    /// itself a controller's output.
+    pub set_point_weight: f64,
     /// Natural frequency of the speed estimator's phase-locked loop, Hz.
     pub pll_bandwidth: f64,
     /// Inverter model: compensation of threshold and dead time.
@@ -431,6 +435,7 @@ impl DriveParams {
             current_bandwidth,
             flux_bandwidth: (FLUX_GAIN.0 * direct.fastest_filtered()).min(5.0),
             speed_bandwidth: speed_bandwidth(machine),
+            set_point_weight: 0.3,
             pll_bandwidth: 25.0,
             inverter_model: true,
             calibrate_offset: true,
@@ -503,6 +508,7 @@ impl DriveParams {
         check("flux_bandwidth", self.flux_bandwidth, 0.1, fastest.min(30.0), "Hz")
             .map_err(|e| e.with_note("by way of the leakage its current acts on the flux at once"))?;
         check("speed_bandwidth", self.speed_bandwidth, SPEED_BANDWIDTH.0, SPEED_BANDWIDTH.1, "Hz")?;
+        check("set_point_weight", self.set_point_weight, 0.0, 1.0, "")?;
         // A fifteenth of the rate at which the loop runs.
         let least = (PLL_LEAST * self.speed_bandwidth).max(2.0);
         check("pll_bandwidth", self.pll_bandwidth, least, (0.03 * f_s).min(100.0), "Hz").map_err(|e| {

@@ -129,7 +129,7 @@ impl<R: Real> Control<R> {
         }
         #[cfg(feature = "encoder")]
         self.hand_over.start(&c.hand_over);
-        self.speed.start(R::ZERO);
+        self.speed.start(R::ZERO, omega_m);
         self.ramp.start(omega_m);
     }
 
@@ -317,13 +317,12 @@ impl<R: Real> Control<R> {
                 }
                 #[cfg(feature = "supervision")]
                 let (lo, hi) = if self.realign.is_testing(&c.realign) { (lo.half(), hi.half()) } else { (lo, hi) };
-                let error = omega - omega_m;
                 let part = if likely(!self.weakening.is_weak(psi_rated)) {
                     R::ONE
                 } else {
                     c.speed_control.part(psi_weak * c.flux_control.inv_psi_rated)
                 };
-                let torque = self.speed.step(&c.speed_control, error * part, part, (lo, hi));
+                let torque = self.speed.step(&c.speed_control, omega, omega_m, part, (lo, hi));
                 let at_limit = (hi - lo).times(AT_LIMIT);
                 // Where no torque is allowed there is none that could be lacking.
                 limited = if torque >= hi - at_limit {
@@ -337,7 +336,7 @@ impl<R: Real> Control<R> {
             }
             Reference::Torque(torque) => {
                 let torque_ref = torque.clamp(lo, hi);
-                self.speed.follow(torque_ref, torque);
+                self.speed.follow(torque_ref, torque, omega_m);
                 self.ramp.start(omega_m);
                 limited = R::ZERO;
                 torque_ref

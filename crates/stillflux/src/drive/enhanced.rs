@@ -308,8 +308,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             integrate_only |= self.sides.is_trying();
         }
         let i_m = self.balance.remove(&x.i_s);
-        let mut omega_s = self.speed.omega_s;
-        let input = Input { u_s: x.u_s, loss: &x.voltage.loss, i_m, i_ref: i_dq_ref, omega_s };
+        let mut omega_s = self.speed.omega_turn;
+        let input = Input { u_s: x.u_s, loss: &x.voltage.loss, i_m, i_ref: i_dq_ref, omega_s: self.speed.omega_s };
         let (mut field, mut psi_s, mut i_dq) = self.filter.step(&c.enhanced.filter, &input, integrate_only);
         // What follows from quantities that change slowly takes its turn.
         match x.period % BALANCE_PERIODS {
@@ -375,7 +375,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     #[inline(never)]
     fn turn_to_current(&mut self, c: &DriveConfig<R>) {
         self.filter.turn_to_current(&c.enhanced.filter);
-        self.speed.omega_m = self.speed.omega_s;
+        self.speed.set_synchronous(self.speed.omega_s);
         self.speed_estimator.start(&self.filter.rotor_flux(&c.enhanced.filter), self.speed.omega_s);
     }
 

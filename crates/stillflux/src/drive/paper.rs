@@ -149,7 +149,7 @@ impl<R: Real> PaperEstimators<R> {
         // subtracts it from the voltage; control uses the current without it.
         let i_s = x.i_s + self.flux.offset.u_off() * c.inv_r_s;
         self.i_s = i_s;
-        let (psi_s, omega_s, i_dq) = (self.flux.magnitude(), self.speed.omega_s, field.to_field(&i_s));
+        let (psi_s, omega_s, i_dq) = (self.flux.magnitude(), self.speed.omega_turn, field.to_field(&i_s));
         FieldQuantities { field, psi_s, omega_s, r_s, i_dq }
     }
 }
@@ -206,7 +206,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         let psi_r = c.speed.rotor_flux(&self.flux.value(), &self.i_s).norm_sq().sqrt();
         if let Some(psi_s) = flux_along(&self.i_s, psi_r, c.speed.sigma_l_s) {
             self.flux.start(psi_s, self.i_s);
-            self.speed.omega_m = self.speed.omega_s;
+            self.speed.set_synchronous(self.speed.omega_s);
             self.speed_estimator.start(&c.speed.rotor_flux(&psi_s, &self.i_s), self.speed.omega_s);
         }
     }

@@ -57,6 +57,13 @@ pub struct SpeedEstimate<R: Real> {
     pub omega_turn: R,
 }
 
+impl<R: Real> SpeedEstimate<R> {
+    /// A field that turns with the shaft, at this speed.
+    pub fn set_synchronous(&mut self, omega: R) {
+        (self.omega_m, self.omega_s, self.omega_turn) = (omega, omega, omega);
+    }
+}
+
 /// State of the speed estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -246,7 +246,7 @@ impl<R: Real> EnhancedEstimators<R> {
             (Some((psi_r, omega)), _) => {
                 self.filter.catch(&c.enhanced.filter, psi_r, i_s);
                 self.speed_estimator.start(&psi_r, omega);
-                (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
+                self.speed.set_synchronous(omega);
                 Start::Caught
             }
             (None, Start::Fresh(..)) => Start::Empty,
@@ -404,7 +404,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 self.filter.place(&c.enhanced.filter, psi_r, &i_s, R::from_f64(UNSEEN));
             }
             self.speed_estimator.start(&flux.unwrap_or(psi_r), omega);
-            (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
+            self.speed.set_synchronous(omega);
         }
         (Rotator::default(), ahead, stage >= c.magnetise_periods)
     }
@@ -466,7 +466,7 @@ impl<R: Real> EnhancedEstimators<R> {
             let i_s = self.filter.i_s();
             self.filter.place(config, psi_r, &i_s, R::from_f64(DRAGGED));
             self.speed_estimator.start(&psi_r, omega);
-            (self.speed.omega_m, self.speed.omega_s) = (omega, omega);
+            self.speed.set_synchronous(omega);
             self.search.turns();
             self.catch_periods += stage - DRIVEN;
         }
