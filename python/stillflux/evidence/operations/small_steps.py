@@ -69,9 +69,7 @@ OPERATIONS = tuple(
         f"A step of the reference from 0.2 to 0.22 pu, real inertia {text} times that of the data",
         partial(_scenario, inertia=inertia),
         _check,
-        Control(
-            "the weight of the set point", lambda s: s.with_settings(set_point_weight=1.0), _overshoots
-        ),
+        Control("the weight of the set point", lambda s: s.with_settings(set_point_weight=1.0), _overshoots),
         schemes=("enhanced", "paper"),
     )
     for name, order, text, inertia in (
