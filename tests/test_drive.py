@@ -329,8 +329,8 @@ def test_the_flux_of_a_large_machine_is_steady_where_its_control_is_fast(
     weighed = result.t > 6.7
     psi = np.abs(result["psi_s"][weighed]) / motor.base["psi"]
     assert np.ptp(psi) < 0.02
-    with pytest.raises(ValueError, match=r"flux_bandwidth = 15 Hz .* at once"):
-        sf.Drive(motor, inverter, flux_bandwidth=15.0)
+    with pytest.raises(ValueError, match=r"flux_bandwidth = 18 Hz .* at once"):
+        sf.Drive(motor, inverter, flux_bandwidth=18.0)
 
 
 @pytest.mark.parametrize("f_N", [200.0, 400.0])

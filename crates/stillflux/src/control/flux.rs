@@ -28,7 +28,7 @@
 //! Δi_d = y + x,    y = m y⁻ + (1 - m) w k_p e,    dx/dτ = k_i (w e - (1 - w) x),    |x|, |Δi_d| ≤ limit
 //! ```
 //!
-//! The low-pass filter, `m` = 1/2, is for machines with a long rotor time constant, whose gain through the leakage is
+//! The low-pass filter, `m` = 1/2 or 4/5, is for machines with a long rotor time constant, whose gain through the leakage is
 //! large; `m` is zero at others.
 //!
 //! Its weight `w`, 0 to 1, is the scheme's: in the published one it falls to zero between `|ω_s|` = 0.06 and 0.02 pu

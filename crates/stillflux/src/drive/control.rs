@@ -274,9 +274,8 @@ impl<R: Real> Control<R> {
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
         let (range, (psi, weight), psi_ff, pull_out);
         if likely(!self.weakening.is_weak(psi_rated)) {
-            (psi, weight) = estimators.present_flux(psi_ref);
+            (psi, psi_ff, weight) = estimators.present_flux(psi_ref);
             pull_out = estimators.pull_out_flux(psi);
-            psi_ff = psi;
             range = if speed.omega_s.within(R::from_f64(FREQUENCY_HIGH)) { Range::Low } else { Range::High };
         } else {
             // At this frequency nothing is known better than the flux that the voltage model integrates. The

@@ -436,15 +436,18 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     /// there it falls below `|ω_s|` = 0.06 to 0.12 of it, since an error of `r̂_s` appears in `|ψ̂_s|` with the sign
     /// for which flux control is unstable. Not while the flux is shifted: the reference leads over zero frequency then,
     /// within a second, and a flux that does not follow it would stay there.
+    ///
+    /// The feedforward takes the flux with the weight of flux control. An `i_d` of `ψ/l_s` keeps what there is, and with an `l_s` a seventh below
+    /// the real one makes more of it: with the whole of `ψ̂_s` a flux that 0.12 of its control does not hold rose to 1.4 of rated.
     #[inline(always)]
-    fn present_flux(&self, psi_ref: R) -> (R, R) {
+    fn present_flux(&self, psi_ref: R) -> (R, R, R) {
         let SpeedEstimate { omega_s, omega_r, .. } = self.speed;
         let against = if omega_r < R::ZERO { omega_s } else { -omega_s };
         let regenerating = against > R::from_f64(CROSSING) && self.shift.factor() >= R::ONE;
         let weight = self.filter.magnitude_weight();
         let gain = if regenerating { weight_by_frequency(omega_s).max(R::from_f64(REGENERATING)) } else { R::ONE };
-        let psi = self.filter.magnitude().clamp(psi_ref.half(), psi_ref * R::from_f64(1.5));
-        (psi_ref + weight * (psi - psi_ref), weight * gain)
+        let apart = weight * (self.filter.magnitude() - psi_ref).limit(psi_ref.half());
+        (psi_ref + apart, psi_ref + apart * gain, weight * gain)
     }
 
     /// `|ψ̂_s|`. A flux below `psi` counts with its full amount: taken too small it costs torque, taken too large the

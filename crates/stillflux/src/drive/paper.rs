@@ -247,8 +247,8 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     /// The noise compensator holds `|ψ̂_s|` at the reference: near zero frequency it contains no
     /// information on the true flux.
     #[inline(always)]
-    fn present_flux(&self, psi_ref: R) -> (R, R) {
-        (psi_ref, weight_by_frequency(self.speed.omega_s))
+    fn present_flux(&self, psi_ref: R) -> (R, R, R) {
+        (psi_ref, psi_ref, weight_by_frequency(self.speed.omega_s))
     }
 
     /// `|ψ̂_s|` as far as it is known by its frequency.
