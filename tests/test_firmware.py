@@ -284,21 +284,21 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: Bytes of an image with one scheme and without the optional features of the core, f32 and q: library
 #: (interrupt and start from the page), `Drive`, stack of one interrupt whatever it calls. The design asks for
 #: 16 KiB of flash, 1024 bytes of RAM and 512 of stack, which the published scheme meets. The enhanced one,
-#: with the start into a turning machine and eleven states, misses flash and RAM by far.
+#: with the start into a turning machine and eleven states, misses flash and RAM by far, and the stack by 4 bytes in q.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (13_740, 16_120), "ram_drive": (880, 900), "stack_step": (376, 424)},
-    "enhanced": {"flash_library": (31_450, 41_860), "ram_drive": (1600, 1624), "stack_step": (504, 512)},
+    "paper": {"flash_library": (13_940, 16_310), "ram_drive": (892, 912), "stack_step": (376, 424)},
+    "enhanced": {"flash_library": (31_680, 42_080), "ram_drive": (1608, 1632), "stack_step": (496, 516)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
-WITH_ADDITIONS = {"flash_library": (18_070, 21_000), "ram_drive": (1036, 1060), "stack_step": (408, 432)}
+WITH_ADDITIONS = {"flash_library": (18_330, 21_280), "ram_drive": (1052, 1076), "stack_step": (408, 424)}
 
 #: Instructions a call, mean and worst case, of the same images. The design asks for 150 of the flux
 #: estimator in f32, 480 / 680 of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the
 #: enhanced one. All are met.
 BUDGET = {
     "flux_estimator": {"f32": 138, "q": 182},
-    "drive_step": {"f32": 480, "q": 824, "f32_worst": 664, "q_worst": 1152},
-    "drive_step_enhanced": {"f32": 600, "q": 973, "f32_worst": 768, "q_worst": 1308},
+    "drive_step": {"f32": 480, "q": 826, "f32_worst": 668, "q_worst": 1172},
+    "drive_step_enhanced": {"f32": 600, "q": 973, "f32_worst": 768, "q_worst": 1320},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }

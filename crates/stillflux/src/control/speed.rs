@@ -100,8 +100,7 @@ impl<R: Real> SpeedController<R> {
     }
 
     /// A step beyond the torque limit: the filter of the reference holds back `lead` of it at most.
-    #[cold]
-    #[inline(never)]
+    #[inline(always)]
     fn hold_back_less(&mut self, c: &SpeedControlConfig<R>, reference: R) {
         let change = (reference - self.omega_ref.value()).limit(c.lead);
         self.omega_ref.set(reference - change);
