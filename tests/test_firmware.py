@@ -284,7 +284,8 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: Bytes of an image with one scheme and without the optional features of the core, f32 and q: library
 #: (interrupt and start from the page), `Drive`, stack of one interrupt whatever it calls. The design asks for
 #: 16 KiB of flash, 1024 bytes of RAM and 512 of stack, which the published scheme meets. The enhanced one,
-#: with the start into a turning machine and eleven states, misses flash and RAM by far, and the stack by 4 bytes in q.
+#: with the start into a turning machine and eleven states, misses flash and RAM by far, and the stack by 4
+#: bytes in q.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (13_940, 16_310), "ram_drive": (892, 912), "stack_step": (376, 424)},
     "enhanced": {"flash_library": (31_680, 42_080), "ram_drive": (1608, 1632), "stack_step": (496, 516)},
