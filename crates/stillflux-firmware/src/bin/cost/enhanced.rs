@@ -110,7 +110,11 @@ impl<R: Word> Blocks<R> {
             costs.filter_part[self.part / PERIODS].add(n as u32);
         }
         let apart = self.filter.value() - e.flux.psi_s;
-        self.different += u32::from(!apart.norm_sq().within(R::from_f64(0.01)));
+        if !apart.norm_sq().within(R::from_f64(0.01)) {
+            self.different += 1;
+            // With the voltage of another inverter model the copy may lose a field that the drive keeps, and would not find it again.
+            self.filter.place(f, e.speed.psi_r, &e.i_s, R::ZERO);
+        }
     }
 }
 
