@@ -288,7 +288,7 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: bytes in q.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (13_940, 16_310), "ram_drive": (892, 912), "stack_step": (376, 424)},
-    "enhanced": {"flash_library": (31_680, 42_080), "ram_drive": (1608, 1632), "stack_step": (496, 516)},
+    "enhanced": {"flash_library": (31_760, 42_140), "ram_drive": (1608, 1632), "stack_step": (496, 516)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
 WITH_ADDITIONS = {"flash_library": (18_330, 21_280), "ram_drive": (1052, 1076), "stack_step": (408, 424)}
@@ -299,7 +299,7 @@ WITH_ADDITIONS = {"flash_library": (18_330, 21_280), "ram_drive": (1052, 1076), 
 BUDGET = {
     "flux_estimator": {"f32": 138, "q": 182},
     "drive_step": {"f32": 480, "q": 826, "f32_worst": 668, "q_worst": 1172},
-    "drive_step_enhanced": {"f32": 600, "q": 973, "f32_worst": 768, "q_worst": 1320},
+    "drive_step_enhanced": {"f32": 603, "q": 973, "f32_worst": 768, "q_worst": 1320},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }

@@ -36,6 +36,10 @@ const DIRECTION: f64 = 0.5;
 /// Pause up to which its direction is known at any speed, in blocks of the catch of 1 ms: where a load changes the speed of a light shaft
 /// by 10 pu/s, the flux is 0.15 rad (at 50 Hz) from where the speed of the stop has turned it.
 const PAUSE_BLOCKS: u32 = 10;
+/// Frequency by which the speed estimator's loop has to turn faster than the estimated speed before the voltage that is fed forward follows it.
+/// An acceleration by a load makes 0.03 to 0.15 pu; with none a light load that drags the flux of a standing field away finds it softer: a
+/// drawn drive of 59 kW is lost so in 9 of 24 realisations, with this in 3, as without the loop's frequency.
+const AHEAD: f64 = 0.005;
 /// Speed below which a shaft that was stopped is taken to stand still.
 const STANDING: f64 = 0.035;
 /// Least weight of the flux control in regeneration near zero stator frequency.
@@ -393,6 +397,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     fn update_speed(&mut self, c: &DriveConfig<R>) {
         let (psi_r, i_s) = (self.filter.rotor_flux(&c.enhanced.filter), self.filter.i_s());
         self.speed = self.speed_estimator.step(&SpeedConfig { r_r: c.speed.r_r * self.rotor, ..c.speed }, &psi_r, &i_s);
+        // What the loop turns faster by than the estimated speed is noise where it is little.
+        let ahead = self.speed.omega_turn - self.speed.omega_s;
+        self.speed.omega_turn = self.speed.omega_s + (ahead - ahead.limit(R::from_f64(AHEAD)));
     }
 
     #[inline(always)]
