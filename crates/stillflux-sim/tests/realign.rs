@@ -44,7 +44,7 @@ fn come_right(scheme: Scheme, speeds: &[f64], loads: &[f64], realignment: bool) 
 fn a_drive_whose_flux_lies_along_its_current_finds_it_and_reaches_its_speed() {
     let [with, without] = [true, false].map(|on| come_right(Scheme::Enhanced, &[0.1, 0.2], &[0.15, 0.3, 0.5], on));
     println!("{with} of 72, without realignment {without}");
-    // Where the field wanders with the load through the test it counts as a shaft that turns: in 120 of 720 runs. An equilibrium is left by
+    // Where the field wanders with the load through the test it counts as a shaft that turns. An equilibrium is left by
     // chance where nothing looks for it, in a third of the runs.
     assert!(with >= 57 && without <= 30, "{with} of 72, without realignment {without}");
 }
