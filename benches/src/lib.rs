@@ -152,7 +152,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
         Box::new(move || {
             black_box(flux_control.step(
                 config.flux_control_config(),
-                (R::ONE, None),
+                (R::ONE, R::ONE, None),
                 black_box(R::ONE),
                 r(0.4),
                 r(0.03),

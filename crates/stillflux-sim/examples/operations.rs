@@ -282,7 +282,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (
             "flux_control",
             operations(|| {
-                flux_control.step(config.flux_control_config(), (r(1.0), None), r(0.99), r(0.3), r(0.05), Range::Low)
+                flux_control.step(
+                    config.flux_control_config(),
+                    (r(1.0), r(1.0), None),
+                    r(0.99),
+                    r(0.3),
+                    r(0.05),
+                    Range::Low,
+                )
             }),
         ),
         (

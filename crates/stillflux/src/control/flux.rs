@@ -161,13 +161,13 @@ impl<R: Real> FluxController<R> {
         self.x = Integrator::default();
     }
 
-    /// One period; returns `i_d*`: that of (12) for a flux `psi` and a leakage of `1/inv_leakage` times that of the
+    /// One period; returns `i_d*`: that of (12), without load for a flux `psi_ff` and for the torque at a flux `psi`, and a leakage of `1/inv_leakage` times that of the
     /// parameters (`None`: that of the parameters), and the PI part of an `error` of the flux with a `weight` from 0 to 1.
     #[inline(always)]
     pub fn step(
         &mut self,
         c: &FluxControlConfig<R>,
-        (psi, inv_leakage): (R, Option<R>),
+        (psi_ff, psi, inv_leakage): (R, R, Option<R>),
         error: R,
         i_q: R,
         weight: R,
@@ -186,7 +186,7 @@ impl<R: Real> FluxController<R> {
         let radicand = (p * p - i_q * i_q * c.root_i_q).max(R::ZERO);
         self.inv_root = radicand.rsqrt_near(self.inv_root);
         self.y = error * k_p * weight + self.y * c.memory;
-        c.no_load(psi) + (p - radicand * self.inv_root) * c.inv_two_sigma_l_s + (self.y + x).limit(limit)
+        c.no_load(psi_ff) + (p - radicand * self.inv_root) * c.inv_two_sigma_l_s + (self.y + x).limit(limit)
     }
 }
 
@@ -215,7 +215,7 @@ mod tests {
 
     /// `i_d*` of (12): what the controller asks for without an error of the flux.
     fn feedforward(c: &FluxControlConfig<f64>, psi_ref: f64, i_q: f64) -> f64 {
-        FluxController::default().step(c, (psi_ref, None), 0.0, i_q, 0.0, Range::Low)
+        FluxController::default().step(c, (psi_ref, psi_ref, None), 0.0, i_q, 0.0, Range::Low)
     }
 
     #[test]
@@ -240,7 +240,8 @@ mod tests {
         for (psi, leakage) in [(1.0, 1.0), (0.5, 1.0), (0.5, 1.4)] {
             let s = leakage * sl;
             let i_q = 0.8 * (1.0 - s / l_s) / (2.0 * s) * psi;
-            let i_d = FluxController::default().step(&c, (psi, Some(1.0 / leakage)), 0.0, i_q, 0.0, Range::Weakened);
+            let i_d =
+                FluxController::default().step(&c, (psi, psi, Some(1.0 / leakage)), 0.0, i_q, 0.0, Range::Weakened);
             let most = |i_d: f64| c.within_load_angle(psi, Some(1.0 / leakage), i_d);
             assert!((most(i_d) - i_q).abs() < 1e-3, "{psi} {leakage}: {} of {i_q}", most(i_d));
             assert!((most(i_d + 0.4) - most(i_d) + 0.2).abs() < 1e-9);
@@ -254,7 +255,7 @@ mod tests {
         let c = config();
         let mut i_d = 0.0;
         for _ in 0..periods {
-            i_d = ctrl.step(&c, (1.0, None), 1.0 - psi_s, 0.3, weight_by_frequency(omega_s), Range::Low);
+            i_d = ctrl.step(&c, (1.0, 1.0, None), 1.0 - psi_s, 0.3, weight_by_frequency(omega_s), Range::Low);
         }
         i_d - feedforward(&c, 1.0, 0.3)
     }
@@ -293,7 +294,7 @@ mod tests {
     fn beyond_pull_out_the_current_is_that_of_pull_out() {
         let (c, mut ctrl) = (config(), FluxController::default());
         for i_q in [6.0, -50.0] {
-            let i_d = ctrl.step(&c, (1.0, None), 0.0, i_q, 0.0, Range::Low);
+            let i_d = ctrl.step(&c, (1.0, 1.0, None), 0.0, i_q, 0.0, Range::Low);
             assert!((i_d - c.inv_l_s - c.one_minus_sigma * c.inv_two_sigma_l_s).abs() < 1e-6, "{i_d}");
         }
     }
@@ -306,15 +307,16 @@ mod tests {
             let pull_out = 0.8 * (1.0 - s / l_s) / (2.0 * s);
             for (psi, part) in [(1.0, 1.0), (1.0, -0.9), (0.7, 0.9), (1.0, 0.0)] {
                 let i_q = psi * part * pull_out;
-                let i_d = FluxController::default().step(&c, (psi, Some(1.0 / leakage)), 0.0, i_q, 0.0, Range::Low);
+                let i_d =
+                    FluxController::default().step(&c, (psi, psi, Some(1.0 / leakage)), 0.0, i_q, 0.0, Range::Low);
                 let rhs = (psi * psi + l_s * s * (i_d * i_d + i_q * i_q)) / ((l_s + s) * psi);
                 assert!((i_d - rhs).abs() < 1e-3, "{leakage}, {psi}, {i_q}: {i_d} and {rhs}");
             }
         }
         // That of the parameters is too little: a tenth of the current at 1.25 of the leakage.
         let i_q = 0.8 * (1.0 - 1.25 * sl / l_s) / (2.5 * sl);
-        let with = FluxController::default().step(&c, (1.0, Some(1.0 / 1.25)), 0.0, i_q, 0.0, Range::Low);
-        let without = FluxController::default().step(&c, (1.0, None), 0.0, i_q, 0.0, Range::Low);
+        let with = FluxController::default().step(&c, (1.0, 1.0, Some(1.0 / 1.25)), 0.0, i_q, 0.0, Range::Low);
+        let without = FluxController::default().step(&c, (1.0, 1.0, None), 0.0, i_q, 0.0, Range::Low);
         assert!(with > 1.1 * without, "{with} against {without}");
     }
 

@@ -272,9 +272,10 @@ impl<R: Real> Control<R> {
         let psi_ref = psi_weak.min(psi_rated * factor);
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
-        let (range, (psi, weight), psi_ff, pull_out);
+        let (range, (psi, weight), psi_ff, psi_torque, pull_out);
         if likely(!self.weakening.is_weak(psi_rated)) {
             (psi, psi_ff, weight) = estimators.present_flux(psi_ref);
+            psi_torque = psi;
             pull_out = estimators.pull_out_flux(psi);
             range = if speed.omega_s.within(R::from_f64(FREQUENCY_HIGH)) { Range::Low } else { Range::High };
         } else {
@@ -285,7 +286,7 @@ impl<R: Real> Control<R> {
             // with a leakage that is a fifth larger than known the limit above is 0.97 of pull-out.
             let lag = (psi_ref - psi - R::from_f64(LAG_ALLOWED)).max(R::ZERO);
             pull_out = estimators.pull_out_flux(psi) - lag;
-            psi_ff = psi_ref;
+            (psi_ff, psi_torque) = (psi_ref, psi_ref);
             range = Range::Weakened;
         }
         let inv_leakage = estimators.inv_leakage();
@@ -351,8 +352,14 @@ impl<R: Real> Control<R> {
             Some(dither) => (torque_ref + dither).clamp(lo, hi),
         };
         let i_q = torque * c.flux_control.reciprocal(psi);
-        let i_d =
-            self.flux.step(&c.flux_control, (psi_ff, inv_leakage), psi_ref - estimators.psi_s(), i_q, weight, range);
+        let i_d = self.flux.step(
+            &c.flux_control,
+            (psi_ff, psi_torque, inv_leakage),
+            psi_ref - estimators.psi_s(),
+            i_q,
+            weight,
+            range,
+        );
         self.i_q_room += (c.i_q_max - self.i_q_room).times(1.0 / 16.0);
         self.i_dq_ref = Dq::new(i_d, i_q);
         if !likely(self.i_dq_ref.norm_sq() <= self.i_max_sq) {

@@ -159,7 +159,7 @@ pub(super) trait Estimators<R: Real> {
     fn psi_s(&self) -> R;
 
     /// Flux by which the torque current is computed, at a flux reference: `|ψ̂_s|` where the scheme takes it as more accurate than
-    /// the reference. The one by which the magnetising current is, and the weight of flux control, 0 to 1.
+    /// the reference. The one by which the magnetising current without load is, and the weight of flux control, 0 to 1.
     fn present_flux(&self, psi_ref: R) -> (R, R, R);
 
     /// Flux that sets the distance to pull-out, given that of [`Estimators::present_flux`].

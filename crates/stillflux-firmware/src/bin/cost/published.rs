@@ -234,7 +234,7 @@ fn flux_control<R: Word>(s: &mut FluxController<R>, c: &DriveConfig<R>, x: &[R; 
     } else {
         (weight_by_frequency(omega_s), Range::High)
     };
-    s.step(config, (psi_ref, None), psi_ref - psi_s, i_q, weight, range)
+    s.step(config, (psi_ref, psi_ref, None), psi_ref - psi_s, i_q, weight, range)
 }
 #[inline(never)]
 fn current_control<R: Word>(
