@@ -161,13 +161,14 @@ impl<R: Real> FluxController<R> {
         self.x = Integrator::default();
     }
 
-    /// One period; returns `i_d*`: that of (12), without load for a flux `psi_ff` and for the torque at a flux `psi`, and a leakage of `1/inv_leakage` times that of the
-    /// parameters (`None`: that of the parameters), and the PI part of an `error` of the flux with a `weight` from 0 to 1.
+    /// One period; returns `i_d*`: that of (12), its part for the torque at the flux `psi` and its part without load at the flux
+    /// `psi_no_load`, for a leakage of `1/inv_leakage` times that of the parameters (`None`: that of the parameters), and the PI part of
+    /// an `error` of the flux with a `weight` from 0 to 1.
     #[inline(always)]
     pub fn step(
         &mut self,
         c: &FluxControlConfig<R>,
-        (psi_ff, psi, inv_leakage): (R, R, Option<R>),
+        (psi, psi_no_load, inv_leakage): (R, R, Option<R>),
         error: R,
         i_q: R,
         weight: R,
@@ -186,7 +187,7 @@ impl<R: Real> FluxController<R> {
         let radicand = (p * p - i_q * i_q * c.root_i_q).max(R::ZERO);
         self.inv_root = radicand.rsqrt_near(self.inv_root);
         self.y = error * k_p * weight + self.y * c.memory;
-        c.no_load(psi_ff) + (p - radicand * self.inv_root) * c.inv_two_sigma_l_s + (self.y + x).limit(limit)
+        c.no_load(psi_no_load) + (p - radicand * self.inv_root) * c.inv_two_sigma_l_s + (self.y + x).limit(limit)
     }
 }
 

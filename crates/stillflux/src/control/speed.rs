@@ -7,8 +7,9 @@
 //! That zero of the controller would overshoot by 13 % a step of the reference, and with the lag of the estimated speed (two poles at
 //! 25 Hz, 40° at 9 Hz) by 54 %. So the reference passes `(1 + b s T)/(1 + s T)` with the time constant `T = k_p/(k_i/t)` of the zero:
 //! linearly a set-point weight `b` of the proportional part, which leaves the answer to a load as it is. Of `b` = 0.3 a linear loop
-//! does not overshoot with 1/1.5 to 1.5 times the inertia that it knows. Of a step that takes the torque to its limit all the same the filter holds back
-//! no more than the deviation with which the proportional part reaches this limit: such a step is over as fast as without it.
+//! does not overshoot with 1/1.5 to 1.5 times the inertia that it knows. Of a step that takes the torque to its limit all the same
+//! the filter holds back no more than the deviation with which the proportional part reaches this limit: such a step is over as fast
+//! as without it.
 //!
 //! In field weakening a torque takes more current, and errors of leakage and rotor resistance make more of an estimated speed of it: both
 //! gains fall with the square of the flux ([`SpeedControlConfig::part`]), that of the integral once more, by which the loop stays as
@@ -99,9 +100,9 @@ impl<R: Real> SpeedController<R> {
         R::ZERO
     }
 
-    /// A step beyond the torque limit: the filter of the reference holds back `lead` of it at most.
+    /// A step beyond the torque limit: the filtered reference stays within `lead` of the reference.
     #[inline(always)]
-    fn hold_back_less(&mut self, c: &SpeedControlConfig<R>, reference: R) {
+    fn keep_within_lead(&mut self, c: &SpeedControlConfig<R>, reference: R) {
         let change = (reference - self.omega_ref.value()).limit(c.lead);
         self.omega_ref.set(reference - change);
     }
@@ -121,7 +122,7 @@ impl<R: Real> SpeedController<R> {
         let p = if likely(p >= lo && p <= hi) {
             p
         } else {
-            self.hold_back_less(c, reference);
+            self.keep_within_lead(c, reference);
             p.clamp(lo, hi)
         };
         // Of limits on both sides of zero the sum keeps within them whatever the proportional part; of others it only

@@ -1,11 +1,11 @@
 //! Speed, flux and current control of Fig. 3 on the quantities that a scheme estimates, per unit.
 //!
 //! ```text
-//! ψ* = min(κ ψ_N, ψ*_u),    i_q* = T*/ψ,    i_d* by (12) at ψ and i_q*, with the flux controller's correction
+//! ψ* = min(κ ψ_N, ψ*_u),    i_q* = T*/ψ,    i_d* by (12) at ψ_0, ψ and i_q*, with the flux controller's correction
 //! |T*| ≤ ψ min(0.8 i_q,pull-out(ψ_p), √(i_max² - i_0²), √(i_max² - i_d*²), i_q,u)
 //! ```
 //!
-//! `ψ` is the flux of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`] over the leakage relative to
+//! `ψ` and `ψ_0` (without load) are the fluxes of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`] over the leakage relative to
 //! the parameters, by which (12) is solved as well; in field weakening it is less by what the flux lags behind its reference beyond
 //! 0.15 pu, so that torque gives way to a flux that has to rise. `κ` is that of the flux
 //! shift, `ψ*_u` that of field weakening ([`crate::control::weakening`]), `u_max` the largest fundamental voltage: 0.98 of
@@ -272,9 +272,9 @@ impl<R: Real> Control<R> {
         let psi_ref = psi_weak.min(psi_rated * factor);
         self.psi_ref = psi_ref;
         // Torque, pull-out and feedforward by the estimated flux, with the weight that the scheme gives it.
-        let (range, (psi, weight), psi_ff, psi_torque, pull_out);
+        let (range, (psi, weight), psi_torque, psi_no_load, pull_out);
         if likely(!self.weakening.is_weak(psi_rated)) {
-            (psi, psi_ff, weight) = estimators.present_flux(psi_ref);
+            (psi, psi_no_load, weight) = estimators.present_flux(psi_ref);
             psi_torque = psi;
             pull_out = estimators.pull_out_flux(psi);
             range = if speed.omega_s.within(R::from_f64(FREQUENCY_HIGH)) { Range::Low } else { Range::High };
@@ -286,7 +286,7 @@ impl<R: Real> Control<R> {
             // with a leakage that is a fifth larger than known the limit above is 0.97 of pull-out.
             let lag = (psi_ref - psi - R::from_f64(LAG_ALLOWED)).max(R::ZERO);
             pull_out = estimators.pull_out_flux(psi) - lag;
-            (psi_ff, psi_torque) = (psi_ref, psi_ref);
+            (psi_torque, psi_no_load) = (psi_ref, psi_ref);
             range = Range::Weakened;
         }
         let inv_leakage = estimators.inv_leakage();
@@ -354,7 +354,7 @@ impl<R: Real> Control<R> {
         let i_q = torque * c.flux_control.reciprocal(psi);
         let i_d = self.flux.step(
             &c.flux_control,
-            (psi_ff, psi_torque, inv_leakage),
+            (psi_torque, psi_no_load, inv_leakage),
             psi_ref - estimators.psi_s(),
             i_q,
             weight,

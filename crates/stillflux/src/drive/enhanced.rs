@@ -444,8 +444,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     /// for which flux control is unstable. Not while the flux is shifted: the reference leads over zero frequency then,
     /// within a second, and a flux that does not follow it would stay there.
     ///
-    /// The feedforward without load takes the flux with the weight of flux control. An `i_d` of `ψ/l_s` keeps what there is, and with an `l_s` a seventh below
-    /// the real one makes more of it: with the whole of `ψ̂_s` a flux that 0.12 of its control does not hold rose to 1.4 of rated.
+    /// The magnetising current without load takes the flux with the weight of flux control. An `i_d` of `ψ/l_s` keeps what there is, and
+    /// with an `l_s` a seventh below the real one makes more of it: with the whole of `ψ̂_s` a flux that 0.12 of its control does not
+    /// hold rose to 1.4 of rated.
     #[inline(always)]
     fn present_flux(&self, psi_ref: R) -> (R, R, R) {
         let SpeedEstimate { omega_s, omega_r, .. } = self.speed;

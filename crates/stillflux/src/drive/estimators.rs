@@ -158,8 +158,8 @@ pub(super) trait Estimators<R: Real> {
     /// `|ψ̂_s|`.
     fn psi_s(&self) -> R;
 
-    /// Flux by which the torque current is computed, at a flux reference: `|ψ̂_s|` where the scheme takes it as more accurate than
-    /// the reference. The one by which the magnetising current without load is, and the weight of flux control, 0 to 1.
+    /// At a flux reference: the flux by which the torque current is computed, `|ψ̂_s|` where the scheme takes it as more accurate than
+    /// the reference; the flux by which the magnetising current without load is; and the weight of flux control, 0 to 1.
     fn present_flux(&self, psi_ref: R) -> (R, R, R);
 
     /// Flux that sets the distance to pull-out, given that of [`Estimators::present_flux`].

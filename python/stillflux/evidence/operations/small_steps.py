@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stillflux.evidence.claims import Claim, at_least, at_most, holds, reported
 from stillflux.evidence.drives import DRIVES
@@ -39,27 +40,27 @@ def _scenario(machine: str, scheme: str, arithmetic: str, *, inertia: float) -> 
     )
 
 
-def _beyond(result: Result) -> float:
-    """Largest true speed after the step, beyond its end, in parts of the step."""
-    base = result.scenario.motor.base["omega_m"]
-    after = result.window(result.scenario.duration - _AFTER)["omega_m"] / base
-    return float(after.max() - _FROM - _STEP) / _STEP
+def _deviation(result: Result) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Time since the step, s, and the true speed beyond its end, in parts of the step."""
+    begin = result.scenario.duration - _AFTER
+    after = result.window(begin)
+    omega: NDArray[np.float64] = after["omega_m"] / result.scenario.motor.base["omega_m"]
+    return after.t - begin, (omega - _FROM - _STEP) / _STEP
 
 
 def _check(result: Result) -> list[Claim]:
-    begin = result.scenario.duration - _AFTER
-    after = result.window(begin)
-    off = np.abs(after["omega_m"] / result.scenario.motor.base["omega_m"] - _FROM - _STEP)
-    outside = np.flatnonzero(off > _BAND * _STEP)
+    t, deviation = _deviation(result)
+    outside = np.flatnonzero(np.abs(deviation) > _BAND)
     return [
         holds("no fault", not faulted(result).any()),
-        at_most("speed beyond the reference, of the step", _beyond(result), _BAND),
-        reported("time until within 10 %", float(after.t[outside[-1]] - begin), "s"),
+        at_most("speed beyond the reference, of the step", float(deviation.max()), _BAND),
+        reported(f"time until within {100.0 * _BAND:g} %", float(t[outside[-1]]), "s"),
     ]
 
 
 def _overshoots(result: Result) -> list[Claim]:
-    return [at_least("speed beyond the reference, of the step", _beyond(result), 0.3)]
+    _, deviation = _deviation(result)
+    return [at_least("speed beyond the reference, of the step", float(deviation.max()), 0.3)]
 
 
 OPERATIONS = tuple(
