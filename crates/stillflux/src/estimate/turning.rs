@@ -6,7 +6,7 @@
 //! i* = I e^(jω_p τ):  e_k = <dψ_R/dτ> over turns k of the current, ω_p about 5;   Δ_k = e_1 + ... + e_k
 //!   A = Σ Δ_k-1 × e_k = (n³ - n)/6 ωT_p |e|²     twice the area that the flux has swept over
 //!   ω = 2 arg(e_n/Δ_n-1)/nT_p                   |ω| > 0.3, or without a known flux
-//!   ω = 6 A/(n³ - n)T_p |e|²                    |e| < 2 |ψ_R|/τ_r
+//!   ω = 6 A/(n³ - n)T_p |e|²                    |e| < 2 |ψ_R|/τ_r, up to 2/τ_r
 //!   ω² = |e|²/|ψ_R|² - 1/τ_r²                   else, with the sign of A; all of them once |A| > U |Δ_n|
 //! ```
 //!
@@ -28,12 +28,10 @@
 //!
 //! **Validity.** `|ω|` up to 1.25; a speed that does not pass zero meanwhile.
 
-use super::catch::{BLOCKS, Catch, CatchConfig, Found, LARGEST, TURNING};
+use super::catch::{BLOCKS, CONSTANT, Catch, CatchConfig, Direction, Found, LARGEST, TURNING};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
-/// Blocks before the first turn of the current, in which it rises.
-pub(crate) const RISE: u32 = 2;
 /// Voltage over turns: the least, and `U`.
 const FAINT: f64 = 0.0015;
 const CERTAIN: f64 = 0.003;
@@ -43,6 +41,8 @@ const BY_FLUX: f64 = 0.3;
 /// which is taken for none.
 const KEPT: f64 = 0.3;
 const BY_DECAY: f64 = 0.4;
+/// Largest difference of what is induced and what the flux of the stop would induce at the speed of the stop, of the latter: 24°.
+const AGREES: f64 = 0.4;
 /// Turns of the current after which a flux that is not known is taken for what it seems, or none; and the most that count.
 const LONGEST: u32 = 8;
 const MOST: u32 = 64;
@@ -85,7 +85,7 @@ impl<R: Real> Catch<R> {
         let direction = Rotator::of(&self.i_s).0.turned(c.advance);
         self.i_s = direction.axis();
         let periods = c.block * c.turn;
-        let rise = c.block * RISE;
+        let rise = c.block * c.rise;
         if period >= rise && (period - rise).is_multiple_of(periods) {
             if period == rise {
                 (self.first, self.blocks, self.numerator) = (psi_r, 0, R::ZERO);
@@ -103,7 +103,7 @@ impl<R: Real> Catch<R> {
     /// What there is after a turn of the current, the second at least.
     #[cold]
     #[inline(never)]
-    pub fn found_turning(&self, c: &CatchConfig<R>, known: Option<(AlphaBeta<R>, bool)>) -> Found<R> {
+    pub fn found_turning(&self, c: &CatchConfig<R>, known: Option<(AlphaBeta<R>, Direction<R>)>) -> Found<R> {
         let r = R::from_f64;
         let n = self.blocks.clamp(2, MOST);
         let of_turns = R::ONE.periods(n) * r(64.0);
@@ -123,7 +123,7 @@ impl<R: Real> Catch<R> {
         let half = sine * (R::ONE + cosine).max(r(0.1)).recip();
         let half = half * (R::ONE + half * half * r(0.28)).recip();
         let by_angle = half * r(4.0) * inv_t_p * inv_n;
-        let Some((psi_r, directed)) = known else {
+        let Some((psi_r, direction)) = known else {
             if !certain || by_angle.within(r(TURNING)) || (sine.within(r(TURNED)) && n < LONGEST) {
                 return if n < LONGEST { Found::Uncertain } else { Found::Nothing };
             }
@@ -147,19 +147,35 @@ impl<R: Real> Catch<R> {
         if certain {
             let rate = (magnitude * r(1.0 / SCALE) * inv_psi).min(R::ONE);
             let by_flux = (rate * rate - c.inv_tau_r * c.inv_tau_r).max(R::ZERO).sqrt();
-            let omega = if rate < c.inv_tau_r * R::TWO { by_area } else { with_sign(by_flux, area) };
+            let slow = rate < c.inv_tau_r * R::TWO;
+            let omega = if slow { by_area.limit(c.inv_tau_r * R::TWO) } else { with_sign(by_flux, area) };
             return self.flux(c, &mean, omega, t, Some(psi));
         }
         if by_area.abs() + deviation < c.inv_tau_r * r(BY_DECAY) {
             return self.flux(c, &mean, by_area, t, Some(psi));
         }
         let omega = psi_r.cross(&self.e) * (inv_psi * inv_psi * r(1.0 / SCALE));
-        let turned = omega * (c.t_block * r(64.0)).periods(BLOCKS + RISE + n * c.turn);
+        let turned = omega * (c.t_block * r(64.0)).periods(BLOCKS + c.rise + n * c.turn);
+        let directed = match direction {
+            Direction::Unknown => false,
+            Direction::IfSteady(omega) => self.agrees(c, &mean, &psi_r, omega),
+            Direction::IfStanding | Direction::Known => true,
+        };
         if directed && turned.within(r(KEPT)) {
             let axis = Rotator::default().turned(turned);
             return Found::Flux(axis.turn(&psi_r), omega);
         }
         Found::Uncertain
+    }
+
+    /// Whether `e`, at [`SCALE`], is what a flux at a speed induces, and that is enough to tell.
+    #[cold]
+    #[inline(never)]
+    fn agrees(&self, c: &CatchConfig<R>, e: &AlphaBeta<R>, psi_r: &AlphaBeta<R>, omega: R) -> bool {
+        let r = R::from_f64;
+        let expected = (AlphaBeta::new(-psi_r.im(), psi_r.re()) * omega - *psi_r * c.inv_tau_r) * r(SCALE);
+        let square = expected.norm_sq();
+        square > r(SCALE * SCALE * 4.0 * CONSTANT * CONSTANT) && (*e - expected).norm_sq() < square * r(AGREES * AGREES)
     }
 
     /// Speed of a flux by what the last turn has induced.
@@ -205,7 +221,7 @@ mod tests {
     /// by 0.04 in the direction of the current, as the loss of a bridge that is not known. `turns`: the current does.
     fn search<R: Real>(
         (psi, omega): (f64, f64),
-        known: Option<(f64, bool)>,
+        known: Option<(f64, Direction<f64>)>,
         turns: bool,
     ) -> (Found<R>, AlphaBeta<f64>, f64) {
         let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
@@ -226,10 +242,15 @@ mod tests {
             psi_r += own * pu.t_s;
             integral += (own + i * (0.04 / I)) * pu.t_s;
             let turn = c.block * c.turn;
-            if period >= c.block * RISE + 2 * turn && (period - c.block * RISE).is_multiple_of(turn) {
-                let known = known.map(|(part, directed)| {
+            if period >= c.block * c.rise + 2 * turn && (period - c.block * c.rise).is_multiple_of(turn) {
+                let known = known.map(|(part, direction)| {
                     let psi = stop * part;
-                    (AlphaBeta::new(R::from_f64(psi.re()), R::from_f64(psi.im())), directed)
+                    let direction = match direction {
+                        Direction::IfSteady(omega) => Direction::IfSteady(R::from_f64(omega)),
+                        Direction::Known => Direction::Known,
+                        _ => Direction::Unknown,
+                    };
+                    (AlphaBeta::new(R::from_f64(psi.re()), R::from_f64(psi.im())), direction)
                 });
                 let found = catch.found_turning(&c, known);
                 if found != Found::Uncertain {
@@ -241,7 +262,7 @@ mod tests {
     }
 
     /// Error of the direction, rad, and of the speed.
-    fn errors<R: Real>(at: (f64, f64), known: Option<(f64, bool)>, turns: bool) -> (f64, f64, f64) {
+    fn errors<R: Real>(at: (f64, f64), known: Option<(f64, Direction<f64>)>, turns: bool) -> (f64, f64, f64) {
         let (found, truth, seconds) = search::<R>(at, known, turns);
         let Found::Flux(psi_r, omega) = found else { panic!("{at:?}: {found:?}") };
         let psi_r = AlphaBeta::new(f64::from(psi_r.re().to_f32()), f64::from(psi_r.im().to_f32()));
@@ -252,7 +273,7 @@ mod tests {
     fn a_current_that_turns_shows_a_slow_flux_and_its_direction_through_the_loss_of_the_bridge() {
         for omega in [0.02, -0.04, 0.1, -0.3, 0.9] {
             for psi in [0.3, 0.8] {
-                let known = Some((0.95, false));
+                let known = Some((0.95, Direction::Unknown));
                 for (angle, speed, seconds) in
                     [errors::<f64>((psi, omega), known, true), errors::<Q>((psi, omega), known, true)]
                 {
@@ -264,7 +285,7 @@ mod tests {
             }
         }
         // With a current that keeps its direction the loss is a voltage like any other.
-        let (angle, ..) = errors::<f64>((0.3, 0.1), Some((0.95, false)), false);
+        let (angle, ..) = errors::<f64>((0.3, 0.1), Some((0.95, Direction::Unknown)), false);
         assert!(angle > 0.5, "{angle}");
     }
 
@@ -280,10 +301,25 @@ mod tests {
 
     #[test]
     fn a_flux_of_known_direction_decides_at_standstill() {
-        let (angle, speed, seconds) = errors::<f64>((0.8, 0.0), Some((1.0, true)), true);
-        assert!(angle < 0.1 && speed.abs() < 0.01 && seconds < 0.011, "{angle} rad, {speed}, {seconds} s");
+        // After the rise and two turns, 3 and 8 ms.
+        let (angle, speed, seconds) = errors::<f64>((0.8, 0.0), Some((1.0, Direction::Known)), true);
+        assert!(angle < 0.1 && speed.abs() < 0.01 && seconds < 0.0115, "{angle} rad, {speed}, {seconds} s");
         // Without it the decay shows where the flux is, later.
-        let (angle, _, seconds) = errors::<f64>((0.8, 0.0), Some((1.0, false)), true);
+        let (angle, _, seconds) = errors::<f64>((0.8, 0.0), Some((1.0, Direction::Unknown)), true);
         assert!(angle < 0.1 && seconds > 0.02, "{angle} rad, {seconds} s");
+    }
+
+    #[test]
+    fn a_flux_that_the_speed_of_the_stop_has_turned_decides_where_it_induces_what_that_speed_would() {
+        for omega in [0.03, -0.03] {
+            let told = |part: f64| Some((0.9, Direction::IfSteady(part * omega)));
+            let (angle, _, seconds) = errors::<f64>((0.4, omega), told(1.0), true);
+            assert!(angle < 0.1 && seconds < 0.0115, "{omega}: {angle} rad, {seconds} s");
+            // A shaft that turns the other way, or hardly any more, is found as without it.
+            for part in [-1.0, 0.1] {
+                let (angle, _, seconds) = errors::<f64>((0.4, omega), told(part), true);
+                assert!(angle < 0.2 && seconds > 0.015, "{omega}, told {part} of it: {angle} rad, {seconds} s");
+            }
+        }
     }
 }

@@ -37,7 +37,7 @@
 
 #[cfg(feature = "restart")]
 use super::turned_by;
-use super::{Direction, EnhancedEstimators, Start, remaining};
+use super::{EnhancedEstimators, Start, remaining};
 use crate::config::DriveConfig;
 use crate::control::levels::{Level, SETTLED};
 #[cfg(any(feature = "legs", feature = "modes"))]
@@ -47,7 +47,7 @@ use crate::drive::estimators::{CurrentControl, PeriodOutput};
 use crate::drive::estimators::{Estimators, FieldQuantities, StartUp};
 #[cfg(feature = "restart")]
 use crate::estimate::catch::CatchConfig;
-use crate::estimate::catch::{BLOCKS, Catch, Found};
+use crate::estimate::catch::{BLOCKS, Catch, Direction, Found};
 #[cfg(feature = "legs")]
 use crate::estimate::legs::Alternation;
 #[cfg(feature = "modes")]
@@ -57,7 +57,6 @@ use crate::estimate::search::{ROTATING, SpeedSearch};
 #[cfg(feature = "restart")]
 use crate::estimate::slow_turn::SlowTurn;
 #[cfg(feature = "restart")]
-use crate::estimate::turning::RISE;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -87,6 +86,8 @@ const UNSEEN: f64 = 0.03;
 /// what an error of the rotor resistance by 30 % leaves.
 #[cfg(feature = "restart")]
 const DRAGGED: f64 = 0.1;
+/// Least flux that shows by its direction, 27° from that of the current, that a machine taken for one without flux turns.
+const DRAWN: f64 = 0.3;
 /// Rotor flux, relative to rated stator flux, with which control begins.
 const BUILT_UP: f64 = 0.85;
 /// Induced voltage, relative to the largest fundamental voltage, with which control begins before that: a tenth is left for
@@ -243,8 +244,12 @@ impl<R: Real> EnhancedEstimators<R> {
             }
         };
         self.start = match (flux, self.start) {
-            (Some((psi_r, omega)), _) => {
-                self.filter.catch(&c.enhanced.filter, psi_r, i_s);
+            (Some((psi_r, omega)), start) => {
+                let deviation = match start {
+                    Start::Fresh(_, Direction::Known | Direction::IfStanding) => R::ZERO,
+                    _ => c.enhanced.catch.deviation(&psi_r, omega),
+                };
+                self.filter.catch(&c.enhanced.filter, psi_r, i_s, deviation);
                 self.speed_estimator.start(&psi_r, omega);
                 self.speed.set_synchronous(omega);
                 Start::Caught
@@ -271,13 +276,12 @@ impl<R: Real> EnhancedEstimators<R> {
         &mut self,
         c: &DriveConfig<R>,
         _: u32,
-        kept: Option<(AlphaBeta<R>, Direction)>,
+        kept: Option<(AlphaBeta<R>, Direction<R>)>,
         _: impl Fn(&AlphaBeta<R>, f64) -> bool,
     ) -> Result<Option<(AlphaBeta<R>, R)>, u32> {
-        let kept = kept.map(|(psi_r, direction)| (psi_r, direction != Direction::Unknown));
         match (self.catch.found(&c.enhanced.catch, kept), kept) {
             (Found::Flux(psi_r, omega), _) => Ok(Some((psi_r, omega))),
-            (Found::Nothing, Some((psi_r, true))) => Ok(Some((psi_r, R::ZERO))),
+            (Found::Nothing, Some((psi_r, Direction::Known | Direction::IfStanding))) => Ok(Some((psi_r, R::ZERO))),
             (Found::Nothing, None) => Ok(None),
             _ => Err(c.enhanced.catch.block),
         }
@@ -297,7 +301,7 @@ impl<R: Real> EnhancedEstimators<R> {
         c: &DriveConfig<R>,
         stage: u32,
         (found, omega): (AlphaBeta<R>, R),
-        (stopped, direction): (AlphaBeta<R>, Direction),
+        (stopped, direction): (AlphaBeta<R>, Direction<R>),
     ) -> Option<(AlphaBeta<R>, R)> {
         let r = R::from_f64;
         let (known, aside, omega) = match direction {
@@ -321,13 +325,12 @@ impl<R: Real> EnhancedEstimators<R> {
         &mut self,
         c: &DriveConfig<R>,
         stage: u32,
-        kept: Option<(AlphaBeta<R>, Direction)>,
+        kept: Option<(AlphaBeta<R>, Direction<R>)>,
         above: impl Fn(&AlphaBeta<R>, f64) -> bool,
     ) -> Result<Option<(AlphaBeta<R>, R)>, u32> {
-        let CatchConfig { block, turn, .. } = c.enhanced.catch;
+        let CatchConfig { block, turn, rise, .. } = c.enhanced.catch;
         let first = stage <= block * BLOCKS;
         let turning = !first && self.catch.is_turning();
-        let kept = kept.map(|(psi_r, direction)| (psi_r, direction != Direction::Unknown));
         let found = match (first, turning) {
             (true, _) => self.catch.found(&c.enhanced.catch, kept),
             (_, true) => self.catch.found_turning(&c.enhanced.catch, kept),
@@ -345,7 +348,9 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         match (found, kept) {
             (Found::Flux(psi_r, omega), _) => return Ok(Some((psi_r, omega))),
-            (Found::Nothing, Some((psi_r, true))) if turning => return Ok(Some((psi_r, R::ZERO))),
+            (Found::Nothing, Some((psi_r, Direction::Known | Direction::IfStanding))) if turning => {
+                return Ok(Some((psi_r, R::ZERO)));
+            }
             (Found::Nothing, None) if first && !left => return Ok(None),
             (Found::Nothing, _) if !first && !turning => return Ok(None),
             _ => {}
@@ -354,11 +359,11 @@ impl<R: Real> EnhancedEstimators<R> {
         let goes_on = first || kept.map_or(found == Found::Uncertain, |(psi_r, _)| above(&psi_r, RESIDUAL));
         self.catch.set_turning(goes_on);
         Err(match kept {
-            _ if first => block * (RISE + 2 * turn),
+            _ if first => block * (rise + 2 * turn),
             _ if goes_on => block * turn,
             // What the comparison of the legs has left, too small to be followed, is not to be there in the search.
             None if left => c.magnetise_periods / 4,
-            _ => block * RISE,
+            _ => block * rise,
         })
     }
 
@@ -494,6 +499,10 @@ impl<R: Real> EnhancedEstimators<R> {
         let enough = c.flux_control.psi_rated * R::from_f64(BUILT_UP);
         let built_up = psi_r.norm_sq() >= enough * enough;
         if matches!(self.start, Start::Caught | Start::Empty) {
+            // Of a rotation that what is left of a flux has hidden from the search the flux that builds up is turned from the current.
+            if psi_r.norm_sq() > R::from_f64(DRAWN * DRAWN) && psi_r.re() < psi_r.im().abs() * R::TWO {
+                self.start = Start::Caught;
+            }
             if self.follows_flux() {
                 field = direction(&psi_r);
             }

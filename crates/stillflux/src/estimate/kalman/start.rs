@@ -150,10 +150,10 @@ impl<R: Real> Filter<R> {
         }
     }
 
-    /// Begins like [`Filter::start`], at the rotor flux of a machine without current.
-    pub fn catch(&mut self, c: &FilterConfig<R>, psi_r: AlphaBeta<R>, i_s: &AlphaBeta<R>) {
+    /// Begins like [`Filter::start`], at the rotor flux of a machine without current; `deviation` as in [`Self::place`].
+    pub fn catch(&mut self, c: &FilterConfig<R>, psi_r: AlphaBeta<R>, i_s: &AlphaBeta<R>, deviation: R) {
         self.keep_variances(c);
-        self.place(c, psi_r, i_s, R::ZERO);
+        self.place(c, psi_r, i_s, deviation);
     }
 
     /// Begins anew, before anything has been corrected, at a rotor flux whose standard deviation is [`CAUGHT`] times its
