@@ -474,6 +474,10 @@ impl<R: Real> Common<R> {
                 _ => R::ZERO,
             };
             let (realigned, testing) = control.realigning(c);
+            // While the dc link lets the shaft have little torque the speed hardly moves.
+            #[cfg(feature = "dclink")]
+            let testing = testing
+                || control.limited != R::ZERO && control.voltage.u_dc().is_some_and(|u| c.dclink.is_limiting(u));
             let tracking = Tracking {
                 psi_s: estimators.psi_s(),
                 psi_ref: control.psi_ref,

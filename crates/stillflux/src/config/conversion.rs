@@ -410,12 +410,14 @@ impl<'a> Conversion<'a> {
     #[cfg(feature = "supervision")]
     pub fn realign<R: Real>(&self) -> RealignConfig<R> {
         let calls = |t: f64| self.periods(t / f64::from(self.slow_periods));
+        let test = (REALIGN_TEST * self.pu.tau_r / self.pu.base.omega).max(REALIGN);
         RealignConfig {
             suspicion: if self.p.realignment { calls(REALIGN) } else { u32::MAX },
             test: match self.p.scheme {
                 Scheme::Paper => 0,
-                Scheme::Enhanced => calls((REALIGN_TEST * self.pu.tau_r / self.pu.base.omega).max(REALIGN)),
+                Scheme::Enhanced => calls(test),
             },
+            test_time: rounded((test / REALIGN).min(50.0)),
             low_pass: rounded((self.slow() / REALIGN_LOW_PASS).min(1.0)),
         }
     }

@@ -53,6 +53,13 @@ impl<R: Real> DcLinkConfig<R> {
         if likely(brake >= R::ONE && drive >= R::ONE) { (lo, hi) } else { weigh((lo, hi), omega_m, brake, drive) }
     }
 
+    /// Whether the link limits the torque.
+    #[cfg(feature = "supervision")]
+    #[inline]
+    pub fn is_limiting(&self, u_dc: R) -> bool {
+        (self.u_brake - u_dc).min(u_dc - self.u_buffer) * self.inv_width < R::ONE
+    }
+
     /// The torque current by which field weakening may choose its flux: none that brakes, where the link may end it within
     /// milliseconds. A braking current takes `r' i_q` less voltage; the flux that this allows would leave none to control the
     /// torque current when the braking ends, and the machine would go on braking until the flux has decayed.

@@ -68,10 +68,12 @@ pub struct RealignConfig<R: Real> {
     pub suspicion: u32,
     /// Calls of the test, `P`; 0: the suspicion is enough.
     pub test: u32,
+    /// `P/N`.
+    pub test_time: R,
     /// Coefficient of the low-pass of the speed, against the wandering of the field.
     pub low_pass: R,
 }
-words!(RealignConfig: suspicion, test, low_pass);
+words!(RealignConfig: suspicion, test, test_time, low_pass);
 
 /// State.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -149,7 +151,10 @@ impl<R: Real> Realign<R> {
             self.calls = self.calls.saturating_sub(1);
         }
         if self.calls == c.suspicion {
-            (self.omega, self.turned) = (self.mean, c.test == 0);
+            // What a heavy shaft goes on to move in the test, at the rate of the suspicion, is no evidence.
+            let with_torque = (moved < R::ZERO) == (omega_r < R::ZERO);
+            let goes_on = if with_torque { moved * c.test_time } else { R::ZERO };
+            (self.omega, self.turned) = (self.mean + goes_on, c.test == 0);
             return self.turned;
         }
         false
@@ -164,7 +169,7 @@ mod tests {
     use super::*;
 
     const N: u32 = 100;
-    const C: RealignConfig<f64> = RealignConfig { suspicion: N, test: 150, low_pass: 1.0 / 32.0 };
+    const C: RealignConfig<f64> = RealignConfig { suspicion: N, test: 150, test_time: 1.5, low_pass: 1.0 / 32.0 };
 
     /// Calls of 2000 in which the flux is turned: torque at its limit, `ω_s`, `ω_r`, by the number of the call and the part
     /// of the torque that the drive may have.

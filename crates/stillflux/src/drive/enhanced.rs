@@ -233,7 +233,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
                 true if within => Direction::Known,
                 true if angle.within(r(DIRECTION)) => Direction::IfStanding,
                 // A shaft that coasts has turned by some part of this angle.
-                true => Direction::IfSteady(omega),
+                true => Direction::IfSteady(omega, angle),
                 false => Direction::Unknown,
             };
             angle = angle.limit(r(6.0));

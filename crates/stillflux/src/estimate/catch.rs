@@ -80,8 +80,9 @@ pub(crate) enum Found<R: Real> {
 pub(crate) enum Direction<R: Real> {
     /// It does not.
     Unknown,
-    /// It does if the shaft has kept this speed, that of the stop: what the flux induces then shows that.
-    IfSteady(R),
+    /// It does if the shaft has kept this speed, that of the stop, which has turned the flux by this angle, rad: what it induces
+    /// shows that.
+    IfSteady(R, R),
     /// It does if the shaft hardly turns, as at the stop.
     IfStanding,
     /// It does: the pause was too short for another one.

@@ -23,6 +23,9 @@
 //! nT_p = √(6 U T_p/ψ_R)/|ω|,      0.15 rad of a rotation at rated flux
 //! ```
 //!
+//! A shaft that has come to rest since the stop shows only that: `|e|` below 0.006, twice the constant voltage that stays hidden. Its
+//! flux lies, to half of the angle, in the middle of what the speed of the stop has turned it by, and where it was.
+//!
 //! It is not needed where `1/τ_r` prevails: with `|ω|` certainly below 0.4/τ_r the flux is where `-e` is, to 20°. A flux of
 //! the stop whose direction is known decides at once, if the speed that it takes for `e` has not turned it since.
 //!
@@ -41,6 +44,8 @@ const BY_FLUX: f64 = 0.3;
 /// which is taken for none.
 const KEPT: f64 = 0.3;
 const BY_DECAY: f64 = 0.4;
+/// Largest angle, rad, that the flux of a shaft which has come to rest may have turned with half of it taken for the truth.
+const COASTED: f64 = 1.5;
 /// Largest difference of what is induced and what the flux of the stop would induce at the speed of the stop, of the latter: 24°.
 const AGREES: f64 = 0.4;
 /// Turns of the current after which a flux that is not known is taken for what it seems, or none; and the most that count.
@@ -132,6 +137,14 @@ impl<R: Real> Catch<R> {
                 _ => Found::Nothing,
             };
         };
+        // A shaft that has come to rest since the stop induces too little to tell its direction.
+        if let Direction::IfSteady(_, angle) = direction
+            && angle.within(r(COASTED))
+            && magnitude < r(2.0 * CONSTANT * SCALE)
+        {
+            let back = Rotator::default().turned(-angle.half());
+            return Found::Flux(back.turn(&psi_r), R::ZERO);
+        }
         if certain && !by_angle.within(r(BY_FLUX)) {
             return match self.flux(c, &self.e, by_angle, t_p, None) {
                 // Of a speed that changes fast the angle of a turn says nothing, and the flux that follows from it differs.
@@ -158,7 +171,7 @@ impl<R: Real> Catch<R> {
         let turned = omega * (c.t_block * r(64.0)).periods(BLOCKS + c.rise + n * c.turn);
         let directed = match direction {
             Direction::Unknown => false,
-            Direction::IfSteady(omega) => self.agrees(c, &mean, &psi_r, omega),
+            Direction::IfSteady(omega, _) => self.agrees(c, &mean, &psi_r, omega),
             Direction::IfStanding | Direction::Known => true,
         };
         if directed && turned.within(r(KEPT)) {
@@ -246,7 +259,9 @@ mod tests {
                 let known = known.map(|(part, direction)| {
                     let psi = stop * part;
                     let direction = match direction {
-                        Direction::IfSteady(omega) => Direction::IfSteady(R::from_f64(omega)),
+                        Direction::IfSteady(omega, angle) => {
+                            Direction::IfSteady(R::from_f64(omega), R::from_f64(angle))
+                        }
                         Direction::Known => Direction::Known,
                         _ => Direction::Unknown,
                     };
@@ -312,7 +327,7 @@ mod tests {
     #[test]
     fn a_flux_that_the_speed_of_the_stop_has_turned_decides_where_it_induces_what_that_speed_would() {
         for omega in [0.03, -0.03] {
-            let told = |part: f64| Some((0.9, Direction::IfSteady(part * omega)));
+            let told = |part: f64| Some((0.9, Direction::IfSteady(part * omega, 2.0)));
             let (angle, _, seconds) = errors::<f64>((0.4, omega), told(1.0), true);
             assert!(angle < 0.1 && seconds < 0.0115, "{omega}: {angle} rad, {seconds} s");
             // A shaft that turns the other way, or hardly any more, is found as without it.
@@ -321,5 +336,19 @@ mod tests {
                 assert!(angle < 0.2 && seconds > 0.015, "{omega}, told {part} of it: {angle} rad, {seconds} s");
             }
         }
+    }
+
+    #[test]
+    fn a_flux_that_induces_nothing_since_the_shaft_has_come_to_rest_lies_in_the_middle_of_what_it_may_have_turned() {
+        let told = |angle: f64| Some((0.9, Direction::IfSteady(0.03, angle)));
+        for angle in [0.6, -1.2] {
+            // The direction that is told is the true one, so that the error is what it is turned back by.
+            let (error, speed, seconds) = errors::<f64>((0.15, 0.0), told(angle), true);
+            assert!((error - 0.5 * angle.abs()).abs() < 0.05 && speed.abs() < 1e-9, "{angle}: {error} rad, {speed}");
+            assert!(seconds < 0.0115, "{angle}: {seconds} s");
+        }
+        // Not where half of it would say little.
+        let (error, _, seconds) = errors::<f64>((0.15, 0.0), told(2.0), true);
+        assert!(error < 0.2 && seconds > 0.015, "{error} rad, {seconds} s");
     }
 }
