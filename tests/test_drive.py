@@ -436,8 +436,8 @@ def test_a_heavy_shaft_does_not_hunt_where_the_rotor_resistance_is_a_quarter_les
 def test_a_slow_shaft_that_coasts_in_the_pause_is_caught_where_its_flux_is(
     machine: str, coasts: float, seed: int
 ) -> None:
-    """It comes to rest within `coasts` seconds, and the flux is up to 1.5 rad from where the speed of the stop
-    has turned it. What it induces is less than the errors of a bridge; taken from there the field was lost."""
+    """It rests after `coasts` seconds, and the flux is up to 1.5 rad from where the speed of the stop has turned
+    it. What it induces is less than the errors of a bridge; taken from there the field was lost."""
     motor, inverter = DRIVES[machine].motor, DRIVES[machine].inverter
     base = motor.base["omega_m"]
     speed = 0.033 * base
@@ -466,7 +466,7 @@ def test_a_slow_shaft_that_coasts_in_the_pause_is_caught_where_its_flux_is(
 @pytest.mark.parametrize("machine", ["160kW", "45kW"])
 def test_a_large_heavy_shaft_does_not_hunt_where_the_leakage_is_a_tenth_less(machine: str) -> None:
     def swing(seed: int, settings: DriveSettings) -> float:
-        """Standard deviation of the torque under half of the rated load, of rated torque; infinite: it ended."""
+        """Standard deviation of the torque under half of rated load, of rated torque; infinite: it ended."""
         motor = DRIVES[machine].motor
         told = motor.replace(J=10.0 * motor.J)
         begin = start_up(told, DRIVES[machine].inverter)

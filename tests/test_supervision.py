@@ -279,7 +279,7 @@ def test_a_load_that_meets_the_torque_limit_at_the_speed_of_the_slip_is_held(noi
 
 @pytest.mark.parametrize(("machine", "inertia"), [("160kW", 4.0), ("48V", 11.0)])
 def test_a_stop_that_the_dc_link_holds_up_is_no_stall(machine: str, inertia: float) -> None:
-    """With `u_dc_brake` and no chopper the losses alone brake a heavy shaft, by less than 0.01 pu a second."""
+    """With `u_dc_brake` and no chopper losses alone brake a heavy shaft, by less than 0.01 pu a second."""
     motor, inverter = DRIVES[machine].motor, DRIVES[machine].inverter
     base, u_dc = motor.base["omega_m"], inverter.u_dc
     power = motor.T_N * base

@@ -56,7 +56,6 @@ use crate::estimate::pair::{HALF_MAX, Pair};
 use crate::estimate::search::{ROTATING, SpeedSearch};
 #[cfg(feature = "restart")]
 use crate::estimate::slow_turn::SlowTurn;
-#[cfg(feature = "restart")]
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
