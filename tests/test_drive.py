@@ -436,7 +436,7 @@ def test_a_heavy_shaft_does_not_hunt_where_the_rotor_resistance_is_a_quarter_les
 def test_a_slow_shaft_that_coasts_in_the_pause_is_caught_where_its_flux_is(
     machine: str, coasts: float, seed: int
 ) -> None:
-    """It rests after `coasts` seconds, and the flux is up to 1.5 rad from where the speed of the stop has turned
+    """It rests after `coasts` seconds, and the flux is up to 1.5 rad from where the speed of the stop turns
     it. What it induces is less than the errors of a bridge; taken from there the field was lost."""
     motor, inverter = DRIVES[machine].motor, DRIVES[machine].inverter
     base = motor.base["omega_m"]

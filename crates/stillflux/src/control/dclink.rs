@@ -54,7 +54,6 @@ impl<R: Real> DcLinkConfig<R> {
     }
 
     /// Whether the link limits the torque.
-    #[cfg(feature = "supervision")]
     #[inline]
     pub fn is_limiting(&self, u_dc: R) -> bool {
         (self.u_brake - u_dc).min(u_dc - self.u_buffer) * self.inv_width < R::ONE
