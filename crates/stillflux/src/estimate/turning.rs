@@ -117,6 +117,14 @@ impl<R: Real> Catch<R> {
         let total = (self.psi_r - self.first) * (inv_t_p * r(SCALE));
         let (mean, all) = (total * inv_n, total.norm_sq().sqrt());
         let magnitude = all * inv_n;
+        // A shaft that has come to rest since the stop induces too little to tell its direction.
+        if let Some((psi_r, Direction::IfSteady(_, angle))) = known
+            && angle.within(r(COASTED))
+            && magnitude < r(2.0 * CONSTANT * SCALE)
+        {
+            let back = Rotator::default().turned(-angle.half());
+            return Found::Flux(back.turn(&psi_r), R::ZERO);
+        }
         if magnitude < r(FAINT * SCALE) {
             return Found::Nothing;
         }
@@ -137,14 +145,6 @@ impl<R: Real> Catch<R> {
                 _ => Found::Nothing,
             };
         };
-        // A shaft that has come to rest since the stop induces too little to tell its direction.
-        if let Direction::IfSteady(_, angle) = direction
-            && angle.within(r(COASTED))
-            && magnitude < r(2.0 * CONSTANT * SCALE)
-        {
-            let back = Rotator::default().turned(-angle.half());
-            return Found::Flux(back.turn(&psi_r), R::ZERO);
-        }
         if certain && !by_angle.within(r(BY_FLUX)) {
             return match self.flux(c, &self.e, by_angle, t_p, None) {
                 // Of a speed that changes fast the angle of a turn says nothing, and the flux that follows from it differs.
