@@ -40,10 +40,12 @@ use super::turned_by;
 use super::{EnhancedEstimators, Start, remaining};
 use crate::config::DriveConfig;
 use crate::control::levels::{Level, SETTLED};
+#[cfg(any(feature = "legs", feature = "restart"))]
+use crate::drive::estimators::CurrentControl;
 #[cfg(any(feature = "legs", feature = "modes"))]
 use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
-use crate::drive::estimators::{CurrentControl, PeriodOutput};
+use crate::drive::estimators::PeriodOutput;
 use crate::drive::estimators::{Estimators, FieldQuantities, StartUp};
 #[cfg(feature = "restart")]
 use crate::estimate::catch::CatchConfig;
@@ -71,6 +73,9 @@ const GONE: f64 = if cfg!(feature = "restart") { 0.02 } else { RESIDUAL };
 /// equal, and 73° in a machine that is taken to stand still. Allowances.
 #[cfg(feature = "restart")]
 const ASIDE: (f64, f64) = (0.9, 0.3);
+/// Blocks in which the current falls after its last turn.
+#[cfg(feature = "restart")]
+const FALL: u32 = 2;
 /// Least known flux that counts: the voltage of the bridge without current is wrong by 0.03 to 0.05 for 8 ms, which adds up to 0.13.
 #[cfg(feature = "restart")]
 const SEEN: f64 = 0.3;
@@ -177,6 +182,17 @@ impl<R: Real> EnhancedEstimators<R> {
             self.conclude_catch(c, stage, &i_s);
         }
         output
+    }
+
+    /// While the current falls after its last turn it begins anew. What its integrators hold is for the current that has turned; they
+    /// would drive one for some milliseconds, which the search that follows would take for a flux across its own.
+    #[cfg(feature = "restart")]
+    pub(super) fn current_control_in_the_catch(&self, c: &DriveConfig<R>, stage: u32) -> CurrentControl {
+        if stage > c.enhanced.catch.block * BLOCKS && !self.catch.is_turning() {
+            CurrentControl::BeginsAnew
+        } else {
+            CurrentControl::Continues
+        }
     }
 
     /// A period in which the current is to be zero.
@@ -362,7 +378,7 @@ impl<R: Real> EnhancedEstimators<R> {
             _ if goes_on => block * turn,
             // What the comparison of the legs has left, too small to be followed, is not to be there in the search.
             None if left => c.magnetise_periods / 4,
-            _ => block * rise,
+            _ => block * FALL,
         })
     }
 
