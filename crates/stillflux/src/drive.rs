@@ -474,10 +474,12 @@ impl<R: Real> Common<R> {
                 _ => R::ZERO,
             };
             let (realigned, testing) = control.realigning(c);
-            // While the dc link lets the shaft have little torque the speed hardly moves.
+            let limited = control.limited != R::ZERO;
+            // While the dc link leaves the shaft little torque the speed hardly moves.
             #[cfg(feature = "dclink")]
-            let testing = testing
-                || control.limited != R::ZERO && control.voltage.u_dc().is_some_and(|u| c.dclink.is_limiting(u));
+            let by_link = limited && control.voltage.u_dc().is_some_and(|u| c.dclink.is_limiting(u));
+            #[cfg(not(feature = "dclink"))]
+            let by_link = false;
             let tracking = Tracking {
                 psi_s: estimators.psi_s(),
                 psi_ref: control.psi_ref,
@@ -486,7 +488,7 @@ impl<R: Real> Common<R> {
                 nis: if realigned { R::ZERO } else { estimators.nis() },
                 flux_falls: estimators.flux_falls(),
                 speed_deviation,
-                torque_limited: (!realigned && !testing).then_some(control.limited != R::ZERO),
+                torque_limited: (!realigned && !testing && !by_link).then_some(limited),
             };
             let confidence = || control.confidence(|| estimators.confidence());
             trip = trip.or_else(|| self.supervision.tracking(&c.supervision, &tracking, confidence));

@@ -417,7 +417,7 @@ impl<'a> Conversion<'a> {
                 Scheme::Paper => 0,
                 Scheme::Enhanced => calls(test),
             },
-            test_time: rounded((test / REALIGN).min(50.0)),
+            relative_test: rounded((test / REALIGN).min(50.0)),
             low_pass: rounded((self.slow() / REALIGN_LOW_PASS).min(1.0)),
         }
     }

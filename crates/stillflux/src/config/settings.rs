@@ -140,7 +140,7 @@ const CURRENT_BANDWIDTH: f64 = 0.03;
 /// Largest default bandwidth of current control relative to the control's frequency. The overshoot of a reversal in field weakening,
 /// from the largest current to the one of the other sign, passes the trip with 0.05 and 0.06 at 11 kW and 10 kHz, control in every
 /// second carrier period, and stays below it with 0.04.
-const CURRENT_OF_CONTROL: f64 = 0.04;
+const FASTEST_DEFAULT_CURRENT: f64 = 0.04;
 
 /// Largest bandwidth of current control relative to the control's frequency: 32° of phase by 1.5 periods of delay.
 const FASTEST_CURRENT: f64 = 0.06;
@@ -191,12 +191,12 @@ fn rated_slip(machine: &Machine) -> f64 {
     machine.R_R * machine.T_N / (1.5 * n_p * psi * psi) / n_p
 }
 
-/// Largest gain with which the torque acts on itself through a leakage inductance that is [`LEAKAGE_APART`] off: all of the
-/// machines above 20 kW that oscillated, with ten times their inertia, had 2.1 and more.
+/// Part of itself by which the leakage inductance may be off, and the largest gain with which the torque may act on itself through that
+/// error ([`leakage_feedback`]). Simulated drives of 45 and 160 kW oscillated with a gain of 2.1, one of 15 kW with 1.7 did not.
+const LEAKAGE_ERROR: f64 = 0.2;
 const LEAKAGE_GAIN: f64 = 1.6;
-const LEAKAGE_APART: f64 = 0.2;
 
-/// Default bandwidth of the loop that follows the flux, Hz.
+/// Default bandwidth of the phase-locked loop that estimates the speed, Hz.
 const PLL_BANDWIDTH: f64 = 25.0;
 
 /// Default bandwidth of speed control, Hz: 9, less where the proportional gain would ask for more than twice the rated torque
@@ -206,7 +206,7 @@ const PLL_BANDWIDTH: f64 = 25.0;
 /// torque acts on itself with the gain `ε k_p Δ/T_N`, at once. From 1 on a positive one runs away, and behind the delays of speed
 /// estimator and current control a negative one oscillates. `k_p = J ω_c` and `ω_c ≤ 2 T_N/(J Δ)` leave a gain of `2ε`.
 ///
-/// An error `ΔL` of the leakage turns the estimated rotor flux by `ΔL i_q/ψ`, which the loop that follows it, of the natural
+/// An error `ΔL` of the leakage turns the estimated rotor flux by `ΔL i_q/ψ`, which the phase-locked loop that follows it, of the natural
 /// frequency `ω_n`, takes for the speed `2 ω_n ΔL i_q/(ψ n_p)` while the torque changes faster than it settles: with
 /// `T = 1.5 n_p ψ i_q` a gain of `2 J ω_c ω_n ΔL/(1.5 n_p² ψ²)`, that oscillates at 17 to 26 Hz.
 ///
@@ -218,11 +218,11 @@ fn speed_bandwidth(machine: &Machine) -> f64 {
     (by_slip.min(by_leakage) / tau).clamp(SPEED_BANDWIDTH.0, 9.0)
 }
 
-/// Gain with which the torque acts on itself through a leakage that is [`LEAKAGE_APART`] off, per rad/s of speed control's bandwidth.
+/// Gain with which the torque acts on itself through a leakage that is [`LEAKAGE_ERROR`] off, per rad/s of speed control's bandwidth.
 fn leakage_feedback(machine: &Machine) -> f64 {
     let flux = f64::from(machine.n_p) * Base::new(machine).psi;
     let omega_n = core::f64::consts::TAU * PLL_BANDWIDTH;
-    2.0 * machine.J * omega_n * LEAKAGE_APART * machine.L_sigma / (1.5 * flux * flux)
+    2.0 * machine.J * omega_n * LEAKAGE_ERROR * machine.L_sigma / (1.5 * flux * flux)
 }
 
 /// What an error says of a setting that is left out of the build.
@@ -464,7 +464,7 @@ impl DriveParams {
     pub fn new(machine: &Machine, inverter: &Inverter) -> Self {
         let i_n = machine.I_N * core::f64::consts::SQRT_2;
         let tau_r = machine.L_M / machine.R_R;
-        let current_bandwidth = (CURRENT_BANDWIDTH * inverter.f_s).min(CURRENT_OF_CONTROL * inverter.f_c());
+        let current_bandwidth = (CURRENT_BANDWIDTH * inverter.f_s).min(FASTEST_DEFAULT_CURRENT * inverter.f_c());
         let direct = DirectFlux::new(machine, inverter, current_bandwidth);
         Self {
             scheme: Scheme::default(),

@@ -48,15 +48,20 @@ impl<R: Real> DcLinkConfig<R> {
     /// Limits of the torque, `lo < 0 < hi`, as far as the link allows it at a speed.
     #[inline(always)]
     pub fn limit(&self, u_dc: R, omega_m: R, (lo, hi): (R, R)) -> (R, R) {
-        let brake = (self.u_brake - u_dc) * self.inv_width;
-        let drive = (u_dc - self.u_buffer) * self.inv_width;
+        let [brake, drive] = self.parts(u_dc);
         if likely(brake >= R::ONE && drive >= R::ONE) { (lo, hi) } else { weigh((lo, hi), omega_m, brake, drive) }
     }
 
-    /// Whether the link limits the torque.
+    /// Whether it limits the torque.
     #[inline]
     pub fn is_limiting(&self, u_dc: R) -> bool {
-        (self.u_brake - u_dc).min(u_dc - self.u_buffer) * self.inv_width < R::ONE
+        self.parts(u_dc).into_iter().any(|part| part < R::ONE)
+    }
+
+    /// Parts of the braking and of the driving torque that are left, beyond one where nothing is limited.
+    #[inline(always)]
+    fn parts(&self, u_dc: R) -> [R; 2] {
+        [self.u_brake - u_dc, u_dc - self.u_buffer].map(|room| room * self.inv_width)
     }
 
     /// The torque current by which field weakening may choose its flux: none that brakes, where the link may end it within

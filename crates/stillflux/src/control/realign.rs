@@ -69,12 +69,12 @@ pub struct RealignConfig<R: Real> {
     pub suspicion: u32,
     /// Calls of the test, `P`; 0: the suspicion is enough.
     pub test: u32,
-    /// `P/N`.
-    pub test_time: R,
+    /// `P/N`, at most 50, which fits fixed point.
+    pub relative_test: R,
     /// Coefficient of the low-pass of the speed, against the wandering of the field.
     pub low_pass: R,
 }
-words!(RealignConfig: suspicion, test, test_time, low_pass);
+words!(RealignConfig: suspicion, test, relative_test, low_pass);
 
 /// State.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -154,7 +154,7 @@ impl<R: Real> Realign<R> {
         if self.calls == c.suspicion {
             // What a heavy shaft goes on to move in the test is no evidence.
             let with_torque = (moved < R::ZERO) == (omega_r < R::ZERO);
-            let goes_on = if with_torque { moved * c.test_time } else { R::ZERO };
+            let goes_on = if with_torque { moved * c.relative_test } else { R::ZERO };
             (self.omega, self.turned) = (self.mean + goes_on, c.test == 0);
             return self.turned;
         }
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     const N: u32 = 100;
-    const C: RealignConfig<f64> = RealignConfig { suspicion: N, test: 150, test_time: 1.5, low_pass: 1.0 / 32.0 };
+    const C: RealignConfig<f64> = RealignConfig { suspicion: N, test: 150, relative_test: 1.5, low_pass: 1.0 / 32.0 };
 
     /// Calls of 2000 in which the flux is turned: torque at its limit, `ω_s`, `ω_r`, by the number of the call and the part
     /// of the torque that the drive may have.
@@ -223,9 +223,9 @@ mod tests {
     #[test]
     fn a_heavy_shaft_that_goes_on_to_move_with_the_torque_is_left_alone() {
         // As at 160 kW: the test takes five times as long as the suspicion.
-        let c = RealignConfig { test: 5 * N, test_time: 5.0, ..C };
-        let turned = |sign: f64, test_time: f64| {
-            let (c, mut realign, mut omega) = (RealignConfig { test_time, ..c }, Realign::default(), -0.084);
+        let c = RealignConfig { test: 5 * N, relative_test: 5.0, ..C };
+        let turned = |sign: f64, relative_test: f64| {
+            let (c, mut realign, mut omega) = (RealignConfig { relative_test, ..c }, Realign::default(), -0.084);
             (0..600).any(|_| {
                 let part = if realign.is_testing(&c) { 0.5 } else { 1.0 };
                 // By less than an eighth of the slip in a suspicion, through the speed of the slip.
@@ -234,7 +234,7 @@ mod tests {
             })
         };
         for sign in [1.0, -1.0] {
-            assert!(!turned(sign, c.test_time));
+            assert!(!turned(sign, c.relative_test));
             assert!(turned(sign, 0.0), "what it goes on to move taken for evidence");
         }
     }

@@ -324,15 +324,11 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             let catch_periods = self.catch_periods;
             if at.stage <= catch_periods {
                 let u_s = x.u_s;
-                #[cfg(feature = "restart")]
-                let current_control = self.current_control_in_the_catch(c, at.stage);
                 return PeriodOutput {
+                    // Before the period, at the end of which the current may begin to fall.
+                    current_control: self.current_control_of_catch(c, at.stage),
                     field: self.catch_flux(c, &u_s, i_dq_ref.re(), at.stage),
                     complete: false,
-                    #[cfg(feature = "restart")]
-                    current_control,
-                    #[cfg(not(feature = "restart"))]
-                    current_control: CurrentControl::Continues,
                 };
             }
             let i;

@@ -53,10 +53,11 @@ const SURE: f64 = 0.4;
 const LONGEST: u32 = 40;
 /// Factor on the older blocks, beyond the first eight, in the speed's sums.
 const FORGET: f64 = 0.75;
-/// Constant voltage that stays hidden where the current turns, per unit, of which 0.0026 were seen at 4 kHz and 160 kW; and the largest
-/// deviation that it is taken for, of the flux, 45°. A flux that hardly turns in a machine with a large `τ_r` induces no more.
-pub(super) const CONSTANT: f64 = 0.003;
-const MOST_UNKNOWN: f64 = 0.7;
+/// Constant error of the voltage, per unit, that is not zero in the mean over a turn of the current: 0.0026 at 160 kW and 4 kHz. A flux that
+/// hardly turns in a machine with a large `τ_r` induces no more.
+pub(super) const VOLTAGE_ERROR: f64 = 0.003;
+/// Largest deviation of a flux that was found by what it induces, relative to the flux: 45°.
+const DEVIATION_MOST: f64 = 0.7;
 /// Least speed.
 pub(super) const TURNING: f64 = 0.03;
 /// Largest flux that is taken for one.
@@ -87,6 +88,14 @@ pub(crate) enum Direction<R: Real> {
     IfStanding,
     /// It does: the pause was too short for another one.
     Known,
+}
+
+impl<R: Real> Direction<R> {
+    /// Whether it is taken as it is.
+    #[inline(always)]
+    pub fn is_taken(&self) -> bool {
+        matches!(self, Self::IfStanding | Self::Known)
+    }
 }
 
 /// Settings.
@@ -150,10 +159,8 @@ impl<R: Real> CatchConfig<R> {
             inv_tau_r: rounded(1.0 / pu.tau_r),
         }
     }
-}
 
-impl<R: Real> CatchConfig<R> {
-    /// Standard deviation of a flux that was found by what it induces, `U/|jω - 1/τ_r|`, per unit.
+    /// Standard deviation of a flux that was found by what it induces, `Δu/|jω - 1/τ_r|` with an error `Δu` of the voltage, per unit.
     #[cold]
     #[inline(never)]
     pub fn deviation(&self, psi_r: &AlphaBeta<R>, omega: R) -> R {
@@ -163,8 +170,8 @@ impl<R: Real> CatchConfig<R> {
         #[cfg(not(feature = "restart"))]
         let rate = omega.abs();
         // The reciprocal fits fixed point.
-        let by_voltage = r(64.0 * CONSTANT) * (rate * r(64.0)).max(r(0.1)).recip();
-        by_voltage.min(psi_r.norm_sq().sqrt() * r(MOST_UNKNOWN))
+        let by_voltage = r(64.0 * VOLTAGE_ERROR) * (rate * r(64.0)).max(r(0.1)).recip();
+        by_voltage.min(psi_r.norm_sq().sqrt() * r(DEVIATION_MOST))
     }
 }
 
@@ -290,7 +297,7 @@ impl<R: Real> Catch<R> {
         let mut sign = sine;
         if slow && sine.within(r(SURE)) && self.blocks < LONGEST {
             match known {
-                Some((psi_r, Direction::Known | Direction::IfStanding))
+                Some((psi_r, Direction::IfStanding | Direction::Known))
                     if psi_r.dot(&self.e).abs() < psi_r.cross(&self.e).abs() =>
                 {
                     sign = psi_r.cross(&self.e);

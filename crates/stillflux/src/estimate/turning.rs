@@ -23,7 +23,7 @@
 //! nT_p = √(6 U T_p/ψ_R)/|ω|,      0.15 rad of a rotation at rated flux
 //! ```
 //!
-//! A shaft that has come to rest since the stop shows only that: `|e|` below 0.006, twice the constant voltage that stays hidden. Its
+//! A shaft that has come to rest since the stop shows only that: `|e|` below 0.006, twice the error of the voltage that a turn leaves. Its
 //! flux lies, to half of the angle, in the middle of what the speed of the stop has turned it by, and where it was.
 //!
 //! It is not needed where `1/τ_r` prevails: with `|ω|` certainly below 0.4/τ_r the flux is where `-e` is, to 20°. A flux of
@@ -31,7 +31,7 @@
 //!
 //! **Validity.** `|ω|` up to 1.25; a speed that does not pass zero meanwhile.
 
-use super::catch::{BLOCKS, CONSTANT, Catch, CatchConfig, Direction, Found, LARGEST, TURNING};
+use super::catch::{BLOCKS, Catch, CatchConfig, Direction, Found, LARGEST, TURNING, VOLTAGE_ERROR};
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
 
@@ -46,7 +46,8 @@ const KEPT: f64 = 0.3;
 const BY_DECAY: f64 = 0.4;
 /// Largest angle, rad, that the flux of a shaft which has come to rest may have turned with half of it taken for the truth.
 const COASTED: f64 = 1.5;
-/// Largest difference of what is induced and what the flux of the stop would induce at the speed of the stop, of the latter: 24°.
+/// Largest difference between the voltage that is induced and the one that the flux and the speed of the stop would induce, relative to
+/// the latter: 24°.
 const AGREES: f64 = 0.4;
 /// Turns of the current after which a flux that is not known is taken for what it seems, or none; and the most that count.
 const LONGEST: u32 = 8;
@@ -120,7 +121,7 @@ impl<R: Real> Catch<R> {
         // A shaft that has come to rest since the stop induces too little to tell its direction.
         if let Some((psi_r, Direction::IfSteady(_, angle))) = known
             && angle.within(r(COASTED))
-            && magnitude < r(2.0 * CONSTANT * SCALE)
+            && magnitude < r(2.0 * VOLTAGE_ERROR * SCALE)
         {
             let back = Rotator::default().turned(-angle.half());
             return Found::Flux(back.turn(&psi_r), R::ZERO);
@@ -170,9 +171,8 @@ impl<R: Real> Catch<R> {
         let omega = psi_r.cross(&self.e) * (inv_psi * inv_psi * r(1.0 / SCALE));
         let turned = omega * (c.t_block * r(64.0)).periods(BLOCKS + c.rise + n * c.turn);
         let directed = match direction {
-            Direction::Unknown => false,
             Direction::IfSteady(omega, _) => self.agrees(c, &mean, &psi_r, omega),
-            Direction::IfStanding | Direction::Known => true,
+            _ => direction.is_taken(),
         };
         if directed && turned.within(r(KEPT)) {
             let axis = Rotator::default().turned(turned);
@@ -188,7 +188,8 @@ impl<R: Real> Catch<R> {
         let r = R::from_f64;
         let expected = (AlphaBeta::new(-psi_r.im(), psi_r.re()) * omega - *psi_r * c.inv_tau_r) * r(SCALE);
         let square = expected.norm_sq();
-        square > r(SCALE * SCALE * 4.0 * CONSTANT * CONSTANT) && (*e - expected).norm_sq() < square * r(AGREES * AGREES)
+        square > r(SCALE * SCALE * 4.0 * VOLTAGE_ERROR * VOLTAGE_ERROR)
+            && (*e - expected).norm_sq() < square * r(AGREES * AGREES)
     }
 
     /// Speed of a flux by what the last turn has induced.

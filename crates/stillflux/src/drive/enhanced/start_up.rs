@@ -5,8 +5,8 @@
 //! after a stop of less than `fresh_time`, the current turns for 10 ms and more, which shows it. With a flux, and after such
 //! a stop also without, the filter follows it from then on, the largest current builds it up to rated, and control begins:
 //! what was identified is fresh. A flux of the stop that induces nothing has the direction of the stop, turned by the speed
-//! then, after a pause within which a slow shaft cannot have turned it elsewhere, or where the shaft stood. Else the current
-//! turns until the flux shows, or has decayed. Without the feature `restart` the current stays at zero until then.
+//! then, after a pause within which a slow shaft cannot have turned it elsewhere, or where the shaft stood; of a shaft that has come to
+//! rest since, the middle of the angle. Else the current turns until the flux shows, or has decayed. Without the feature `restart` the current stays at zero until then.
 //!
 //! Without data that are fresh (after a fault, after a start that was stopped, beyond `fresh_time`) a flux at rest is not found:
 //! the current stays at zero until what the bridge may have left has decayed ([`Start::Decaying`]). Otherwise:
@@ -40,13 +40,11 @@ use super::turned_by;
 use super::{EnhancedEstimators, Start, remaining};
 use crate::config::DriveConfig;
 use crate::control::levels::{Level, SETTLED};
-#[cfg(any(feature = "legs", feature = "restart"))]
-use crate::drive::estimators::CurrentControl;
 #[cfg(any(feature = "legs", feature = "modes"))]
 use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
 use crate::drive::estimators::PeriodOutput;
-use crate::drive::estimators::{Estimators, FieldQuantities, StartUp};
+use crate::drive::estimators::{CurrentControl, Estimators, FieldQuantities, StartUp};
 #[cfg(feature = "restart")]
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::catch::{BLOCKS, Catch, Direction, Found};
@@ -90,8 +88,8 @@ const UNSEEN: f64 = 0.03;
 /// what an error of the rotor resistance by 30 % leaves.
 #[cfg(feature = "restart")]
 const DRAGGED: f64 = 0.1;
-/// Least flux that shows by its direction, 27° from that of the current, that a machine taken for one without flux turns.
-const DRAWN: f64 = 0.3;
+/// Least rotor flux whose direction, 27° and more from that of the current, shows that a machine turns that was taken to have no flux.
+const SHOWS_ROTATION: f64 = 0.3;
 /// Rotor flux, relative to rated stator flux, with which control begins.
 const BUILT_UP: f64 = 0.85;
 /// Induced voltage, relative to the largest fundamental voltage, with which control begins before that: a tenth is left for
@@ -184,15 +182,17 @@ impl<R: Real> EnhancedEstimators<R> {
         output
     }
 
-    /// While the current falls after its last turn it begins anew. What its integrators hold is for the current that has turned; they
-    /// would drive one for some milliseconds, which the search that follows would take for a flux across its own.
-    #[cfg(feature = "restart")]
-    pub(super) fn current_control_in_the_catch(&self, c: &DriveConfig<R>, stage: u32) -> CurrentControl {
+    /// Current control in a period of the catch: it begins anew while the current falls after its last turn. What the integrators hold is
+    /// for the current that has turned; they would drive one for some milliseconds, which the search that follows would take for a
+    /// flux across its own.
+    #[inline(always)]
+    #[cfg_attr(not(feature = "restart"), allow(unused_variables, clippy::unused_self))]
+    pub(super) fn current_control_of_catch(&self, c: &DriveConfig<R>, stage: u32) -> CurrentControl {
+        #[cfg(feature = "restart")]
         if stage > c.enhanced.catch.block * BLOCKS && !self.catch.is_turning() {
-            CurrentControl::BeginsAnew
-        } else {
-            CurrentControl::Continues
+            return CurrentControl::BeginsAnew;
         }
+        CurrentControl::Continues
     }
 
     /// A period in which the current is to be zero.
@@ -261,7 +261,7 @@ impl<R: Real> EnhancedEstimators<R> {
         self.start = match (flux, self.start) {
             (Some((psi_r, omega)), start) => {
                 let deviation = match start {
-                    Start::Fresh(_, Direction::Known | Direction::IfStanding) => R::ZERO,
+                    Start::Fresh(_, direction) if direction.is_taken() => R::ZERO,
                     _ => c.enhanced.catch.deviation(&psi_r, omega),
                 };
                 self.filter.catch(&c.enhanced.filter, psi_r, i_s, deviation);
@@ -296,7 +296,7 @@ impl<R: Real> EnhancedEstimators<R> {
     ) -> Result<Option<(AlphaBeta<R>, R)>, u32> {
         match (self.catch.found(&c.enhanced.catch, kept), kept) {
             (Found::Flux(psi_r, omega), _) => Ok(Some((psi_r, omega))),
-            (Found::Nothing, Some((psi_r, Direction::Known | Direction::IfStanding))) => Ok(Some((psi_r, R::ZERO))),
+            (Found::Nothing, Some((psi_r, direction))) if direction.is_taken() => Ok(Some((psi_r, R::ZERO))),
             (Found::Nothing, None) => Ok(None),
             _ => Err(c.enhanced.catch.block),
         }
@@ -363,7 +363,7 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         match (found, kept) {
             (Found::Flux(psi_r, omega), _) => return Ok(Some((psi_r, omega))),
-            (Found::Nothing, Some((psi_r, Direction::Known | Direction::IfStanding))) if turning => {
+            (Found::Nothing, Some((psi_r, direction))) if turning && direction.is_taken() => {
                 return Ok(Some((psi_r, R::ZERO)));
             }
             (Found::Nothing, None) if first && !left => return Ok(None),
@@ -514,8 +514,9 @@ impl<R: Real> EnhancedEstimators<R> {
         let enough = c.flux_control.psi_rated * R::from_f64(BUILT_UP);
         let built_up = psi_r.norm_sq() >= enough * enough;
         if matches!(self.start, Start::Caught | Start::Empty) {
-            // Of a rotation that what is left of a flux has hidden from the search the flux that builds up is turned from the current.
-            if psi_r.norm_sq() > R::from_f64(DRAWN * DRAWN) && psi_r.re() < psi_r.im().abs() * R::TWO {
+            // The rest of a flux can hide a rotation from the search; the flux that builds up then lies aside of its current.
+            if psi_r.norm_sq() > R::from_f64(SHOWS_ROTATION * SHOWS_ROTATION) && psi_r.re() < psi_r.im().abs() * R::TWO
+            {
                 self.start = Start::Caught;
             }
             if self.follows_flux() {
