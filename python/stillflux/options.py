@@ -141,7 +141,7 @@ class DriveSettings(TypedDict, total=False):
     noise_gain: tuple[float, float]
     """Smallest and largest gain of the noise compensator, per unit."""
     noise_regeneration: float
-    """Its gain at low stator frequency while regenerating, per unit, up to 4."""
+    """Its least gain while regenerating, where it falls with the slip, per unit, up to 4."""
     resistance_adaptation: bool
     """Stator resistance adaptation of Fig. 12."""
     resistance_gain: float

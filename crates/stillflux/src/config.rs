@@ -241,7 +241,7 @@ impl<R: Real> DriveConfig<R> {
     /// between two calls, and the least slip.
     #[cfg(feature = "paper")]
     pub fn regeneration_config(&self) -> (R, R) {
-        (self.paper.slip_corner(), self.paper.omega_r_regeneration)
+        (self.paper.slip_corner, self.paper.omega_r_regeneration)
     }
 
     /// Settings of the resistance adaptation, if it is on.

@@ -12,8 +12,10 @@ use crate::params::Inverter;
 use crate::scalar::Real;
 use crate::words::words;
 
-/// Corner frequency of the low-passes in the effort of the noise compensator and in the slip of regeneration, Hz.
+/// Corner frequency of the low-pass in the effort of the noise compensator, Hz.
 const LOW_PASS: f64 = 0.2;
+/// The same in the slip of regeneration.
+const LOW_PASS_SLIP: f64 = 10.0;
 
 /// Periods over which a magnetisation of so many reads `r̂_s`: the last quarter.
 pub(crate) fn r_s_periods(magnetise_periods: u32) -> u32 {
@@ -31,6 +33,8 @@ pub(crate) struct PaperConfig<R: Real> {
     /// Resistance of the nameplate, and its reciprocal.
     pub r_s: R,
     pub inv_r_s: R,
+    /// Corner frequency of the low-pass in the slip of regeneration, times the time between two calls.
+    pub slip_corner: R,
     /// Slip from which on the machine counts as regenerating: a seventh of the rated one.
     pub omega_r_regeneration: R,
     /// Reciprocal of the periods over which the magnetisation reads `r̂_s` ([`r_s_periods`]).
@@ -46,19 +50,13 @@ pub(crate) struct PaperConfig<R: Real> {
     pub initial_flux: Option<[R; 2]>,
 }
 words! {
-    PaperConfig: flux, resistance, confidence, r_s, inv_r_s, omega_r_regeneration, inv_r_s_periods,
+    PaperConfig: flux, resistance, confidence, r_s, inv_r_s, slip_corner, omega_r_regeneration, inv_r_s_periods,
     #[cfg(feature = "variants")] light_load,
     #[cfg(feature = "variants")] adapt_at_rest,
     #[cfg(feature = "variants")] initial_flux,
 }
 
 impl<R: Real> PaperConfig<R> {
-    /// Corner frequency of the low-pass in the slip of regeneration, times the time between two calls: that of the confidence.
-    #[inline(always)]
-    pub fn slip_corner(&self) -> R {
-        self.confidence.corner
-    }
-
     /// Settings for validated parameters and a magnetisation of so many periods.
     pub fn new(pu: &PerUnit, inverter: &Inverter, p: &DriveParams, magnetise_periods: u32) -> Self {
         let r = rounded::<R>;
@@ -83,6 +81,7 @@ impl<R: Real> PaperConfig<R> {
                 noise_min: r(noise.0),
                 noise_max: r(noise.1),
                 noise_regeneration: r(if p.paper.noise_compensator { p.paper.noise_regeneration } else { 0.0 }),
+                regeneration_rate: r(1.0 / pu.tau_r + pu.hz(p.flux_bandwidth)),
                 half_interval: r(0.5 * t_speed),
                 offset: p.paper.offset_estimator.then_some(offset),
                 #[cfg(feature = "variants")]
@@ -115,6 +114,7 @@ impl<R: Real> PaperConfig<R> {
             r_s: r(pu.r_s),
             // Not used by the enhanced scheme: limited instead of a refusal.
             inv_r_s: r(if p.scheme == Scheme::Paper { 1.0 / pu.r_s } else { (1.0 / pu.r_s).min(R::LARGEST) }),
+            slip_corner: r(t_adapt * pu.hz(LOW_PASS_SLIP)),
             // ω_r ≈ r_R T/ψ_R², ψ_R ≈ ψ*.
             omega_r_regeneration: r(0.15 * pu.r_r * pu.torque_rated / (p.psi_ref * p.psi_ref)),
             inv_r_s_periods: r(1.0 / f64::from(r_s_periods(magnetise_periods))),

@@ -113,7 +113,7 @@ impl<R: Real> PaperEstimators<R> {
         if left < r_s_periods(c.magnetise_periods) {
             // Over the reference, so that a current offset does not enter; u_s is free of the threshold by the inverter
             // model, and dψ/dt has decayed.
-            self.r_s_mean.add(c.paper.inv_r_s_periods * i_dq_ref.re().recip(), x.u_s.re());
+            self.r_s_mean.add(c.paper.inv_r_s_periods * i_dq_ref.re().recip_seldom(), x.u_s.re());
         }
         if left == 0 {
             self.start(c, &x.i_s);
@@ -216,7 +216,7 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
     fn adapt(&mut self, c: &DriveConfig<R>, i_dq: &Dq<R>) {
         let c = &c.paper;
         let SpeedEstimate { omega_s, omega_m, .. } = self.speed;
-        self.flux.set_regenerating(self.regeneration.step(c.slip_corner(), c.omega_r_regeneration, &self.speed));
+        self.flux.set_regenerating(self.regeneration.step(c.slip_corner, c.omega_r_regeneration, &self.speed));
         // (17) takes it that voltages and currents are free of offset: until that is so, ε is not of the resistance.
         let known = self.offset_known || self.flux.offset.updates() >= OFFSET_UPDATES;
         if let (Some(resistance), true) = (&c.resistance, known) {

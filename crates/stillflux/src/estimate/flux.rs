@@ -19,9 +19,25 @@
 //! The radius that it holds is `ψ_s*`, at high stator frequency the mean radius ([`super::radius`]).
 //!
 //! In regeneration with `0 < ω_s < ω` its steady action destabilises: an error of angle makes the true flux, and with it
-//! the radius that the compensator corrects, change with the sign that turns the field further away. So while regenerating
-//! the gain is twice `2|ω_s|` less its floor, at least [`FluxConfig::noise_regeneration`]: low where the machine is
-//! unstable, below ω_s of about 0.03, and from 0.06 on as in motoring.
+//! the radius that the compensator corrects, change with the sign that turns the field further away. With `ψ̂_s - ψ_s = x + jy`
+//! and the deviation `a` of the true flux, both in field coordinates, a steady torque current and speed, without leakage
+//!
+//! ```text
+//! da/dτ = -(1/τ_r + h) a - h x - ω_r y,    dx/dτ = ω_s y - k (a + x),    dy/dτ = -ω_s x
+//! s³ + (1/τ_r + h + k) s² + (ω_s² + k/τ_r) s + (1/τ_r + h) ω_s² + k ω_r ω_s = 0
+//! k < (1/τ_r + h) |ω_s/ω_r|              where ω_r ω_s < 0
+//! ```
+//!
+//! where `h`, the bandwidth `ω_f` of flux control, stands for its proportional part. With the leakage and all of flux control, whose
+//! weight falls with `ω_s`, the bound is lower. So while regenerating
+//!
+//! ```text
+//! k ≤ 0.3 |ω_s/ω_r| min(1/τ_r + ω_f, |ω_s|)
+//! ```
+//!
+//! but at least [`FluxConfig::noise_regeneration`]. Of 9095 points of 310 machines, 0.18 to 250 kW, up to 1.2 times rated torque
+//! and 0.4 pu, 0.05 % are unstable by the roots with leakage and flux control, and 10 % with `2|ω_s|`. Measured in
+//! closed loop, the bound of those roots is that of the plant.
 
 use super::integral::FluxIntegral;
 use super::offset::{OFFSET_PERIODS, OffsetConfig, OffsetEstimator};
@@ -29,6 +45,9 @@ use super::radius::HeldRadius;
 use crate::scalar::{Real, likely};
 use crate::space::{AlphaBeta, Rotator};
 use crate::words::words;
+
+/// Part of its bound without leakage that the gain has while regenerating. Allowance: with 0.5 eight times as many points are unstable.
+const REGENERATION: f64 = 0.3;
 
 /// Settings of the flux estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +60,10 @@ pub struct FluxConfig<R: Real> {
     pub noise_min: R,
     /// Largest gain of the noise compensator.
     pub noise_max: R,
-    /// Gain of the noise compensator at low stator frequency while regenerating.
+    /// Least gain of the noise compensator while regenerating.
     pub noise_regeneration: R,
+    /// `1/τ_r + ω_f` with the bandwidth `ω_f` of flux control.
+    pub regeneration_rate: R,
     /// Half of the time between two calls of [`FluxEstimator::set_stator_frequency`], normalised.
     pub half_interval: R,
     /// The parallel path with the offset estimator; `None`: its output stays what it was set to.
@@ -56,7 +77,7 @@ pub struct FluxConfig<R: Real> {
     pub low_pass: R,
 }
 words! {
-    FluxConfig: t_s, noise_min, noise_max, noise_regeneration, half_interval, offset,
+    FluxConfig: t_s, noise_min, noise_max, noise_regeneration, regeneration_rate, half_interval, offset,
     #[cfg(feature = "variants")] replaced,
     #[cfg(feature = "variants")] low_pass,
 }
@@ -89,7 +110,8 @@ pub struct FluxEstimator<R: Real> {
     /// Gain of the noise compensator, and its output along the field axis.
     gain: R,
     effort: R,
-    regenerating: bool,
+    /// `0.3/|ω_r|` while the machine regenerates, else zero.
+    per_slip: R,
     /// Radius that the noise compensator holds.
     radius: HeldRadius<R>,
     /// The parallel path of Fig. 4.
@@ -158,12 +180,7 @@ impl<R: Real> FluxEstimator<R> {
         let damped = omega + omega;
         // Branches: what is not asked for need not be computed.
         let gain = if damped > config.noise_min { damped.min(config.noise_max) } else { config.noise_min };
-        self.gain = if likely(!self.regenerating) {
-            gain
-        } else {
-            let lowered = damped - config.noise_min;
-            gain.min((lowered + lowered).max(config.noise_regeneration))
-        };
+        self.gain = if likely(self.per_slip == R::ZERO) { gain } else { self.lowered(config, omega, gain) };
         if let Some(c) = &config.offset {
             self.offset.set_stator_frequency(c, omega_s);
         }
@@ -171,10 +188,18 @@ impl<R: Real> FluxEstimator<R> {
         self.psi_s.confine();
     }
 
-    /// Whether the machine regenerates, as the next call of [`Self::set_stator_frequency`] takes it.
+    /// Gain of the noise compensator while regenerating, at a magnitude of the stator frequency; `gain`: as in motoring.
+    #[cold]
+    #[inline(never)]
+    fn lowered(&self, config: &FluxConfig<R>, omega: R, gain: R) -> R {
+        let stable = omega * (omega.min(config.regeneration_rate) * self.per_slip).min(R::TWO);
+        gain.min(stable.max(config.noise_regeneration))
+    }
+
+    /// Slip against the rotation, if the machine regenerates, as the next call of [`Self::set_stator_frequency`] takes it.
     #[inline(always)]
-    pub fn set_regenerating(&mut self, regenerating: bool) {
-        self.regenerating = regenerating;
+    pub fn set_regenerating(&mut self, slip: Option<R>) {
+        self.per_slip = slip.map_or(R::ZERO, |x| R::from_f64(REGENERATION) * x.recip_seldom());
     }
 
     /// Field angle as `e^{jδ̂}`.
@@ -263,6 +288,7 @@ mod tests {
         noise_min: 0.01,
         noise_max: 0.5,
         noise_regeneration: 0.02,
+        regeneration_rate: 0.08,
         half_interval: T_S,
         offset: None,
         #[cfg(feature = "variants")]
@@ -303,11 +329,11 @@ mod tests {
             assert!((est.effort() - gain * 0.1).abs() < 1e-9, "{omega}: {}", est.effort());
             assert!((est.value() - AlphaBeta::new(0.0, 0.9 + T_S * gain * 0.1)).norm_sq() < 1e-20);
             est.start(AlphaBeta::new(0.0, 0.9), AlphaBeta::default());
-            est.set_regenerating(true);
+            est.set_regenerating(Some(0.03));
             est.set_stator_frequency(&CONFIG, omega);
             est.step(&CONFIG, (&AlphaBeta::default(), &AlphaBeta::default()), 0.1, 1.0, 1);
             assert!(
-                (est.effort() - gain.min((4.0 * omega.abs() - 0.02).max(0.02)) * 0.1).abs() < 1e-9,
+                (est.effort() - gain.min((10.0 * omega.abs() * omega.abs().min(0.08)).max(0.02)) * 0.1).abs() < 1e-9,
                 "regenerating {omega}: {}",
                 est.effort()
             );

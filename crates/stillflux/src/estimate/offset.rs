@@ -142,7 +142,7 @@ impl<R: Real> Axis<R> {
         if valid {
             // g (max + min) / (T/2), T = 64 · duration.
             let duration = c.interval.periods(elapsed);
-            let correction = (self.max + self.min) * duration.recip() * (c.gain * R::from_f64(2.0 / 64.0));
+            let correction = (self.max + self.min) * duration.recip_seldom() * (c.gain * R::from_f64(2.0 / 64.0));
             self.u_off = (self.u_off + correction).limit(c.limit);
         }
         if self.open {

@@ -98,6 +98,11 @@ pub trait Real:
     fn is_finite(self) -> bool;
     /// `1/x`, odd; the largest representable magnitude where `x` is (nearly) zero.
     fn recip(self) -> Self;
+    /// The same where it seldom runs: where it is more than an instruction, one copy in the code for all.
+    #[inline(always)]
+    fn recip_seldom(self) -> Self {
+        self.recip()
+    }
     /// `1/√x` for `x > 0`; a large positive value where `x` is not above (nearly) zero.
     fn rsqrt(self) -> Self;
 

@@ -295,6 +295,12 @@ impl Real for Q {
         Self(if self.0 < 0 { -r } else { r })
     }
 
+    #[cold]
+    #[inline(never)]
+    fn recip_seldom(self) -> Self {
+        self.recip()
+    }
+
     #[inline(always)]
     fn dividend(self) -> Self {
         self

@@ -16,7 +16,7 @@ pub struct PaperParams {
     pub noise_compensator: bool,
     /// Smallest and largest gain of the noise compensator, per unit, both up to 4.
     pub noise_gain: (f64, f64),
-    /// Gain of the noise compensator at low stator frequency while regenerating, per unit, up to 4.
+    /// Least gain of the noise compensator while regenerating, where it falls with the slip ([`crate::estimate::flux`]), per unit, up to 4.
     pub noise_regeneration: f64,
     /// Stator resistance adaptation of Fig. 12.
     pub resistance_adaptation: bool,
