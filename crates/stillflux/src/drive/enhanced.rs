@@ -3,6 +3,7 @@
 //!
 //! **Start-up**, at standstill or in a rotating machine: [`start_up`].
 
+mod phase;
 mod start_up;
 
 use super::estimators::{CurrentControl, Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
@@ -15,7 +16,7 @@ use crate::control::shift::FluxShift;
 #[cfg(feature = "supervision")]
 use crate::control::sides::{self, Sides};
 use crate::estimate::balance::Balance;
-use crate::estimate::catch::{Catch, Direction, LEAST};
+use crate::estimate::catch::{BLOCKS, Catch, Direction, LEAST};
 use crate::estimate::kalman::{Filter, Input, Learned};
 #[cfg(feature = "legs")]
 use crate::estimate::legs::LegsProbe;
@@ -30,6 +31,7 @@ use crate::inverter::Knee;
 use crate::inverter::Legs;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
+use phase::{Phase, Phases};
 
 /// Angle up to which the flux may have turned in a pause with its direction still taken as known, rad.
 const DIRECTION: f64 = 0.5;
@@ -88,9 +90,6 @@ pub(super) struct EnhancedEstimators<R: Real> {
     /// Half of the difference of the gains of two current sensors.
     #[cfg(feature = "modes")]
     half_difference: R,
-    /// Periods by which the start-up has gone back after such a difference was found.
-    #[cfg(feature = "modes")]
-    gone_back: u32,
     shift: FluxShift<R>,
     speed_estimator: SpeedEstimator<R>,
     speed: SpeedEstimate<R>,
@@ -98,8 +97,7 @@ pub(super) struct EnhancedEstimators<R: Real> {
     #[cfg(feature = "restart")]
     slow_turn: SlowTurn<R>,
     catch: Catch<R>,
-    /// Periods that it takes.
-    catch_periods: u32,
+    phases: Phases,
     start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
@@ -111,12 +109,6 @@ pub(super) struct EnhancedEstimators<R: Real> {
     /// That measurement has found the machine at rest.
     #[cfg(feature = "legs")]
     at_rest: bool,
-    /// Its present period, while it is under way.
-    #[cfg(feature = "legs")]
-    alternation: Option<u32>,
-    /// Periods by which it has delayed the start-up.
-    #[cfg(feature = "legs")]
-    put_off: u32,
     /// The speed search has been repeated, after it contradicted that measurement.
     #[cfg(feature = "legs")]
     searched_again: bool,
@@ -143,8 +135,6 @@ impl<R: Real> EnhancedEstimators<R> {
             pair: Pair::default(),
             #[cfg(feature = "modes")]
             half_difference: R::ZERO,
-            #[cfg(feature = "modes")]
-            gone_back: 0,
             shift: FluxShift::default(),
             speed_estimator: SpeedEstimator::default(),
             speed: SpeedEstimate::default(),
@@ -152,7 +142,7 @@ impl<R: Real> EnhancedEstimators<R> {
             #[cfg(feature = "restart")]
             slow_turn: SlowTurn::default(),
             catch: Catch::new(AlphaBeta::default()),
-            catch_periods: 0,
+            phases: Phases::new(0),
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
             #[cfg(feature = "legs")]
@@ -161,10 +151,6 @@ impl<R: Real> EnhancedEstimators<R> {
             legs_probe: LegsProbe::default(),
             #[cfg(feature = "legs")]
             at_rest: false,
-            #[cfg(feature = "legs")]
-            alternation: None,
-            #[cfg(feature = "legs")]
-            put_off: 0,
             #[cfg(feature = "legs")]
             searched_again: false,
             #[cfg(feature = "supervision")]
@@ -245,14 +231,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             Start::Fresh(psi_r, direction)
         });
         self.search = SpeedSearch::new();
-        #[cfg(feature = "modes")]
-        {
-            self.gone_back = 0;
-        }
+        self.phases = Phases::new(c.enhanced.catch.block * BLOCKS);
         #[cfg(feature = "legs")]
         {
-            (self.alternation, self.put_off, self.at_rest) = (None, 0, false);
-            self.searched_again = false;
+            (self.at_rest, self.searched_again) = (false, false);
             self.legs_probe = LegsProbe::default();
         }
         self.shift = FluxShift::default();
@@ -274,21 +256,18 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
     ) -> PeriodOutput<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut integrate_only = false;
-        #[cfg(feature = "legs")]
-        if let (Some(_), Some(period)) = (start_up, self.alternation) {
-            // A copy: the input itself then stays in registers.
-            let x = *x;
-            return self.compare_legs(c, &x, i_dq_ref, period);
-        }
-        #[cfg(feature = "legs")]
-        let start_up = start_up.map(|at| StartUp { stage: at.stage - self.put_off });
-        #[cfg(feature = "modes")]
-        let start_up = start_up.map(|at| StartUp { stage: at.stage - self.gone_back });
-        if let Some(at) = start_up {
+        if start_up.is_some() {
+            let (phase, stage) = self.phases.advance();
+            #[cfg(feature = "legs")]
+            if phase == Phase::Legs {
+                // A copy: the input itself then stays in registers.
+                let x = *x;
+                return self.compare_legs(c, &x, i_dq_ref, stage);
+            }
             let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
             self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
-            *i_dq_ref = self.prepare(c, &i_s, at.stage);
-            if at.stage <= 1 {
+            *i_dq_ref = self.prepare(c, &i_s);
+            if (phase, stage) == (Phase::Catch, 1) {
                 // The speed estimator runs in odd periods, and takes less time than what runs in even ones.
                 self.filter.align(x.period);
             }
@@ -320,26 +299,22 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             _ => {}
         }
         let (mut complete, mut current_control) = (false, CurrentControl::Continues);
-        if let Some(at) = start_up {
-            let catch_periods = self.catch_periods;
-            if at.stage <= catch_periods {
+        if start_up.is_some() {
+            let (phase, stage) = self.phases.now();
+            if phase == Phase::Catch {
                 let u_s = x.u_s;
                 return PeriodOutput {
                     // Before the period, at the end of which the current may begin to fall.
-                    current_control: self.current_control_of_catch(c, at.stage),
-                    field: self.catch_flux(c, &u_s, i_dq_ref.re(), at.stage),
+                    current_control: self.current_control_of_catch(c),
+                    field: self.catch_flux(c, &u_s, i_dq_ref.re()),
                     complete: false,
                 };
             }
             let i;
-            let stage = at.stage - catch_periods;
             #[cfg(feature = "restart")]
             self.watch_for_rotation(c, stage);
-            (field, i, complete) = if self.is_searching() {
-                self.search_speed(c, stage)
-            } else {
-                self.build_up(c, StartUp { stage }, x.u_dc)
-            };
+            (field, i, complete) =
+                if self.is_searching() { self.search_speed(c, stage) } else { self.build_up(c, stage, x.u_dc) };
             if self.follows_flux() {
                 current_control = CurrentControl::FollowsFlux;
             }
@@ -347,10 +322,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             (psi_s, omega_s) = (self.filter.magnitude(), self.speed.omega_s);
             #[cfg(feature = "modes")]
             if c.two_sensors() {
-                let gone_back = self.gone_back;
+                let repeated = self.phases.has_repeated();
                 if self.compare_gains(c, x, i_dq_ref.re(), stage) {
                     i_dq = Dq::new(i_m.re(), i_m.im());
-                    complete &= self.gone_back == gone_back;
+                    complete &= self.phases.has_repeated() == repeated;
                 }
             }
         }

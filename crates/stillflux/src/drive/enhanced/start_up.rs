@@ -35,6 +35,7 @@
 //!    start-up goes on with 3, below that the filter is initialised where the flux is
 //!    ([`crate::estimate`]'s `slow_turn`, with the feature `restart`).
 
+use super::phase::Phase;
 #[cfg(feature = "restart")]
 use super::turned_by;
 use super::{EnhancedEstimators, Start, remaining};
@@ -44,7 +45,7 @@ use crate::control::levels::{Level, SETTLED};
 use crate::drive::estimators::PeriodInput;
 #[cfg(feature = "legs")]
 use crate::drive::estimators::PeriodOutput;
-use crate::drive::estimators::{CurrentControl, Estimators, FieldQuantities, StartUp};
+use crate::drive::estimators::{CurrentControl, Estimators, FieldQuantities};
 #[cfg(feature = "restart")]
 use crate::estimate::catch::CatchConfig;
 use crate::estimate::catch::{BLOCKS, Catch, Direction, Found};
@@ -106,20 +107,19 @@ impl<R: Real> EnhancedEstimators<R> {
     /// Before the estimation of a start-up period: its current reference, and initialisation of the filter.
     #[cold]
     #[inline(never)]
-    pub(super) fn prepare(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>, stage: u32) -> Dq<R> {
-        if stage <= 1 {
+    pub(super) fn prepare(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>) -> Dq<R> {
+        let (phase, stage) = self.phases.now();
+        if (phase, stage) == (Phase::Catch, 1) {
             self.filter.start(&c.enhanced.filter, i_s);
             self.catch = Catch::new(self.filter.i_s());
-            self.catch_periods = c.enhanced.catch.block * BLOCKS;
         }
-        if stage <= self.catch_periods {
+        if phase == Phase::Catch {
             #[cfg(feature = "restart")]
             if stage > c.enhanced.catch.block * BLOCKS && self.catch.is_turning() {
                 return c.magnetising_current(u32::MAX);
             }
             return Dq::default();
         }
-        let stage = stage - self.catch_periods;
         if matches!(self.start, Start::Caught | Start::Empty) {
             if self.start == Start::Empty && stage <= DRIVEN {
                 self.filter.start(&c.enhanced.filter, &AlphaBeta::default());
@@ -159,13 +159,8 @@ impl<R: Real> EnhancedEstimators<R> {
     #[cold]
     #[inline(never)]
     #[cfg_attr(not(feature = "restart"), allow(unused_variables))]
-    pub(super) fn catch_flux(
-        &mut self,
-        c: &DriveConfig<R>,
-        u_s: &AlphaBeta<R>,
-        i_ref: R,
-        stage: u32,
-    ) -> FieldQuantities<R> {
+    pub(super) fn catch_flux(&mut self, c: &DriveConfig<R>, u_s: &AlphaBeta<R>, i_ref: R) -> FieldQuantities<R> {
+        let (_, stage) = self.phases.now();
         let i_s = self.filter.i_s();
         let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         #[cfg(feature = "restart")]
@@ -176,7 +171,7 @@ impl<R: Real> EnhancedEstimators<R> {
         };
         #[cfg(not(feature = "restart"))]
         let output = self.without_current(c, (u_s, i_s, psi_r), stage);
-        if stage == self.catch_periods {
+        if self.phases.ends_catch() {
             self.conclude_catch(c, stage, &i_s);
         }
         output
@@ -187,9 +182,9 @@ impl<R: Real> EnhancedEstimators<R> {
     /// flux across its own.
     #[inline(always)]
     #[cfg_attr(not(feature = "restart"), allow(unused_variables, clippy::unused_self))]
-    pub(super) fn current_control_of_catch(&self, c: &DriveConfig<R>, stage: u32) -> CurrentControl {
+    pub(super) fn current_control_of_catch(&self, c: &DriveConfig<R>) -> CurrentControl {
         #[cfg(feature = "restart")]
-        if stage > c.enhanced.catch.block * BLOCKS && !self.catch.is_turning() {
+        if self.phases.now().1 > c.enhanced.catch.block * BLOCKS && !self.catch.is_turning() {
             return CurrentControl::BeginsAnew;
         }
         CurrentControl::Continues
@@ -205,7 +200,7 @@ impl<R: Real> EnhancedEstimators<R> {
     ) -> FieldQuantities<R> {
         // Not after a comparison of the legs, with which the start-up begins again.
         #[cfg(feature = "legs")]
-        let blocked = self.put_off == 0;
+        let blocked = !self.phases.have_compared();
         #[cfg(not(feature = "legs"))]
         let blocked = true;
         let (field, psi_s, omega_s) = self.catch.step(&c.enhanced.catch, (stage, blocked), (u_s, i_s, psi_r));
@@ -249,12 +244,12 @@ impl<R: Real> EnhancedEstimators<R> {
             Ok(None) if stage < self.decayed_at() => {
                 #[cfg(feature = "restart")]
                 self.catch.set_turning(false);
-                self.catch_periods = self.decayed_at();
+                self.phases.catch_until(self.decayed_at());
                 return;
             }
             Ok(flux) => flux,
             Err(longer) => {
-                self.catch_periods += longer;
+                self.phases.extend_catch(longer);
                 return;
             }
         };
@@ -272,8 +267,8 @@ impl<R: Real> EnhancedEstimators<R> {
             (None, Start::Fresh(..)) => Start::Empty,
             _ => {
                 #[cfg(feature = "legs")]
-                {
-                    self.alternation = (c.enhanced.legs.is_on() && self.put_off == 0).then_some(0);
+                if c.enhanced.legs.is_on() {
+                    self.phases.compare_legs();
                 }
                 Start::Unknown
             }
@@ -353,7 +348,7 @@ impl<R: Real> EnhancedEstimators<R> {
         };
         // A machine in which the comparison of the legs has left a flux certainly turns.
         #[cfg(feature = "legs")]
-        let left = self.put_off > 0;
+        let left = self.phases.have_compared();
         #[cfg(not(feature = "legs"))]
         let left = false;
         if let (true, Found::Flux(psi_r, omega), Start::Fresh(stopped, direction)) = (turning, found, self.start)
@@ -399,10 +394,10 @@ impl<R: Real> EnhancedEstimators<R> {
         if let Some((mut omega, flux)) = self.search.step(&c.enhanced.search, stage, r_r, (before, psi_r), &i_s) {
             // In a machine that turns what is left of a flux may cancel what the search builds up: once it has decayed.
             #[cfg(feature = "legs")]
-            if omega == R::ZERO && self.put_off > 0 && !self.at_rest && !self.searched_again {
+            if omega == R::ZERO && self.phases.have_compared() && !self.at_rest && !self.searched_again {
                 self.searched_again = true;
                 self.search = SpeedSearch::new();
-                self.catch_periods += stage + c.magnetise_periods / 4;
+                self.phases.wait(c.magnetise_periods / 4);
                 return (Rotator::default(), ahead, false);
             }
             #[cfg(feature = "legs")]
@@ -474,7 +469,7 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         // Once: what a repetition adds up is of another difference of the gains.
         #[cfg(feature = "modes")]
-        if self.gone_back > 0 {
+        if self.phases.has_repeated() {
             return;
         }
         let (filter, config) = (&self.filter, &c.enhanced.filter);
@@ -488,7 +483,7 @@ impl<R: Real> EnhancedEstimators<R> {
             self.speed_estimator.start(&psi_r, omega);
             self.speed.set_synchronous(omega);
             self.search.turns();
-            self.catch_periods += stage - DRIVEN;
+            self.phases.build_up_after(DRIVEN);
         }
     }
 
@@ -496,11 +491,11 @@ impl<R: Real> EnhancedEstimators<R> {
     /// and whether the flux has built up.
     #[cold]
     #[inline(never)]
-    pub(super) fn build_up(&mut self, c: &DriveConfig<R>, at: StartUp, u_dc: R) -> (Rotator<R>, Dq<R>, bool) {
+    pub(super) fn build_up(&mut self, c: &DriveConfig<R>, stage: u32, u_dc: R) -> (Rotator<R>, Dq<R>, bool) {
         // A machine at rest has none before its flux has settled: that of a small flux is the noise of current control, to which
         // it is fed forward, and in machines with a large leakage the two oscillate at a low control frequency.
-        let rests = self.start == Start::Unknown && !self.search.found_rotation() && at.stage < settled(c);
-        if !rests && at.stage.is_multiple_of(c.speed_periods()) {
+        let rests = self.start == Start::Unknown && !self.search.found_rotation() && stage < settled(c);
+        if !rests && stage.is_multiple_of(c.speed_periods()) {
             self.update_speed(c);
         }
         let i_s = self.filter.i_s();
@@ -522,18 +517,18 @@ impl<R: Real> EnhancedEstimators<R> {
             if self.follows_flux() {
                 field = direction(&psi_r);
             }
-            if at.stage >= c.boost_periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
+            if stage >= c.boost_periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
                 // No flux after the time that it takes: nothing that was assumed holds.
                 self.search.reject();
                 self.start = Start::Unknown;
                 return (Rotator::default(), Rotator::default().to_field(&i_s), false);
             }
-            return (field, field.to_field(&i_s), built_up || at_limit || at.stage >= c.boost_periods);
+            return (field, field.to_field(&i_s), built_up || at_limit || stage >= c.boost_periods);
         } else if self.search.found_rotation() {
             field = direction(&psi_r);
             periods = c.boost_periods;
             // Without flux by then the current did not follow it: the rotation was an error of the voltage.
-            if at.stage >= periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
+            if stage >= periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
                 self.search.reject();
                 periods = c.magnetise_periods;
             }
@@ -542,7 +537,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 periods = 0;
             }
         }
-        (field, field.to_field(&i_s), at_limit || at.stage >= periods)
+        (field, field.to_field(&i_s), at_limit || stage >= periods)
     }
 
     /// Whether the current follows the direction of the flux.
@@ -567,7 +562,7 @@ impl<R: Real> EnhancedEstimators<R> {
         let u = x.u_s.re() + by_knee[1].abs() + by_knee[2].abs();
         self.pair.add(c.enhanced.pair_weight, [i_ref, u, x.u_s.im()], stage > begin);
         // Once in a start: what the repetition identifies is right for this difference.
-        if stage == c.magnetise_periods && self.gone_back == 0 {
+        if stage == c.magnetise_periods && !self.phases.has_repeated() {
             let left = self.pair.difference();
             if !left.within(R::from_f64(KNOWN_DIFFERENCE)) {
                 let known = self.half_difference;
@@ -577,7 +572,7 @@ impl<R: Real> EnhancedEstimators<R> {
                     let (found, i) = (self.half_difference - known, c.magnetising_current(0).re());
                     self.legs = c.enhanced.legs.without_difference(&self.legs, found + found, i, x.u_dc);
                 }
-                self.gone_back = c.magnetise_periods - begin / 2;
+                self.phases.repeat_after(begin / 2);
                 self.pair = Pair::default();
             }
         }
@@ -600,25 +595,22 @@ impl<R: Real> EnhancedEstimators<R> {
         self.filter.rest(&i_s);
         let i = c.magnetising_current(0).re();
         let [i_a, i_b, i_c] = x.i_abc;
-        let Alternation { axis, part } = self.legs_probe.step(config, period, &x.u_s, &i_s, i_a + i_b + i_c);
+        let Alternation { axis, part } = self.legs_probe.step(config, period - 1, &x.u_s, &i_s, i_a + i_b + i_c);
         *i_dq_ref = Dq::new(i * part, R::ZERO);
-        self.alternation = Some(period + 1);
-        self.put_off += 1;
         let [all, first] = config.periods();
-        let mut turns = period + 1 == first && self.legs_probe.rotates();
-        if period + 1 == all {
+        let mut turns = period == first && self.legs_probe.rotates();
+        if period == all {
             self.at_rest = self.legs_probe.is_at_rest(R::from_f64(ROTATING));
             if self.at_rest {
                 self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
                 self.knee.set_legs(&self.legs, x.u_dc);
             }
             turns = !self.at_rest;
-            self.alternation = None;
+            self.phases.build_up_after(0);
         }
         if turns {
-            self.alternation = None;
             // The flux that the alternation has left turns with the shaft: the start-up begins again and catches it.
-            self.put_off += self.catch_periods;
+            self.phases.begin_anew(c.enhanced.catch.block * BLOCKS);
         }
         let field = FieldQuantities {
             field: axis,
@@ -628,7 +620,7 @@ impl<R: Real> EnhancedEstimators<R> {
             i_dq: axis.to_field(&i_s),
         };
         let current_control =
-            if period + config.settled() >= all { CurrentControl::BeginsAnew } else { CurrentControl::Continues };
+            if period + config.settled() > all { CurrentControl::BeginsAnew } else { CurrentControl::Continues };
         PeriodOutput { field, complete: false, current_control }
     }
 }
