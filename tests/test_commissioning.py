@@ -347,7 +347,7 @@ def test_other_errors_of_a_commissioning() -> None:
 @pytest.mark.parametrize(
     ("option", "named"),
     [
-        ({"shunt": 0.3e-6}, "shunt = 0.0000003 s is not admissible.*reads the phase currents"),
+        ({"shunt": 0.3e-6}, "shunt = 3e-7 s is not admissible.*reads the phase currents"),
         ({"missed_calls": 0.1}, "missed_calls = 0.1 .*once a period"),
         ({"doubled_calls": 0.1}, "doubled_calls = 0.1 .*once a period"),
         ({"plant_inverter": sf.Inverter.preset("2.2kW").replace(f_s=8e3)}, "plant inverter.f_s = 8000 Hz"),
