@@ -396,7 +396,7 @@ def test_points_within_reach_of_zero_stator_frequency() -> None:
     assert near.isdisjoint({(0.02, 0.0), (0.02, 1.0), (0.0, 1.0), (0.03, -1.0)})
 
 
-def test_kinds_and_choice() -> None:
+def test_targets_are_chosen_by_name_and_a_kind_that_is_none_is_named() -> None:
     assert choose_targets(["plane", "mismatch"])[-2:] == ("plane-seeds", "mismatch")
     assert choose_targets(["mismatch-stepped"]) == ("mismatch-stepped",)
     assert choose_targets(["plane-rest"]) == ("plane-rest",)
@@ -594,7 +594,9 @@ def test_interruption_keeps_what_was_done() -> None:
     assert set(stop.value.results) < {"A", "B", "C"}
 
 
-def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_runs_and_a_page_that_says_how_to_repeat_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out, data = tmp_path / "out", tmp_path / "runs.json"
     arguments = ["beyond", "transient-load", "--machine", "2.2kW", "--scheme", "paper"]
     assert main([*arguments, "--out", str(out), "--json", str(data)]) == 0

@@ -99,7 +99,7 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     "command", [[], ["demo"], ["reproduce"], ["beyond"], ["simulate"], ["sweep"], ["replay"]]
 )
-def test_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_explains_its_use(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main([*command, "--help"])
     assert stop.value.code == 0
@@ -379,7 +379,9 @@ def test_report_is_self_contained(scenario: sf.Scenario, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_demo_passes_and_writes_one_small_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["demo", "--machine", "2.2kW", "--out", str(tmp_path)]) == 0
     assert "FAILED" not in capsys.readouterr().out
     assert 10_000 < (tmp_path / "demo.html").stat().st_size < 3_000_000

@@ -335,7 +335,7 @@ def test_deviations_that_were_found_are_priors_and_those_of_a_plate_are_none() -
     assert told == {"prior_R_s": settings["prior_R_s"]}
 
 
-def test_other_errors_of_a_commissioning() -> None:
+def test_what_a_commissioning_cannot_take_is_named() -> None:
     with pytest.raises(ValueError, match="shaft = \"loose\" is not one of 'locked', 'free'"):
         sf.Commissioning(PLATE, sf.Inverter(), shaft="loose")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="arithmetic"):
@@ -347,7 +347,7 @@ def test_other_errors_of_a_commissioning() -> None:
 @pytest.mark.parametrize(
     ("option", "named"),
     [
-        ({"shunt": 0.3e-6}, "shunt = 0.0000003 s is not admissible.*reads the phase currents"),
+        ({"shunt": 0.3e-6}, "shunt = 3e-7 s is not admissible.*reads the phase currents"),
         ({"missed_calls": 0.1}, "missed_calls = 0.1 .*once a period"),
         ({"doubled_calls": 0.1}, "doubled_calls = 0.1 .*once a period"),
         ({"plant_inverter": sf.Inverter.preset("2.2kW").replace(f_s=8e3)}, "plant inverter.f_s = 8000 Hz"),
@@ -513,11 +513,18 @@ def test_what_commissionings_find_is_brought_into_the_table_from_the_first_draw_
     expected = [commissioning.run(commissioning.FIRST + k).errors["c_out"] for k in range(2)]
     assert lines["c_out, largest error"].number == pytest.approx(max(expected), rel=0.01)
     for option, text in (
-        (["--first", "0"], "a table of the draws from 3000 on"),
+        (["--first", "0"], f"a table of the draws from {commissioning.FIRST} on"),
         (["--course", "start"], "a table without"),
     ):
         assert main([*given, *option]) == 2
         assert text in capsys.readouterr().err
+
+
+def test_the_help_says_at_which_draw_a_campaign_begins(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["beyond", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"--first K the draws from this one on; default: {commissioning.FIRST} (commissioning), 0" in said
 
 
 def _unknown(made: commissioning.Draw) -> str:

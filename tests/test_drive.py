@@ -91,34 +91,58 @@ def test_controls_a_foreign_plant_from_rest(arithmetic: Arithmetic) -> None:
     assert plant.torque() == pytest.approx(0.5 * motor.T_N, rel=0.05)
 
 
-def test_sequence_and_estimate(motor: sf.Motor, inverter: sf.Inverter) -> None:
-    drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
-    seen = []
+def run_until(drive: sf.Drive, plant: sf.Plant, state: str) -> list[str]:
+    """Runs a drive on its plant at 10 rad/s until it is in `state`: its states in order."""
+    seen = [drive.status.state]
     i_abc, u_dc = plant.sample()
-    for _ in range(18_000):
+    while seen[-1] != state:
         duty = drive.step(i_abc, u_dc, omega_ref=10.0)
         assert duty.shape == (3,)
         assert np.all((duty >= 0) & (duty <= 1))
         i_abc, u_dc = plant.step(duty, gates_on=drive.gates_on)
-        if drive.status.state not in seen:
+        if drive.status.state != seen[-1]:
             seen.append(drive.status.state)
-    assert seen == ["reading offset", "magnetising", "running"]
+    return seen
+
+
+def test_a_start_reads_the_offset_builds_up_the_flux_and_runs(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
+    seen = run_until(drive, plant, "running")
+    assert seen == ["stopped", "reading offset", "magnetising", "running"]
     assert drive.status == "running"
     assert str(drive.status) == "running"
+
+
+def test_the_estimate_is_the_truth_within_what_it_expects(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
+    run_until(drive, plant, "running")
+    i_abc, u_dc = plant.sample()
+    for _ in range(3000):
+        i_abc, u_dc = plant.step(drive.step(i_abc, u_dc, omega_ref=10.0), gates_on=drive.gates_on)
     estimate, truth = drive.estimate, plant.state
     assert abs(np.angle(estimate.psi_s / truth.psi_s)) < math.radians(3)
     assert estimate.omega_m == pytest.approx(truth.omega_m, abs=0.2)
     assert 0.0 < estimate.confidence <= 1.0
     assert 0.0 < estimate.angle_deviation < math.radians(15)
     assert 0.0 < estimate.nis < 0.1
-    duty = drive.step(i_abc, u_dc)
+
+
+def test_a_step_without_a_reference_is_a_stop(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
+    run_until(drive, plant, "running")
+    duty = drive.step(*plant.sample())
     assert drive.status == "stopped"
     assert drive.estimate.angle_deviation == pytest.approx(math.pi)
     assert not drive.gates_on
     assert list(duty) == [0.5, 0.5, 0.5]
+
+
+def test_another_drive_takes_over_a_memory_while_its_bridge_does_not_switch(
+    motor: sf.Motor, inverter: sf.Inverter
+) -> None:
+    drive, plant = sf.Drive(motor, inverter), sf.Plant(motor, inverter)
+    run_until(drive, plant, "running")
     memory = drive.memory()
-    while drive.status != "running":
-        i_abc, u_dc = plant.step(drive.step(i_abc, u_dc, omega_ref=10.0), gates_on=drive.gates_on)
     with pytest.raises(RuntimeError, match="the bridge switches; stop the drive first"):
         drive.restore(memory)
     other = sf.Drive(motor, inverter)
@@ -216,7 +240,7 @@ def test_faults_are_latched_with_cause_and_time(
     assert drive.status == "stopped"
 
 
-def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
+def test_a_drive_has_the_settings_of_its_scheme_alone(motor: sf.Motor, inverter: sf.Inverter) -> None:
     paper = sf.Drive(motor, inverter, scheme="paper", noise_gain=(0.03, 0.2), offset_estimator=False)
     assert paper.settings["noise_gain"] == (0.03, 0.2)
     assert paper.settings["offset_estimator"] is False
@@ -224,30 +248,45 @@ def test_settings_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     drive = sf.Drive(motor, inverter, identify_offset=False)
     assert drive.settings["identify_offset"] is False
     assert "offset_estimator" not in drive.settings
-    assert drive.settings["low_confidence"] == "keep"
-    assert sf.Drive(motor, inverter, low_confidence="limit").settings["low_confidence"] == "limit"
-    with pytest.raises(ValueError, match="low_confidence = 'stop' is not one of 'keep', 'limit', 'fault'"):
-        sf.Drive(motor, inverter, low_confidence="stop")  # type: ignore[arg-type]
-    kept = max(0.006, 0.4 * slip(motor, 1.0)) * motor.base["omega"]
-    assert drive.settings["omega_s_min"] == pytest.approx(kept, rel=0.05)
-    with pytest.raises(ValueError, match=r"omega_s_min = -1 .*range 0\.31\d* to 15\..*not per unit"):
-        sf.Drive(motor, inverter, omega_s_min=-1.0)
     with pytest.raises(TypeError, match=r"'noise_gain' is a setting of the scheme 'paper', .* is 'enhanced'"):
         sf.Drive(motor, inverter, noise_gain=(0.06, 0.5))
     with pytest.raises(
         TypeError, match=r"'omega_s_min' is a setting of the scheme 'enhanced', .* is 'paper'"
     ):
         sf.Drive(motor, inverter, scheme="paper", omega_s_min=0.0)
+
+
+def test_a_choice_is_one_of_its_names(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    assert sf.Drive(motor, inverter).settings["low_confidence"] == "keep"
+    assert sf.Drive(motor, inverter, low_confidence="limit").settings["low_confidence"] == "limit"
+    with pytest.raises(ValueError, match="low_confidence = 'stop' is not one of 'keep', 'limit', 'fault'"):
+        sf.Drive(motor, inverter, low_confidence="stop")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"arithmetic = .*'q'"):
+        sf.Drive(motor, inverter, arithmetic="f16")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="scheme = 'voltage' is not one of 'enhanced', 'paper'"):
+        sf.Drive(motor, inverter, scheme="voltage")  # type: ignore[arg-type]
+
+
+def test_the_frequency_that_is_kept_follows_from_the_slip(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    kept = max(0.006, 0.4 * slip(motor, 1.0)) * motor.base["omega"]
+    assert sf.Drive(motor, inverter).settings["omega_s_min"] == pytest.approx(kept, rel=0.05)
+    with pytest.raises(ValueError, match=r"omega_s_min = -1 .*range 0\.31\d* to 15\..*not per unit"):
+        sf.Drive(motor, inverter, omega_s_min=-1.0)
+
+
+def test_what_is_no_setting_or_no_value_of_it_is_named(motor: sf.Motor, inverter: sf.Inverter) -> None:
     with pytest.raises(TypeError, match="'bandwidth'"):
         sf.Drive(motor, inverter, bandwidth=3.0)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="psi_ref"):
         sf.Drive(motor, inverter, psi_ref="one")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"psi_ref = 2 .*range 0.3 to 1.2"):
         sf.Drive(motor, inverter, psi_ref=2.0)
-    with pytest.raises(ValueError, match=r"arithmetic = .*'q'"):
-        sf.Drive(motor, inverter, arithmetic="f16")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="scheme = 'voltage' is not one of 'enhanced', 'paper'"):
-        sf.Drive(motor, inverter, scheme="voltage")  # type: ignore[arg-type]
+
+
+def test_a_memory_that_lacks_a_value_or_has_none_that_is_a_number_is_named(
+    motor: sf.Motor, inverter: sf.Inverter
+) -> None:
+    drive = sf.Drive(motor, inverter)
     with pytest.raises(ValueError, match="R_s"):
         drive.restore({"u_off": 0j, "i_off": (0, 0, 0)})
     with pytest.raises(ValueError, match="finite"):

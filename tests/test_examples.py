@@ -50,7 +50,7 @@ def test_notebooks_are_committed_small_and_without_outputs(path: Path) -> None:
         assert cell.get("execution_count") is None
 
 
-def test_own_motor() -> None:
+def test_the_notebook_of_an_own_motor_keeps_the_field() -> None:
     cells, names = notebook("own_motor")
     assert sum(bool(cell.picture) for cell in cells) == 2
     for run in (names["known"], names["plated"]):
@@ -58,7 +58,7 @@ def test_own_motor() -> None:
         assert metrics.worst_angle(run) < 5.0
 
 
-def test_own_log() -> None:
+def test_the_notebook_of_an_own_log_finds_the_speed_and_the_mistakes() -> None:
     cells, names = notebook("own_log")
     assert names["found"].voltage == "bridge"
     assert names["found"].omega_m[-1] == pytest.approx(20.0, rel=0.03)
@@ -67,7 +67,7 @@ def test_own_log() -> None:
     assert "i_a and i_b swapped" in cells[-1].text
 
 
-def test_many_runs() -> None:
+def test_the_notebook_of_many_runs_has_none_that_fails() -> None:
     _, names = notebook("many_runs")
     assert len(names["found"]) == 9
     assert not names["found"].failed
@@ -91,18 +91,18 @@ def test_the_drive_holds_on_plants_that_others_wrote(package: str, name: str, at
     assert worst("enhanced", 3.6, math.inf) < at_zero
 
 
-def test_observability() -> None:
+def test_the_flux_shift_of_the_example_keeps_the_angle() -> None:
     kept, default = (run("observability")[name].window(4.5) for name in ("omega_s_min=0", "default"))
     assert metrics.worst_angle(kept) > 3.0 * metrics.worst_angle(default)
     assert kept["estimate.angle_deviation"].max() > 2.0 * default["estimate.angle_deviation"].max()
 
 
-def test_bridge_curve() -> None:
+def test_the_bridge_curve_of_the_example_is_its_law() -> None:
     _, measured, law = run("bridge_curve")
     assert np.abs(measured - law).max() < 0.03
 
 
-def test_lost_and_held() -> None:
+def test_where_the_published_scheme_of_the_example_is_lost_the_enhanced_one_holds() -> None:
     runs = run("lost_and_held")
     assert runs["paper"].status.fault is not None
     assert metrics.worst_angle(runs["paper"]) > 20.0
@@ -113,7 +113,7 @@ def test_lost_and_held() -> None:
 
 
 @pytest.mark.slow
-def test_the_animation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_animation_of_the_example_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(EXAMPLES / "lost_and_held.py"), run_name="__main__")
     assert (tmp_path / "lost_and_held.gif").stat().st_size > 20_000

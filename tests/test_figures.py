@@ -147,7 +147,7 @@ def test_a_claim_outside_the_documented_limit_fails_the_verdict() -> None:
     assert verdict(strict, [at_most("y", 0.5, 1.0)], control) == "reproduced"
 
 
-def test_choose() -> None:
+def test_figures_are_chosen_by_number_and_an_unknown_one_is_named() -> None:
     assert choose_figures([]) == (*figures(), "headline")
     assert choose_figures(["13", "16"]) == ("13a", "13b", "16")
     assert choose_figures(["9"]) == ("9", "9-known")
@@ -165,7 +165,9 @@ def test_figures_of_which_a_run_is_missing_are_left_out() -> None:
     assert outcomes([]) == []
 
 
-def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_verdicts_and_a_page_with_the_figures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     arguments = ["reproduce", "5", "6", "--machine", "11kW", "--out", str(tmp_path), "--json", "-"]
     assert main(arguments) == 0
     rows = json.loads(capsys.readouterr().out)
@@ -236,7 +238,7 @@ def test_a_shaft_that_runs_away_beyond_what_can_be_computed_is_lost(monkeypatch:
 
 
 @pytest.mark.slow
-def test_a_margin() -> None:
+def test_a_margin_is_found_in_the_direction_that_a_parameter_has() -> None:
     found = sensitivity.margin("15", "2.2kW", "current offset", seeds=SEEDS[:1])
     assert found.down is None
     assert found.up >= 1.0

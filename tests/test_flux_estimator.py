@@ -40,13 +40,18 @@ def test_offset_is_found(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert np.degrees(np.abs(np.angle(trace.psi_s[-1000:] / psi[-1000:])).max()) < 1.0
 
 
-def test_series_and_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
+def test_a_constant_gives_what_a_series_of_it_does(motor: sf.Motor, inverter: sf.Inverter) -> None:
     u, i, _ = record(motor, inverter, 0j, 100)
     estimator = sf.FluxEstimator(motor, inverter)
     constant = estimator.run(u, i, R_s=3.0, omega_s=1.0)
     series = estimator.run(u, i, R_s=np.full(100, 3.0), omega_s=np.ones(100))
     assert np.array_equal(constant.psi_s, series.psi_s)
     assert len(estimator.run(u[:0], i[:0]).t) == 0
+
+
+def test_a_record_that_does_not_fit_is_named(motor: sf.Motor, inverter: sf.Inverter) -> None:
+    u, i, _ = record(motor, inverter, 0j, 100)
+    estimator = sf.FluxEstimator(motor, inverter)
     with pytest.raises(ValueError, match="i_s has 99 samples, u_s has 100"):
         estimator.run(u, i[:-1])
     i[7] = np.nan

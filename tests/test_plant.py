@@ -299,7 +299,9 @@ def test_averaged_follows_switching(motor: sf.Motor, inverter: sf.Inverter) -> N
     assert torques[0] == pytest.approx(torques[1], rel=0.03)
 
 
-def test_sensors(motor: sf.Motor, inverter: sf.Inverter) -> None:
+def test_a_reading_has_offset_noise_and_range_and_repeats_with_its_seed(
+    motor: sf.Motor, inverter: sf.Inverter
+) -> None:
     plant = sf.Plant(
         motor, inverter, current_offset=0.5j, adc_noise=0.01, adc_range=20.0, adc_bits=14, seed=3
     )
@@ -314,7 +316,7 @@ def test_sensors(motor: sf.Motor, inverter: sf.Inverter) -> None:
     assert plant.current_offset == (0.1, 0.2, 0.3)
 
 
-def test_setters(motor: sf.Motor, inverter: sf.Inverter) -> None:
+def test_what_is_set_of_a_plant_is_checked_and_its_state(motor: sf.Motor, inverter: sf.Inverter) -> None:
     plant = sf.Plant(motor, inverter)
     plant.R_s = 4.4
     plant.u_dc = 500.0
@@ -330,7 +332,7 @@ def test_setters(motor: sf.Motor, inverter: sf.Inverter) -> None:
         plant.u_dc = float("nan")
 
 
-def test_errors(motor: sf.Motor, inverter: sf.Inverter) -> None:
+def test_what_a_plant_cannot_take_is_named(motor: sf.Motor, inverter: sf.Inverter) -> None:
     with pytest.raises(TypeError, match="'fricton'"):
         sf.Plant(motor, inverter, fricton=1.0)  # type: ignore[call-arg]
     with pytest.raises(ValueError, match=r"viscous = -1 .* range 0 to"):

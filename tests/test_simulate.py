@@ -104,7 +104,7 @@ def test_same_scenario_same_result(scenario: sf.Scenario) -> None:
     assert np.array_equal(first["i_s"], second["i_s"])
 
 
-def test_pickles(scenario: sf.Scenario) -> None:
+def test_scenario_and_result_come_back_from_pickle(scenario: sf.Scenario) -> None:
     assert pickle.loads(pickle.dumps(scenario)) == scenario
     result = sf.simulate(scenario.replace(signals=["omega_m"], duration=0.1, changes=[]))
     back = pickle.loads(pickle.dumps(result))
@@ -112,7 +112,7 @@ def test_pickles(scenario: sf.Scenario) -> None:
     assert back.status == result.status
 
 
-def test_save_and_load(scenario: sf.Scenario, tmp_path: Path) -> None:
+def test_a_result_comes_back_from_its_file(scenario: sf.Scenario, tmp_path: Path) -> None:
     result = sf.simulate(scenario.replace(memory=MEMORY))
     path = tmp_path / "run.npz"
     result.save(path)
@@ -144,7 +144,7 @@ def test_failed_save_leaves_nothing(
     assert path.read_bytes() == b"before"
 
 
-def test_window_and_plot(scenario: sf.Scenario) -> None:
+def test_a_window_is_a_part_of_a_result_and_a_plot_has_all_panels(scenario: sf.Scenario) -> None:
     result = sf.simulate(scenario)
     part = result.window(1.0, 1.5)
     assert part.t[0] == pytest.approx(1.0)
@@ -221,7 +221,7 @@ def test_the_summary_names_a_torque_reference_that_is_cut(scenario: sf.Scenario)
         ({"plant_inverter": sf.Inverter(f_s=5e3)}, ValueError, "f_s = 5000"),
     ],
 )
-def test_bad_scenarios(
+def test_what_no_scenario_can_be_is_named(
     scenario: sf.Scenario, changes: dict[str, object], error: type[Exception], text: str
 ) -> None:
     with pytest.raises(error, match=text):
@@ -643,8 +643,28 @@ def test_what_no_scenario_has_is_named(scenario: sf.Scenario, changes: dict[str,
         scenario.replace(**changes)
 
 
-def test_a_channel_can_read_another_phase(scenario: sf.Scenario) -> None:
-    scenario.replace(changes=[(0.1, {"channel": (0, "of", 1)}), (0.2, {"channel": (1, "of", 2.0)})])
+@pytest.mark.parametrize(("channel", "other"), [(0, 1), (1, 2.0), (2, 0)])
+def test_a_channel_can_read_another_phase(scenario: sf.Scenario, channel: int, other: float) -> None:
+    since = 1.7
+    result = sf.simulate(
+        scenario.replace(
+            plant={},
+            changes=[(since, {"channel": (channel, "of", other)})],
+            duration=since + 0.01,
+            signals=["i_s", "measured.i_s"],
+            record_every=1,
+        )
+    )
+    axes = np.exp(2j * np.pi / 3 * np.arange(3))
+    phases = (result["i_s"][:, None] * axes.conj()).real
+    swapped = phases.copy()
+    swapped[:, channel] = phases[:, int(other)]
+    # From the next sample on, and the current flows until the sum of the three is a fault.
+    after = result.t > since + 0.5 / scenario.inverter.f_c
+    assert (after & (np.abs(swapped - phases).max(axis=1) > 1.0)).sum() >= 3
+    for read, rows in ((phases, ~after), (swapped, after)):
+        measured = 2.0 / 3.0 * (read * axes).sum(axis=1)
+        assert np.abs(result["measured.i_s"] - measured)[rows].max() < 0.02
 
 
 def test_a_field_of_a_scenario_is_no_method_of_it(scenario: sf.Scenario) -> None:

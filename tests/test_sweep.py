@@ -283,7 +283,7 @@ def test_ctrl_c_keeps_what_was_done() -> None:
     assert len(caught.value.result) == 1
 
 
-def test_maps_and_distributions(tmp_path: Path) -> None:
+def test_a_sweep_is_drawn_as_map_and_spread_and_given_as_frame(tmp_path: Path) -> None:
     found = sf.sweep(points(), ["angle_max"], "serial")
     assert found.units == {"angle_max": "°"}
     for figure in (found.map("plant_motor.R_s", "load_torque", "angle_max"), found.spread()):
@@ -294,7 +294,9 @@ def test_maps_and_distributions(tmp_path: Path) -> None:
         found["nothing"]
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_rows_plot_and_journal_and_names_what_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "sweep.toml"
     text = (EXAMPLES / "sweep_map.toml").read_text().replace("[1.6e-6, 2.0e-6, 2.4e-6]", "[2.0e-6]")
     file.write_text(text)

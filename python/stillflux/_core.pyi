@@ -13,6 +13,7 @@ from stillflux.parameters import Inverter, Motor
 from stillflux.scenario import Scenario
 
 __all__ = [
+    "COMMISSIONING_TRIP",
     "CommissioningCore",
     "CommissioningRun",
     "Drive",
@@ -70,6 +71,9 @@ def to_t_model(motor: Motor) -> dict[str, float]:
 
 def base(motor: Motor) -> dict[str, float]:
     """Base quantities of a motor's per-unit system, SI."""
+
+COMMISSIONING_TRIP: float
+"""Current at which a commissioning blocks the gates, of the rated peak."""
 
 def signals() -> dict[str, str]:
     """Names and units of all signals a run can record."""

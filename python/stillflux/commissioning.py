@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from stillflux._core import CommissioningCore, CommissioningRun
+from stillflux._core import COMMISSIONING_TRIP, CommissioningCore, CommissioningRun
 from stillflux.machine_file import machine_to_toml, priors
 from stillflux.messages import meant
 from stillflux.nameplate import Nameplate
@@ -45,8 +45,6 @@ PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
 """All of them, in the order in which they are run."""
 
 
-_MOST = 1.45
-"""Current at which the core blocks the gates, of the rated peak."""
 _FAR_INERTIA = 8.0
 """Factor from the inertia by the plate beyond which the one that is found is named."""
 
@@ -129,7 +127,7 @@ class Commissioning:
 
     `step` is called once a control period, with the same timing as `Drive.step`: currents sampled at the
     start of period k give the duties applied during period k + 1. At standstill every current flows along one
-    axis: a free shaft does not turn. The current stays below 1.5 times the rated one, which the current
+    axis: a free shaft does not turn. The current stays below 1.45 times the rated one, which the current
     channels have to show: of one that ends before, nothing is known beyond.
 
     Parameters
@@ -273,11 +271,12 @@ def commission(
             )
     adc_range = plant.get("adc_range")
     if isinstance(adc_range, (int, float)):
-        least = _MOST * math.sqrt(2.0) * plate.I_N
+        least = COMMISSIONING_TRIP * math.sqrt(2.0) * plate.I_N
         if not adc_range >= least:
             raise ValueError(
                 f"adc_range = {adc_range:g} A is outside the admissible range {least:.4g} A to inf: currents "
-                f"go up to {_MOST:g} times the rated peak; a channel that ends before lets them grow on"
+                f"go up to {COMMISSIONING_TRIP:g} times the rated peak; a channel that ends before lets them "
+                "grow on"
             )
     run = CommissioningRun(
         plate,

@@ -122,7 +122,9 @@ class Motor:
     T_N: float
     """Rated torque, N·m."""
     saturation: tuple[float, float, float] | None = None
-    """(L_u, a, S) of the Γ-form curve L_s(ψ) = L_u/(1 + (a ψ)^S), in H, 1/(V·s), 1; a plant's property."""
+    """Magnetising curve: (L_u, a, S) of the Γ form, L_s(ψ) = L_u/(1 + (a ψ)^S), in H, 1/(V·s), 1. The plant
+    simulates it; the enhanced scheme starts its model of the curve from it. None: a plant without saturation,
+    and a typical curve for the scheme."""
 
     def __post_init__(self) -> None:
         if self.saturation is not None:

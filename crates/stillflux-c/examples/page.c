@@ -75,13 +75,19 @@ static void refusals(const uint32_t *page)
   expect(stillflux_open(&drive, sizeof drive, stored) == STILLFLUX_OK, "and taken back");
 }
 
+/* What is refused, to the user. */
+static void report(const stillflux_error *e)
+{
+  fprintf(stderr, "%s = %g: %g to %g %s %s\n", e->field, e->value, e->min, e->max, e->unit, e->note);
+}
+
 /* A page with one setting changed: whether it differs from the one with the defaults; stops where it is refused. */
 static int differs(const stillflux_settings *settings, const stillflux_memory *memory, const uint32_t *page)
 {
   stillflux_error error;
   uint32_t changed[STILLFLUX_PAGE_WORDS];
   if (stillflux_page(&machine, &inverter, settings, memory, changed, &error) != STILLFLUX_OK) {
-    fprintf(stderr, "%s = %g: %g to %g %s\n", error.field, error.value, error.min, error.max, error.note);
+    report(&error);
     exit(1);
   }
   return memcmp(changed, page, sizeof changed) != 0;
@@ -108,6 +114,9 @@ static void settings_reach_the_page(const stillflux_settings *defaults, const st
   s.speed_limits[1] = 100.0;
   expect(differs(&s, memory, page), "limits of the speed");
   s = *defaults;
+  s.torque_limits[0] = s.torque_limits[1] = 0.0;
+  expect(differs(&s, memory, page), "no torque");
+  s = *defaults;
   s.machine_overload[0] = 5.0;
   s.machine_overload[1] = 600.0;
   expect(differs(&s, memory, page), "overload of the machine");
@@ -126,6 +135,11 @@ static void settings_reach_the_page(const stillflux_settings *defaults, const st
   expect(stillflux_page(&machine, &inverter, &s, memory, refused, &error) == STILLFLUX_ERROR_PARAMETER &&
              strcmp(error.field, "discontinuous_above") == 0,
          "discontinuous modulation beyond its range is refused by name");
+  s = *defaults;
+  s.low_confidence = 9;
+  expect(stillflux_page(&machine, &inverter, &s, memory, refused, &error) == STILLFLUX_ERROR_PARAMETER &&
+             strcmp(error.field, "low_confidence") == 0,
+         "a number without a meaning is refused by name");
 }
 
 int main(int argc, char **argv)
@@ -143,10 +157,10 @@ int main(int argc, char **argv)
   stillflux_inverter small = inverter;
   small.i_full = 10.0;
   expect(stillflux_page(&machine, &small, &settings, &memory, page, &error) == STILLFLUX_ERROR_PARAMETER &&
-             strcmp(error.field, "i_full") == 0 && error.min > 17.0,
+             strcmp(error.field, "i_full") == 0 && strcmp(error.unit, "A") == 0 && error.min > 17.0,
          "a full scale that hides a saturated channel is refused by name");
   if (stillflux_page(&machine, &inverter, &settings, &memory, page, &error) != STILLFLUX_OK) {
-    fprintf(stderr, "%s = %g: %g to %g %s\n", error.field, error.value, error.min, error.max, error.note);
+    report(&error);
     return 1;
   }
   settings_reach_the_page(&settings, &memory, page);

@@ -355,17 +355,18 @@ pub struct stillflux_settings {
     pub acceleration: f64,
     /// Largest jerk of the speed reference, mechanical rad/s^3, with an acceleration; 0: no limit.
     pub jerk: f64,
-    /// Negative and positive limit of the torque reference, N m; both 0: that of torque_max.
+    /// Negative and positive limit of the torque reference, N m, within torque_max; both 0: no torque. Infinite, the
+    /// default: that of torque_max.
     pub torque_limits: [f64; 2],
-    /// Negative and positive limit of the mechanical speed reference, rad/s; both 0: that of omega_max.
+    /// Negative and positive limit of the mechanical speed reference, rad/s, within omega_max; both 0: no speed.
+    /// Infinite, the default: that of omega_max.
     pub speed_limits: [f64; 2],
     /// Continuous current of the machine, A rms, and the time constant of its heat, s; both 0: no derating. Heat
     /// is counted while the drive runs, not while it magnetises.
     pub machine_overload: [f64; 2],
     /// The same of the bridge.
     pub bridge_overload: [f64; 2],
-    /// While the confidence is low: STILLFLUX_LOW_CONFIDENCE_KEEP, ..._LIMIT_TORQUE or ..._FAULT; any other number is
-    /// the first.
+    /// While the confidence is low: STILLFLUX_LOW_CONFIDENCE_KEEP, ..._LIMIT_TORQUE or ..._FAULT.
     pub low_confidence: u32,
     /// Time after a stop within which a start is as short as the current allows, s; 0: never.
     pub fresh_time: f64,
@@ -387,7 +388,7 @@ pub struct stillflux_settings {
     pub encoder_lines: u32,
     /// States of its counter: 65536 of one of 16 bits.
     pub encoder_states: u32,
-    /// STILLFLUX_ENCODER_COMPARE or STILLFLUX_ENCODER_CONTROL; any other number is the first.
+    /// STILLFLUX_ENCODER_COMPARE or STILLFLUX_ENCODER_CONTROL.
     pub encoder_mode: u32,
     /// Difference from which on measured and estimated speed do not agree, mechanical rad/s.
     pub encoder_deviation: f64,
@@ -432,12 +433,14 @@ pub struct stillflux_memory {
 pub struct stillflux_error {
     /// Name of the field, terminated by a zero.
     pub field: [c_char; 32],
-    /// The value given, in the unit of the field.
+    /// The value given.
     pub value: f64,
     /// Smallest admissible value; above `max` where no value is admissible, and `note` says what is missing.
     pub min: f64,
     /// Largest admissible value.
     pub max: f64,
+    /// Unit of all three, UTF-8, terminated by a zero; empty for a number.
+    pub unit: [c_char; 16],
     /// What else explains the range, UTF-8, terminated by a zero; may be empty.
     pub note: [c_char; 128],
 }
@@ -729,7 +732,8 @@ pub extern "C" fn stillflux_telemetry_read(drive: &stillflux_drive, telemetry: &
 }
 
 /// Writes a parameter page with what the drive has learned, to be kept over a loss of supply: `page` is the one it was
-/// opened with, `to` takes the same parameters with the offsets, the resistance and the inverter error of now.
+/// opened with, `to` takes the same parameters with what is in `stillflux_memory` as it is now: offsets, resistance,
+/// error and knee of the inverter model, inductances, delays of the legs.
 ///
 /// Returns STILLFLUX_OK, STILLFLUX_ERROR_PAGE or STILLFLUX_ERROR_CLOSED. To be called after a stop.
 ///
@@ -753,73 +757,7 @@ pub extern "C" fn stillflux_defaults(
     inverter: &stillflux_inverter,
     settings: &mut stillflux_settings,
 ) {
-    let d = DriveParams::new(&machine_of(machine), &inverter_of(inverter));
-    *settings = stillflux_settings {
-        scheme: if d.scheme == Scheme::Paper { STILLFLUX_PAPER } else { STILLFLUX_ENHANCED },
-        psi_ref: d.psi_ref,
-        i_max: d.i_max,
-        torque_max: d.torque_max,
-        omega_max: d.omega_max,
-        i_trip: d.i_trip,
-        i_range: d.i_range,
-        u_dc_min: d.u_dc_min,
-        u_dc_max: d.u_dc_max,
-        u_dc_brake: d.u_dc_brake.unwrap_or(0.0),
-        u_dc_buffer: d.u_dc_buffer.unwrap_or(0.0),
-        u_dc_chopper: words_of(d.u_dc_chopper),
-        current_bandwidth: d.current_bandwidth,
-        flux_bandwidth: d.flux_bandwidth,
-        speed_bandwidth: d.speed_bandwidth,
-        set_point_weight: d.set_point_weight,
-        pll_bandwidth: d.pll_bandwidth,
-        offset_time: d.offset_time,
-        magnetise_time: d.magnetise_time,
-        shunt_window: d.shunt_window,
-        shunt_settling: d.shunt_settling,
-        field_weakening: u32::from(d.field_weakening),
-        overmodulation: u32::from(d.overmodulation),
-        discontinuous_above: d.discontinuous_above.unwrap_or(0.0),
-        acceleration: d.acceleration.unwrap_or(0.0),
-        jerk: d.jerk.unwrap_or(0.0),
-        torque_limits: words_of(d.torque_limits),
-        speed_limits: words_of(d.speed_limits),
-        machine_overload: words_of(d.machine_overload),
-        bridge_overload: words_of(d.bridge_overload),
-        low_confidence: match d.low_confidence {
-            LowConfidence::LimitTorque => STILLFLUX_LOW_CONFIDENCE_LIMIT_TORQUE,
-            LowConfidence::Fault => STILLFLUX_LOW_CONFIDENCE_FAULT,
-            _ => STILLFLUX_LOW_CONFIDENCE_KEEP,
-        },
-        fresh_time: d.fresh_time,
-        supervision: u32::from(d.supervision),
-        stall_time: d.stall_time,
-        realignment: u32::from(d.realignment),
-        omega_s_min: d.enhanced.omega_s_min,
-        dither: d.enhanced.dither,
-        encoder_lines: d.encoder_lines,
-        encoder_states: d.encoder_states,
-        encoder_mode: if d.encoder_mode == EncoderMode::Control {
-            STILLFLUX_ENCODER_CONTROL
-        } else {
-            STILLFLUX_ENCODER_COMPARE
-        },
-        encoder_deviation: d.encoder_deviation,
-        encoder_fault: u32::from(d.encoder_fault),
-        temperature: u32::from(d.enhanced.winding_temperature.is_some()),
-        winding_temperature: d.enhanced.winding_temperature.unwrap_or(0.0),
-        cage_constant: d.enhanced.cage_constant,
-        rotor_rise: d.enhanced.rotor_rise,
-        winding_heat: words_of(d.enhanced.winding_heat),
-    };
-}
-
-/// A pair of which both zero is none.
-fn words_of(pair: Option<(f64, f64)>) -> [f64; 2] {
-    pair.map_or([0.0; 2], |(a, b)| [a, b])
-}
-
-fn pair_of(words: [f64; 2]) -> Option<(f64, f64)> {
-    (words != [0.0; 2]).then_some((words[0], words[1]))
+    *settings = settings_of(&DriveParams::new(&machine_of(machine), &inverter_of(inverter)));
 }
 
 /// What a drive that has not run yet remembers: the parameters.
@@ -859,78 +797,13 @@ pub unsafe extern "C" fn stillflux_page(
     page: *mut u32,
     error: &mut stillflux_error,
 ) -> u32 {
-    let (m, i, s) = (machine_of(machine), inverter_of(inverter), settings);
-    if !matches!(s.scheme, STILLFLUX_PAPER | STILLFLUX_ENHANCED) {
-        let (value, min, max) = (f64::from(s.scheme), f64::from(STILLFLUX_PAPER), f64::from(STILLFLUX_ENHANCED));
-        *error = error_of(&ParamError { field: "scheme", value, min, max, unit: "", note: "" });
-        return STILLFLUX_ERROR_PARAMETER;
-    }
-    let d = DriveParams::new(&m, &i);
-    let some = |x: f64| (x != 0.0).then_some(x);
-    let params = DriveParams {
-        scheme: if s.scheme == STILLFLUX_PAPER { Scheme::Paper } else { Scheme::Enhanced },
-        psi_ref: s.psi_ref,
-        i_max: s.i_max,
-        torque_max: s.torque_max,
-        omega_max: s.omega_max,
-        i_trip: s.i_trip,
-        i_range: s.i_range,
-        u_dc_min: s.u_dc_min,
-        u_dc_max: s.u_dc_max,
-        u_dc_brake: some(s.u_dc_brake),
-        u_dc_buffer: some(s.u_dc_buffer),
-        u_dc_chopper: pair_of(s.u_dc_chopper),
-        current_bandwidth: s.current_bandwidth,
-        flux_bandwidth: s.flux_bandwidth,
-        speed_bandwidth: s.speed_bandwidth,
-        set_point_weight: s.set_point_weight,
-        pll_bandwidth: s.pll_bandwidth,
-        current_sensors: inverter.current_sensors,
-        offset_time: s.offset_time,
-        magnetise_time: s.magnetise_time,
-        shunt_window: s.shunt_window,
-        shunt_settling: s.shunt_settling,
-        field_weakening: s.field_weakening != 0,
-        overmodulation: s.overmodulation != 0,
-        discontinuous_above: some(s.discontinuous_above),
-        acceleration: some(s.acceleration),
-        jerk: some(s.jerk),
-        torque_limits: pair_of(s.torque_limits),
-        speed_limits: pair_of(s.speed_limits),
-        machine_overload: pair_of(s.machine_overload),
-        bridge_overload: pair_of(s.bridge_overload),
-        low_confidence: match s.low_confidence {
-            STILLFLUX_LOW_CONFIDENCE_LIMIT_TORQUE => LowConfidence::LimitTorque,
-            STILLFLUX_LOW_CONFIDENCE_FAULT => LowConfidence::Fault,
-            _ => LowConfidence::Keep,
-        },
-        fresh_time: s.fresh_time,
-        supervision: s.supervision != 0,
-        stall_time: s.stall_time,
-        realignment: s.realignment != 0,
-        encoder_lines: s.encoder_lines,
-        encoder_states: s.encoder_states,
-        encoder_mode: if s.encoder_mode == STILLFLUX_ENCODER_CONTROL {
-            EncoderMode::Control
-        } else {
-            EncoderMode::Compare
-        },
-        encoder_deviation: s.encoder_deviation,
-        encoder_fault: s.encoder_fault != 0,
-        enhanced: EnhancedParams {
-            omega_s_min: s.omega_s_min,
-            dither: s.dither,
-            winding_temperature: (s.temperature != 0).then_some(s.winding_temperature),
-            cage_constant: s.cage_constant,
-            rotor_rise: s.rotor_rise,
-            winding_heat: pair_of(s.winding_heat),
-            ..d.enhanced
-        },
-        ..d
-    };
+    let (m, i) = (machine_of(machine), inverter_of(inverter));
     let &stillflux_memory { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = memory;
     let memory = MemorySi { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay };
-    match Ready::<Arithmetic>::new(&m, &i, &params, (inverter.i_full, inverter.u_full), &memory) {
+    let defaults = DriveParams { current_sensors: inverter.current_sensors, ..DriveParams::new(&m, &i) };
+    let ready = params_of(settings, defaults)
+        .and_then(|params| Ready::<Arithmetic>::new(&m, &i, &params, (inverter.i_full, inverter.u_full), &memory));
+    match ready {
         Ok(ready) => {
             // SAFETY: the caller's promise.
             unsafe { slice::from_raw_parts_mut(page, WORDS) }.copy_from_slice(Page::seal(&ready).words());
@@ -944,7 +817,8 @@ pub unsafe extern "C" fn stillflux_page(
 }
 
 fn error_of(e: &ParamError) -> stillflux_error {
-    stillflux_error { field: text(e.field), value: e.value, min: e.min, max: e.max, note: text(e.note) }
+    let &ParamError { field, value, min, max, unit, note } = e;
+    stillflux_error { field: text(field), value, min, max, unit: text(unit), note: text(note) }
 }
 
 /// A text as C has it, cut to its length at the end of a character.
@@ -956,6 +830,118 @@ fn text<const N: usize>(of: &str) -> [c_char; N] {
         *to = letter as c_char;
     }
     to
+}
+
+/// Settings of C and of the core, one of the other: each field stands once, and one that is in no list does not
+/// compile.
+macro_rules! settings {
+    (same: $($same:ident),*; enhanced: $($enhanced:ident),*; number: $($number:ident of $numbers:ident),*;
+        limits: $($limits:ident within $most:ident),*) => {
+        fn settings_of(d: &DriveParams) -> stillflux_settings {
+            stillflux_settings {
+                $($same: d.$same.to_c(),)*
+                $($enhanced: d.enhanced.$enhanced.to_c(),)*
+                $($number: number_of(&$numbers, d.$number),)*
+                $($limits: d.$limits.map_or([f64::NEG_INFINITY, f64::INFINITY], |(a, b)| [a, b]),)*
+                temperature: u32::from(d.enhanced.winding_temperature.is_some()),
+                winding_temperature: d.enhanced.winding_temperature.unwrap_or(0.0),
+            }
+        }
+
+        fn params_of(s: &stillflux_settings, d: DriveParams) -> Result<DriveParams, ParamError> {
+            Ok(DriveParams {
+                $($same: InC::from_c(s.$same),)*
+                $($number: named_by(stringify!($number), &$numbers, s.$number)?,)*
+                $($limits: Some(limits_of(s.$limits, s.$most)),)*
+                enhanced: EnhancedParams {
+                    $($enhanced: InC::from_c(s.$enhanced),)*
+                    winding_temperature: (s.temperature != 0).then_some(s.winding_temperature),
+                    ..d.enhanced
+                },
+                ..d
+            })
+        }
+    };
+}
+settings! {
+    same: psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max, u_dc_brake, u_dc_buffer,
+        u_dc_chopper, current_bandwidth, flux_bandwidth, speed_bandwidth, set_point_weight, pll_bandwidth,
+        offset_time, magnetise_time, shunt_window, shunt_settling, field_weakening, overmodulation,
+        discontinuous_above, acceleration, jerk, machine_overload, bridge_overload, fresh_time, supervision,
+        stall_time, realignment, encoder_lines, encoder_states, encoder_deviation, encoder_fault;
+    enhanced: omega_s_min, dither, cage_constant, rotor_rise, winding_heat;
+    number: scheme of SCHEMES, low_confidence of REACTIONS, encoder_mode of ENCODER_MODES;
+    limits: torque_limits within torque_max, speed_limits within omega_max
+}
+
+const SCHEMES: [(u32, Scheme); 2] = [(STILLFLUX_PAPER, Scheme::Paper), (STILLFLUX_ENHANCED, Scheme::Enhanced)];
+const REACTIONS: [(u32, LowConfidence); 3] = [
+    (STILLFLUX_LOW_CONFIDENCE_KEEP, LowConfidence::Keep),
+    (STILLFLUX_LOW_CONFIDENCE_LIMIT_TORQUE, LowConfidence::LimitTorque),
+    (STILLFLUX_LOW_CONFIDENCE_FAULT, LowConfidence::Fault),
+];
+const ENCODER_MODES: [(u32, EncoderMode); 2] =
+    [(STILLFLUX_ENCODER_COMPARE, EncoderMode::Compare), (STILLFLUX_ENCODER_CONTROL, EncoderMode::Control)];
+
+/// A setting as C has it.
+trait InC<C> {
+    fn to_c(self) -> C;
+    fn from_c(c: C) -> Self;
+}
+
+impl<T> InC<T> for T {
+    fn to_c(self) -> T {
+        self
+    }
+    fn from_c(c: T) -> Self {
+        c
+    }
+}
+
+impl InC<u32> for bool {
+    fn to_c(self) -> u32 {
+        u32::from(self)
+    }
+    fn from_c(c: u32) -> Self {
+        c != 0
+    }
+}
+
+/// Zero is none.
+impl InC<f64> for Option<f64> {
+    fn to_c(self) -> f64 {
+        self.unwrap_or(0.0)
+    }
+    fn from_c(c: f64) -> Self {
+        (c != 0.0).then_some(c)
+    }
+}
+
+/// Both zero is none.
+impl InC<[f64; 2]> for Option<(f64, f64)> {
+    fn to_c(self) -> [f64; 2] {
+        self.map_or([0.0; 2], |(a, b)| [a, b])
+    }
+    fn from_c(c: [f64; 2]) -> Self {
+        (c != [0.0; 2]).then_some((c[0], c[1]))
+    }
+}
+
+/// Limits by direction; an infinite one is that of both directions.
+fn limits_of([least, most]: [f64; 2], of_both: f64) -> (f64, f64) {
+    (if least == f64::NEG_INFINITY { -of_both } else { least }, if most == f64::INFINITY { of_both } else { most })
+}
+
+fn number_of<T: Copy + PartialEq>(named: &[(u32, T)], value: T) -> u32 {
+    named.iter().find(|(_, of)| *of == value).map_or(0, |(number, _)| *number)
+}
+
+/// # Errors
+/// A number that names nothing.
+fn named_by<T: Copy>(field: &'static str, named: &[(u32, T)], number: u32) -> Result<T, ParamError> {
+    let known = named.iter().find(|(of, _)| *of == number).map(|(_, value)| *value);
+    let max = named.len().saturating_sub(1) as f64;
+    known.ok_or(ParamError { field, value: f64::from(number), min: 0.0, max, unit: "", note: "" })
 }
 
 fn machine_of(m: &stillflux_machine) -> Machine {

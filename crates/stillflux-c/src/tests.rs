@@ -46,7 +46,7 @@ fn page_of(
         u_full,
     };
     let (mut settings, mut memory) = (MaybeUninit::uninit(), MaybeUninit::uninit());
-    let mut error = stillflux_error { field: [0; 32], value: 0.0, min: 0.0, max: 0.0, note: [0; 128] };
+    let mut error = stillflux_error { field: [0; 32], value: 0.0, min: 0.0, max: 0.0, unit: [1; 16], note: [0; 128] };
     let mut page = [0; WORDS];
     // SAFETY: each is written before it is read; no structure has an invalid pattern.
     unsafe {
@@ -72,7 +72,46 @@ fn what_no_drive_can_take_is_refused_by_its_field() {
     assert_eq!(page_of(|_| {}, blank), Err("memory R_s".into()));
     assert_eq!(page_of(|_| {}, |memory| memory.knee = -1.0), Err("memory knee".into()));
     assert_eq!(page_of(|settings| settings.scheme = 7, |_| {}), Err("scheme".into()));
+    assert_eq!(page_of(|settings| settings.low_confidence = 3, |_| {}), Err("low_confidence".into()));
+    assert_eq!(page_of(|settings| settings.encoder_mode = 2, |_| {}), Err("encoder_mode".into()));
     assert_eq!(page_of(|settings| settings.omega_s_min = 100.0, |_| {}), Err("omega_s_min".into()));
+}
+
+#[test]
+fn an_error_has_its_unit_and_what_does_not_fit_is_cut() {
+    let error = error_of(&ParamError {
+        field: "the name of a field that is longer than the text",
+        value: 1.0,
+        min: 2.0,
+        max: 3.0,
+        unit: "rad/s³",
+        note: "",
+    });
+    let read = |text: &[c_char]| {
+        let bytes = text.iter().take_while(|x| **x != 0).map(|x| *x as u8).collect();
+        String::from_utf8(bytes).unwrap()
+    };
+    assert_eq!((read(&error.unit), read(&error.note)), ("rad/s³".into(), String::new()));
+    assert_eq!(read(&error.field), "the name of a field that is lon");
+}
+
+#[test]
+fn limits_by_direction_follow_the_limit_of_both_until_they_are_set_and_zero_is_zero() {
+    let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+    let defaults = DriveParams::new(&machine, &inverter);
+    let in_rust = |params: DriveParams| {
+        let memory = MemorySi::of(&machine, &inverter);
+        let ready = Ready::<Arithmetic>::new(&machine, &inverter, &params, (17.7, 810.0), &memory);
+        *Page::seal(&ready.unwrap()).words()
+    };
+    assert_eq!(page(|_| {}), in_rust(defaults));
+    let less = |settings: &mut stillflux_settings| (settings.torque_max, settings.omega_max) = (5.0, 50.0);
+    assert_eq!(page(less), in_rust(DriveParams { torque_max: 5.0, omega_max: 50.0, ..defaults }));
+    let one_way =
+        |settings: &mut stillflux_settings| (settings.torque_limits, settings.speed_limits[0]) = ([0.0; 2], 0.0);
+    let (torque_limits, speed_limits) = (Some((0.0, 0.0)), Some((0.0, defaults.omega_max)));
+    assert_eq!(page(one_way), in_rust(DriveParams { torque_limits, speed_limits, ..defaults }));
+    assert_eq!(page_of(|settings| settings.torque_limits[1] = 1e3, |_| {}), Err("torque_limits[1]".into()));
 }
 
 #[test]
@@ -169,7 +208,7 @@ fn an_encoder_is_read_where_the_library_and_the_page_have_one() {
             assert_eq!(stillflux_open(drive, size_of::<stillflux_drive>(), page.as_ptr()), STILLFLUX_OK);
             let mut command = ZERO;
             for k in 0..400 {
-                stillflux_encoder_set(&mut *drive, 65_500 + k & 0xFFFF);
+                stillflux_encoder_set(&mut *drive, (65_500 + k) & 0xFFFF);
                 stillflux_period(&mut *drive, &COUNTS, &SPEED, &mut command);
             }
             assert_eq!(stillflux_encoder_read(&*drive, &mut encoder), u32::from(*lines > 0));

@@ -1,6 +1,7 @@
 //! Conversions shared by the classes.
 
 use std::any::type_name;
+use std::error::Error;
 
 use numpy::{Complex64, Element, PyArrayDescrMethods, PyReadonlyArray1, PyUntypedArray};
 use pyo3::exceptions::{PyAttributeError, PyOverflowError, PyTypeError, PyValueError};
@@ -9,8 +10,8 @@ use pyo3::types::{PyBool, PyBytes, PyComplex, PyDict, PyFloat, PyFrozenSet, PyLi
 use stillflux::params::{ParamError, check};
 use stillflux::space::{AlphaBeta, Space};
 
-/// A parameter error as `ValueError`; its text names field, value and range.
-pub fn value_error(e: ParamError) -> PyErr {
+/// An error of core or plant as `ValueError`; that of a parameter names field, value and range.
+pub fn value_error(e: impl Error) -> PyErr {
     PyValueError::new_err(e.to_string())
 }
 

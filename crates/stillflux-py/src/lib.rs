@@ -37,4 +37,8 @@ mod core_module {
     use crate::replay::RecordEstimator;
     #[pymodule_export]
     use crate::run::{Run, signals};
+
+    /// Current at which a commissioning blocks the gates, of the rated peak.
+    #[pymodule_export]
+    const COMMISSIONING_TRIP: f64 = stillflux::commission::TRIP;
 }

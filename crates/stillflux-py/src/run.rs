@@ -58,7 +58,6 @@ impl Scenario<'_> {
         let (machine, inverter) = (self.motor.machine()?, self.inverter.params()?);
         let plant_machine = self.plant_motor.map_or(Ok(machine), |m| m.machine())?;
         let plant_inverter = self.plant_inverter.map_or(Ok(inverter), |i| i.params())?;
-        check_signals(self.signals.as_deref())?;
         Ok(sim::Scenario {
             drive: drive_params(&machine, &inverter, &self.scheme, Some(&self.settings))?,
             plant: plant_params(plant_machine, plant_inverter, Some(&self.plant))?,
@@ -78,16 +77,6 @@ impl Scenario<'_> {
             cycle_stamps: self.cycle_stamps,
         })
     }
-}
-
-fn check_signals(names: Option<&[String]>) -> PyResult<()> {
-    for name in names.unwrap_or_default() {
-        if !SIGNALS.iter().any(|s| s.name == name) {
-            let known: Vec<_> = SIGNALS.iter().map(|s| s.name).collect();
-            return Err(PyValueError::new_err(format!("signals: {name:?} is not one of {}", known.join(", "))));
-        }
-    }
-    Ok(())
 }
 
 /// One entry a change: a dict with several names makes several changes at one time.

@@ -5,6 +5,7 @@
 //! (`angle_error`, `drift`) is computed from plant truth.
 
 use std::borrow::Cow;
+use std::fmt;
 
 use stillflux::config::DriveParams;
 use stillflux::control::shunt::Pulses;
@@ -283,6 +284,46 @@ const MOST_ROWS: u64 = 1 << 18;
 /// Tells the chance of the control's calls from the sensors' noise of the same seed.
 const CALLS: u64 = 0x0063_616c_6c73;
 
+/// What is wrong with a scenario.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ScenarioError {
+    /// A parameter outside its admissible range.
+    Param(ParamError),
+    /// A name that is none of [`SIGNALS`].
+    UnknownSignal(String),
+}
+
+impl ScenarioError {
+    /// The field that is wrong.
+    #[must_use]
+    pub fn field(&self) -> &'static str {
+        match self {
+            Self::Param(e) => e.field,
+            Self::UnknownSignal(_) => "signals",
+        }
+    }
+}
+
+impl From<ParamError> for ScenarioError {
+    fn from(e: ParamError) -> Self {
+        Self::Param(e)
+    }
+}
+
+impl fmt::Display for ScenarioError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Param(e) => e.fmt(f),
+            Self::UnknownSignal(name) => {
+                let known: Vec<_> = SIGNALS.iter().map(|s| s.name).collect();
+                write!(f, "signals: {name:?} is not one of {}", known.join(", "))
+            }
+        }
+    }
+}
+
+impl std::error::Error for ScenarioError {}
+
 /// A run in progress: advance it in pieces, look at the record any time.
 pub struct Run<'s> {
     scenario: Cow<'s, Scenario>,
@@ -310,10 +351,9 @@ impl<'s> Run<'s> {
     /// Prepares a run.
     ///
     /// # Errors
-    /// The first parameter outside its admissible range, or an unknown signal (reported as its position in
-    /// the list).
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-    pub fn new(scenario: Cow<'s, Scenario>) -> Result<Self, ParamError> {
+    /// The first parameter outside its admissible range, or the first unknown signal.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    pub fn new(scenario: Cow<'s, Scenario>) -> Result<Self, ScenarioError> {
         let s = &*scenario;
         // Without a period there is no sample of which anything could be said.
         check("duration", s.duration, 1.0 / s.inverter.f_c(), 1e5, "s")
@@ -339,16 +379,8 @@ impl<'s> Run<'s> {
             None => SIGNALS.iter().collect(),
             Some(names) => names
                 .iter()
-                .enumerate()
-                .map(|(k, name)| {
-                    SIGNALS.iter().find(|s| s.name == name).ok_or(ParamError {
-                        field: "signals (position of an unknown name)",
-                        value: k as f64,
-                        min: f64::NAN,
-                        max: f64::NAN,
-                        unit: "",
-                        note: "",
-                    })
+                .map(|name| {
+                    SIGNALS.iter().find(|s| s.name == name).ok_or_else(|| ScenarioError::UnknownSignal(name.clone()))
                 })
                 .collect::<Result<_, _>>()?,
         };

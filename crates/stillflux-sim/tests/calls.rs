@@ -35,7 +35,7 @@ fn probabilities_are_checked() {
     let field = |missed, doubled| {
         let mut s = Scenario::new(Machine::preset_2k2(), Inverter::preset_2k2(), 1.0);
         s.plant.calls = Calls { missed, doubled };
-        Run::new(Cow::Owned(s)).err().map(|e| e.field)
+        Run::new(Cow::Owned(s)).err().map(|e| e.field())
     };
     assert_eq!(field(-0.1, 0.0), Some("missed_calls"));
     assert_eq!(field(0.5, 0.6), Some("doubled_calls"));

@@ -536,6 +536,8 @@ fn confidence_falls_where_nothing_is_observed_and_an_unknown_offset_remains() {
 fn an_unknown_signal_and_a_descending_profile_are_refused() {
     let [bench, ..] = Bench::all(1.0);
     let s = bench.with(|s| s.signals = Some(vec!["nonsense".into()])).scenario;
-    assert!(Run::new(Cow::Owned(s)).is_err());
+    let error = Run::new(Cow::Owned(s)).err().unwrap();
+    assert_eq!(error.field(), "signals");
+    assert!(error.to_string().starts_with("signals: \"nonsense\" is not one of psi_s, "), "{error}");
     assert!(Profile::new(vec![(1.0, 0.0), (0.5, 0.0)]).is_err());
 }

@@ -351,7 +351,7 @@ fn what_the_plant_does_not_have_is_refused_and_not_left_out() {
     let with = |option: &dyn Fn(&mut Scenario)| {
         let mut s = Scenario::new(Machine::preset_2k2(), Inverter::preset_2k2(), 1.0);
         option(&mut s);
-        Run::new(Cow::Owned(s)).map(|_| ()).map_err(|e| e.field)
+        Run::new(Cow::Owned(s)).map(|_| ()).map_err(|e| e.field())
     };
     assert_eq!(with(&|_| ()), Ok(()));
     let change = |what: Change| move |s: &mut Scenario| s.changes = vec![(0.5, what)];

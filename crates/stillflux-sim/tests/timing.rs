@@ -73,7 +73,7 @@ fn a_plant_with_other_updates_than_the_drive_is_refused_by_name() {
     let (machine, inverter) = machines()[0];
     let mut s = Scenario::new(machine, inverter, 1.0);
     s.plant.inverter.half_periods = 1;
-    assert!(Run::new(Cow::Owned(s)).err().is_some_and(|e| e.field == "plant inverter.half_periods"));
+    assert!(Run::new(Cow::Owned(s)).err().is_some_and(|e| e.field() == "plant inverter.half_periods"));
     for half_periods in [0, 3, 5, 18] {
         let e = Inverter { half_periods, ..inverter }.validate().unwrap_err();
         assert_eq!(e.field, "half_periods");

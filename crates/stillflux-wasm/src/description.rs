@@ -9,7 +9,7 @@
 //!
 //! Values are SI; `complex`: real and imaginary part in turn.
 
-use stillflux::params::ParamError;
+use stillflux_sim::simulate::ScenarioError;
 
 use crate::session::{Choice, Installation, Range, Session, Setting};
 
@@ -17,7 +17,7 @@ use crate::session::{Choice, Installation, Range, Session, Setting};
 ///
 /// # Errors
 /// A parameter of an installation outside its range.
-pub fn json() -> Result<String, ParamError> {
+pub fn json() -> Result<String, ScenarioError> {
     let installations = Installation::all();
     let record = Session::new(Choice::of(installations[0]))?.advance(0);
     let signals = record.columns.iter().map(|column| {

@@ -9,7 +9,7 @@ use std::borrow::Cow;
 use stillflux::config::{DriveParams, Scheme};
 use stillflux::drive::Status;
 use stillflux::params::{Inverter, Machine, ParamError, check};
-use stillflux_sim::simulate::{Profile, Record, ReferenceProfile, Run, Scenario};
+use stillflux_sim::simulate::{Profile, Record, ReferenceProfile, Run, Scenario, ScenarioError};
 
 /// What is recorded: names of [`stillflux_sim::simulate::SIGNALS`].
 pub const SIGNALS: [&str; 18] = [
@@ -169,7 +169,7 @@ impl Session {
     ///
     /// # Errors
     /// A parameter outside its admissible range.
-    pub fn new(choice: Choice) -> Result<Self, ParamError> {
+    pub fn new(choice: Choice) -> Result<Self, ScenarioError> {
         let Installation { machine, inverter, .. } = choice.installation;
         let mut s = Scenario::new(machine, inverter, DURATION);
         s.record_every = choice.record_every;

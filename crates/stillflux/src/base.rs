@@ -160,6 +160,12 @@ impl PerUnit {
         })
     }
 
+    /// Pull-out of a stator flux, `(1 - σ)/(2 σl_s)` times this: with the flux the torque current, with its square the
+    /// torque.
+    pub(crate) fn pull_out(&self, times: f64) -> f64 {
+        times * (1.0 - self.sigma_l_s / self.l_s) / (2.0 * self.sigma_l_s)
+    }
+
     /// A frequency in Hz as angular frequency.
     pub(crate) fn hz(&self, f: f64) -> f64 {
         core::f64::consts::TAU * f / self.base.omega

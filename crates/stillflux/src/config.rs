@@ -53,7 +53,7 @@ use crate::scalar::{Real, Timer};
 use crate::space::Dq;
 use crate::supervision::SupervisionConfig;
 use crate::words::{Words, words};
-use conversion::Conversion;
+use conversion::{Conversion, TO_PULL_OUT};
 #[cfg(feature = "enhanced")]
 pub(crate) use enhanced::EnhancedConfig;
 #[cfg(feature = "paper")]
@@ -66,6 +66,9 @@ pub(crate) const I_OFF_MAX: f64 = 0.15;
 /// An error of the flux estimate that stands in the stator makes the current's reference swing with the stator frequency, and
 /// the current follows the reference with a deviation of this part.
 const APART: f64 = 0.1;
+
+/// Time within which a second sample that cannot be used is a fault, s; the first is bridged.
+const BRIDGED: f64 = 0.01;
 
 /// Least dc-link voltage of a bridge that switches, per unit: its reciprocal is computed without a check.
 const U_DC_LEAST: f64 = 1.0 / 32.0;
@@ -359,7 +362,7 @@ impl<R: Real> DriveConfig<R> {
             i_trip: r(x.i_trip),
             i_max_sq: r((x.i_max * x.i_max).min(100.0)),
             i_q_max: r(x.i_q_max),
-            pull_out_use: r(0.8 * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s)),
+            pull_out_use: r(pu.pull_out(TO_PULL_OUT)),
             u_limit: r(x.u_limit),
             u_use: r(x.u_use),
             u_dc_min: r((p.u_dc_min / b.u).max(U_DC_LEAST)),
@@ -378,7 +381,7 @@ impl<R: Real> DriveConfig<R> {
             hand_over: x.hand_over(),
             fresh_periods: if p.fresh_time > 0.0 { x.periods(p.fresh_time) } else { 0 },
             i_quick: r(QUICK * x.i_max),
-            bridged_periods: x.periods(0.01),
+            bridged_periods: x.periods(BRIDGED),
             calibrate_offset: p.calibrate_offset,
             #[cfg(feature = "modes")]
             two_sensors: p.current_sensors == 2,

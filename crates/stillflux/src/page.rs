@@ -5,15 +5,16 @@
 //! |---|---|
 //! | 0 | magic `sfr3` |
 //! | 1 | arithmetic |
-//! | 2 | schemes of the build ([`Scheme::BUILT`]) |
+//! | 2 | schemes and features of the build ([`Scheme::FEATURES`]) |
 //! | 3 | hash of the layout ([`Words::LAYOUT`]) |
 //! | 4 | number of words in use, with these five |
 //! | 5 … | configuration, scale, units, memory as [`Words`] |
 //! | 383 | CRC-32 (IEEE 802.3) of all before it |
 //!
 //! A host computes a page ([`Ready::new`], [`Page::seal`]): validated, in double precision. [`Page::open`] on the
-//! target computes the inverter's curve from its constants, no more, and refuses a page that is torn, of another arithmetic,
-//! of other schemes, or of another version of this crate whose fields lie differently. [`Page::with_memory`] is what a target stores after a stop.
+//! target computes the inverter's curve from its constants, no more, and refuses a page that is torn, of another
+//! arithmetic, of other schemes or features, or of another version of this crate whose fields lie differently.
+//! [`Page::with_memory`] is what a target stores after a stop.
 
 use crate::config::{DriveConfig, DriveParams, Scheme};
 use crate::counts::Scale;
@@ -74,8 +75,8 @@ impl<R: Real> Ready<R> {
         ready
     }
 
-    // Not inlined: each word is then copied once, to where it is kept. Of a value of its own the compiler would first gather
-    // all of them.
+    // Not inlined: each word is then copied once, to where it is kept. Of a value of its own the compiler would first
+    // gather all of them.
     #[inline(never)]
     fn read(&mut self, words: &[u32; WORDS]) {
         let mut n = HEAD;
@@ -113,7 +114,7 @@ impl Page {
                 "a configuration is too long for a page, which holds those of f32 and Q"
             )
         };
-        [MAGIC, arithmetic::<R>(), Scheme::BUILT, Ready::<R>::LAYOUT, (HEAD + Ready::<R>::LEN) as u32]
+        [MAGIC, arithmetic::<R>(), Scheme::FEATURES, Ready::<R>::LAYOUT, (HEAD + Ready::<R>::LEN) as u32]
     }
 
     /// The page that holds `ready`, of `f32` or `Q`: a configuration in `f64` is too long, which the compiler says.
@@ -248,10 +249,11 @@ mod tests {
     fn a_page_of_another_image_is_refused() {
         let page = Page::seal(&ready::<f32>(Scheme::default()));
         assert!(page.open::<Q>().is_none(), "arithmetic");
-        for built in 0..16 {
-            let other = changed(&page, 2, |_| built);
-            assert_eq!(other.open::<f32>().is_some(), built == Scheme::BUILT, "schemes {built:b}");
+        for bit in 0..u32::BITS {
+            let other = changed(&page, 2, |built| built ^ 1 << bit);
+            assert!(other.open::<f32>().is_none(), "features, bit {bit}");
         }
+        assert!(changed(&page, 2, |built| built).open::<f32>().is_some());
         assert!(changed(&page, 0, |w| w ^ 1).open::<f32>().is_none(), "magic");
         assert!(changed(&page, 3, |w| w ^ 1).open::<f32>().is_none(), "layout");
         assert!(changed(&page, 4, |n| n - 1).open::<f32>().is_none(), "length");

@@ -23,7 +23,8 @@ pub fn check_resistance(R_s: f64) -> Result<(), ParamError> {
 
 /// Magnetic saturation of the Γ-form stator inductance, `L_s(psi) = L_u / (1 + (a psi)^S)`.
 ///
-/// A plant property: the drive models the machine at its rated flux.
+/// The plant has it over the whole range of the flux. The enhanced scheme starts its model of the curve from it, and
+/// the published one knows the machine at its rated flux alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
@@ -61,7 +62,8 @@ pub struct Machine {
     pub f_N: f64,
     /// Rated torque, N·m.
     pub T_N: f64,
-    /// Saturation of the real machine, if it is to be simulated.
+    /// Magnetising curve. The plant simulates it; the enhanced scheme starts its model of the curve from it. `None`: a
+    /// plant without saturation, and a typical curve for the scheme.
     pub saturation: Option<Saturation>,
 }
 

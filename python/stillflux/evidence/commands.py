@@ -60,7 +60,12 @@ def beyond(parser: argparse.ArgumentParser) -> None:
     _where(parser, tuple(dict.fromkeys([*ALL_MACHINES, *DRIVES, DRAWN])))
     drawn = parser.add_argument_group("tolerance, consistency, guarantee and commissioning")
     drawn.add_argument("--draws", type=_count, metavar="N", help="draws of each drive (and course)")
-    drawn.add_argument("--first", type=_index, metavar="K", help="the draws from this one on; default: 0")
+    drawn.add_argument(
+        "--first",
+        type=_index,
+        metavar="K",
+        help="the draws from this one on; default: 3000 (commissioning), 0 (the others)",
+    )
     drawn.add_argument("--draw", type=_index, action="append", metavar="K", help="only this draw")
     drawn.add_argument(
         "--course",

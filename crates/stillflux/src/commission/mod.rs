@@ -14,8 +14,8 @@
 //! procedure fails or the run is stopped: the result holds what the completed ones say, and the nameplate's
 //! value with its deviation elsewhere.
 //!
-//! **Limits.** The current stays below 1.5 times the rated one; beyond it, and on any implausible measurement, the
-//! gates are blocked and the cause latched. The wiring is checked with a tenth of the rated current before any larger
+//! **Limits.** The current stays below [`TRIP`], 1.45 times the rated one; beyond it, and on any implausible measurement,
+//! the gates are blocked and the cause latched. The wiring is checked with a tenth of the rated current before any larger
 //! one flows.
 
 mod bridge;
@@ -54,7 +54,7 @@ use magnetising::{Magnetising, MagnetisingConfig};
 use wiring::{Wiring, WiringConfig};
 
 /// Current beyond which the gates are blocked, per unit.
-const TRIP: f64 = 1.45;
+pub const TRIP: f64 = 1.45;
 /// dc-link voltage relative to the rated one.
 const U_DC: (f64, f64) = (0.6, 1.45);
 /// Bandwidth of current control relative to the switching frequency, for the nameplate's leakage inductance.

@@ -29,12 +29,12 @@ use crate::scalar::Real;
 use crate::space::SQRT_3;
 use crate::supervision::SupervisionConfig;
 #[cfg(feature = "supervision")]
-use crate::supervision::channels::ChannelConfig;
+use crate::supervision::channels::{self, ChannelConfig};
 #[cfg(feature = "supervision")]
 use crate::supervision::innovation::InnovationConfig;
 #[cfg(feature = "supervision")]
-use crate::supervision::phases::PhaseConfig;
-use crate::supervision::plausibility::PlausibilityConfig;
+use crate::supervision::phases::{self, PhaseConfig};
+use crate::supervision::plausibility::{self, PlausibilityConfig};
 
 /// Part of the dc link that the voltage vector may use: inscribed circle of the hexagon, less a margin.
 const U_UTILISATION: f64 = 0.98 / SQRT_3;
@@ -55,10 +55,20 @@ const U_OVERMODULATED: f64 = 1.0 / (SQRT_3 * weakening::UTILISATION);
 const WEAK_GAIN: f64 = 0.15;
 const WEAK_RATE: f64 = 0.05;
 const LIMIT_HIGH: f64 = 2.0;
+/// Largest correction of flux control below high frequency in units of the magnetising current: of the published scheme,
+/// and of the enhanced one.
+const LIMIT: (f64, f64) = (0.3, 1.0);
+/// Least flux reference of field weakening in units of the reference without it.
+const WEAKEST: f64 = 0.2;
 /// Largest gain from speed to torque current in field weakening, per unit of the bandwidth of current control, at rated flux. Of
 /// 100 fan motors with deep bars and rotor slots 13 oscillated at twice rated speed until a fault with 12 and gains that fell with the flux
 /// itself; with this and the square of the flux one does.
 const SPEED_GAIN: f64 = 9.0;
+/// Largest torque current in units of the one at pull-out.
+pub(super) const TO_PULL_OUT: f64 = 0.8;
+/// Part of full scale that a saturated current channel reads at least: the highest code of a converter of 10 bits is a
+/// 512th below full scale, that of one of 12 bits a 2048th.
+const SATURATED: f64 = 1.0 - 1.0 / 512.0;
 /// Least time of a violation before a phase is open, s, and in control periods: the current comes up to a reference that has stepped
 /// within that many.
 #[cfg(feature = "supervision")]
@@ -141,8 +151,7 @@ impl<'a> Conversion<'a> {
             i_max,
             i_q_max: libm::sqrt(i_max * i_max - i_0 * i_0),
             i_trip: p.i_trip / b.i,
-            // The highest code of a 12-bit converter is a 2048th below full scale.
-            i_range: (1.0 - 1.0 / 512.0) * p.i_range / b.i,
+            i_range: SATURATED * p.i_range / b.i,
             u_limit: u_limit * (1.0 - window),
             u_use: u_use * (1.0 - window),
             current_gain: pu.hz(p.current_bandwidth) * pu.sigma_l_s,
@@ -293,7 +302,7 @@ impl<'a> Conversion<'a> {
             memory: r(memory),
             k_p: r((1.0 - memory) * flux_gain * pu.tau_r),
             k_i: r(t_slow * flux_gain),
-            limit: r(if p.scheme == Scheme::Enhanced { 1.0 } else { 0.3 } * i_0),
+            limit: r(if p.scheme == Scheme::Enhanced { LIMIT.1 } else { LIMIT.0 } * i_0),
             limit_high: r((LIMIT_HIGH * i_0).min(100.0)),
             k_p_weak: r(((1.0 - memory) * WEAK_GAIN / pu.sigma_l_s).min(100.0)),
             k_i_weak: r((t_slow * WEAK_RATE * pu.hz(p.current_bandwidth) / pu.sigma_l_s).min(100.0)),
@@ -304,9 +313,9 @@ impl<'a> Conversion<'a> {
         let Self { p, pu, .. } = *self;
         let (r, u_max) = (rounded::<R>, self.u_use * pu.u_dc);
         WeakeningConfig::new(
-            r(if p.field_weakening { 0.2 } else { 1.0 } * p.psi_ref),
-            // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ = 0.8 at 80 % of pull-out.
-            r(pu.r_s + pu.r_r * (pu.l_s / pu.l_m) * (pu.l_s / pu.l_m) / 0.8),
+            r(if p.field_weakening { WEAKEST } else { 1.0 } * p.psi_ref),
+            // |ψ_s|/|ψ_R| is l_s/l_M/cos δ with the load angle δ; sin 2δ is the part of pull-out.
+            r(pu.r_s + pu.r_r * (pu.l_s / pu.l_m) * (pu.l_s / pu.l_m) / TO_PULL_OUT),
             r(self.time(self.adapt_periods) * pu.hz(p.flux_bandwidth) / 2.0),
             r((1.0 / (u_max * u_max)).min(100.0)),
             (
@@ -342,26 +351,26 @@ impl<'a> Conversion<'a> {
         let open = OPEN.max(OPEN_LAG * self.tracking_error().min(1.0) / (core::f64::consts::TAU * p.current_bandwidth));
         SupervisionConfig {
             plausibility: PlausibilityConfig {
-                psi_deviation: r(0.4 * p.psi_ref),
-                omega_max: r(1.3 * p.omega_max / pu.base.omega_m),
-                calls: calls(0.05),
+                psi_deviation: r(plausibility::DEVIATION * p.psi_ref),
+                omega_max: r(plausibility::OVER_SPEED * p.omega_max / pu.base.omega_m),
+                calls: calls(plausibility::TIME),
                 confidence: p.low_confidence == LowConfidence::Fault,
             },
             #[cfg(feature = "supervision")]
             phases: PhaseConfig {
-                floor_sq: r(0.05 * 0.05),
-                small_floor_sq: r(0.02 * 0.02),
+                floor_sq: r(phases::FLOOR * phases::FLOOR),
+                small_floor_sq: r(phases::SMALL_FLOOR * phases::SMALL_FLOOR),
                 calls_open: watched(open).max(OPEN_PERIODS / SUPERVISION_PERIODS),
-                calls_control: watched(0.25),
+                calls_control: watched(phases::CONTROL_TIME),
                 calls_zero: watched(open),
                 t_s: r(pu.t_s * f64::from(SUPERVISION_PERIODS)),
-                lag: r((pu.t_s * f64::from(SUPERVISION_PERIODS) * pu.hz(p.current_bandwidth) / 3.0).min(1.0)),
+                lag: r((pu.t_s * f64::from(SUPERVISION_PERIODS) * pu.hz(p.current_bandwidth) / phases::LAG).min(1.0)),
             },
             #[cfg(feature = "supervision")]
             channels: ChannelConfig {
-                limit: r(0.05 * self.i_range + 0.08),
+                limit: r(channels::GAIN_ERROR * self.i_range + channels::BESIDE),
                 // A computed current makes the sum zero.
-                calls: if p.current_sensors < 3 { u32::MAX } else { watched(0.004) },
+                calls: if p.current_sensors < 3 { u32::MAX } else { watched(channels::TIME) },
             },
             #[cfg(feature = "supervision")]
             innovation: {

@@ -33,7 +33,7 @@ const UNSATURATED: f64 = 1.2;
 const BALANCE_RATE: f64 = 2.1;
 const BALANCE_OFFSET_RATE: f64 = 0.34;
 /// Largest load in the shifted flux, relative to the pull-out torque there.
-const PULL_OUT_USE: f64 = 0.6;
+const SHIFTED_TO_PULL_OUT: f64 = 0.6;
 /// Durations for which a flux has to have collapsed, or a shaft to turn against the torque, before another side of the current
 /// is tried, and of the trial, in rotor time constants ([`crate::control::sides`]).
 #[cfg(feature = "supervision")]
@@ -104,8 +104,7 @@ impl<R: Real> EnhancedConfig<R> {
         let tau_r = pu.tau_r / pu.base.omega;
         // At the rotor flux of no load; under load it is a little less, and the slip more.
         let psi_r = p.psi_ref * pu.l_m / pu.l_s;
-        // ψ² (1 - σ)/(2 σl_s).
-        let pull_out = p.psi_ref * p.psi_ref * (1.0 - pu.sigma_l_s / pu.l_s) / (2.0 * pu.sigma_l_s);
+        let pull_out = pu.pull_out(p.psi_ref * p.psi_ref);
         let identified = {
             let EnhancedParams { identify_offset, identify_resistance, apply_innovation, .. } = p.enhanced;
             Identified { offset: identify_offset, resistance: identify_resistance, flux: apply_innovation }
@@ -135,7 +134,7 @@ impl<R: Real> EnhancedConfig<R> {
                 inv_torque_fade: rounded((10.0 / pu.torque_rated).min(100.0)),
                 // A tenth of the torque that the current allows is kept in reserve.
                 inv_torque: rounded(1.0 / (0.9 * i_q_max * p.psi_ref)),
-                inv_pull_out: rounded(1.0 / (PULL_OUT_USE * pull_out)),
+                inv_pull_out: rounded(1.0 / (SHIFTED_TO_PULL_OUT * pull_out)),
                 step: rounded(SHIFT_RATE * (SHIFT_TAU_R / tau_r).max(1.0) * call),
                 corner: rounded(call / SHIFT_TIME),
             },

@@ -86,7 +86,8 @@ pub enum Status {
     Stopped,
     /// Reading the current offsets, gates off.
     ReadingOffset,
-    /// Building up the flux along the a-axis.
+    /// Building up the flux: at rest along the a-axis, in a shaft that turns where its flux is, which is looked for
+    /// before.
     Magnetising,
     /// Under control.
     Running,

@@ -1,8 +1,8 @@
 //! Current channels: the three phase currents add up to zero. Per unit.
 //!
 //! ```text
-//! |i_a + i_b + i_c| > limit               violated; a fault after 4 ms (leaky, [`super::leaky`])
-//!                   > 3 limit             counts for 2 ms
+//! |i_a + i_b + i_c| > 0.05 i_range + 0.08 violated; a fault after 4 ms (leaky, [`super::leaky`])
+//!                   > 3 times that        counts for 2 ms
 //! ```
 //!
 //! A machine with an isolated star point has no zero-sequence current: a sum is an error of a channel. A channel that
@@ -21,6 +21,12 @@ use super::leaky::LeakyCounter;
 use crate::scalar::Real;
 use crate::words::words;
 
+/// Largest sum that errors of the gains make, relative to the range of the channels, and what is admitted beside it, per
+/// unit.
+pub(crate) const GAIN_ERROR: f64 = 0.05;
+pub(crate) const BESIDE: f64 = 0.08;
+/// Time of an uninterrupted violation that is a fault, s.
+pub(crate) const TIME: f64 = 0.004;
 /// Sum, in units of the limit, that no error of a gain explains.
 const GROSS: f64 = 3.0;
 

@@ -28,7 +28,7 @@
 //! An open phase is a fault after 4 ms at the zero of its current, or after 4 ms and 24 periods of violation (leaky, [`super::leaky`]). Both
 //! times grow up to `11/ω_c` with the tracking error of current control under a load that reverses (`Conversion::tracking_error`): a small
 //! machine is accelerated faster than a slow control follows, and a healthy phase stays at its zero meanwhile. Under control any deviation is a fault after
-//! `calls_control`: channels that are swapped or inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
+//! 0.25 s (leaky): channels that are swapped or inverted, or a voltage that does not suffice. In a start-up the direction of the current may be searched for.
 //!
 //! In a start-up nothing but a phase that is open keeps a direct current off its reference, however small it is (0.13
 //! pu in the comparison of the legs of a machine with a small magnetising current): there the deviation that is
@@ -56,6 +56,14 @@ use crate::words::words;
 /// Largest deviation relative to the reference, and one that a healthy drive has in transients only.
 const DEVIATION: f64 = 0.2;
 const SMALL: f64 = 0.06;
+/// Deviation beside each of these that is admissible at any reference, per unit.
+pub(crate) const FLOOR: f64 = 0.05;
+pub(crate) const SMALL_FLOOR: f64 = 0.02;
+/// Time of a deviation under control that is a fault whatever its cause, s: that of a healthy drive is over within tens
+/// of ms.
+pub(crate) const CONTROL_TIME: f64 = 0.25;
+/// Time constant of the reference's low-pass in units of `1/ω_c`: the current follows a ramp with 2.7 of them.
+pub(crate) const LAG: f64 = 3.0;
 /// Smallest current of a phase relative to the current vector: a healthy phase has passed it after `2 · ZERO` rad.
 const ZERO: f64 = 0.03;
 /// Part of the deviation's square that lies along the axis of a phase that is open: half of the deviation.

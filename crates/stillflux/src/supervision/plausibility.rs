@@ -12,6 +12,12 @@ use super::leaky::LeakyCounter;
 use crate::scalar::{Real, likely};
 use crate::words::words;
 
+/// Largest deviation of the flux from its reference, relative to rated flux.
+pub(crate) const DEVIATION: f64 = 0.4;
+/// Largest estimated speed, in units of the largest reference.
+pub(crate) const OVER_SPEED: f64 = 1.3;
+/// Time of an uninterrupted violation that is a fault, s.
+pub(crate) const TIME: f64 = 0.05;
 /// Least flux, relative to its reference.
 const LEAST: f64 = 0.2;
 
