@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+import stillflux as sf
 from stillflux import html_page
 from stillflux.evidence import plane_points
 from stillflux.evidence.beyond import Row
@@ -135,3 +136,15 @@ def test_a_map_has_a_row_for_each_machine_and_a_legend() -> None:
     figure = maps.plane(points)
     assert len(figure.axes) == 5
     assert [text.get_text() for text in figure.legends[0].get_texts()][:2] == ["lost", "not met"]
+
+
+def test_the_documentation_has_every_name_of_the_package() -> None:
+    """By itself, or with the module that defines it."""
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md")))
+    shown = set(re.findall(r"(?m)^::: (\S+)", pages))
+
+    def missing(name: str) -> bool:
+        module = getattr(getattr(sf, name), "__module__", sf.__name__)
+        return not shown & {f"stillflux.{name}", f"{module}.{name}", module}
+
+    assert [name for name in sf.__all__ if name != "__version__" and missing(name)] == []

@@ -44,7 +44,7 @@ class DriveSettings(TypedDict, total=False):
     with the time constant of its integral part. 0.3: a step does not overshoot. 1: for a reference that is
     itself a controller's output."""
     pll_bandwidth: float
-    """Natural frequency of the speed estimator's phase-locked loop, Hz."""
+    """Natural frequency of the speed estimator's phase-locked loop, Hz: 25, more where the shaft is light."""
     inverter_model: bool
     """Compensation of threshold and dead time."""
     calibrate_offset: bool
@@ -164,7 +164,8 @@ class DriveSettings(TypedDict, total=False):
     identify_offset: bool
     """Estimate the offset of the current sensors."""
     identify_resistance: bool
-    """Estimate stator resistance and inverter error."""
+    """Estimate stator resistance and inverter error. Off, for comparisons: what either is off by stays, and a
+    few percent of R_s lose the field under load at low speed."""
     identify_legs: bool
     """Measure at each start at standstill how the legs of the bridge differ, in the first 0.2 s of its
     magnetisation (0.74 s at 160 kW)."""

@@ -334,7 +334,7 @@ pub struct stillflux_settings {
     /// Part of a change of the speed reference that speed control answers at once, 0 to 1; the rest follows with the time constant of its
     /// integral part. 0.3: a step does not overshoot.
     pub set_point_weight: f64,
-    /// Natural frequency of the speed estimator, Hz.
+    /// Natural frequency of the speed estimator, Hz: 25, more where the shaft is light.
     pub pll_bandwidth: f64,
     /// Duration of the reading of the sensors' zero, s.
     pub offset_time: f64,

@@ -44,8 +44,13 @@ pub(super) const SLACK: f64 = 0.01;
 const LEAKAGE_ERROR: f64 = 0.2;
 const LEAKAGE_GAIN: f64 = 1.6;
 
-/// Default bandwidth of the phase-locked loop that estimates the speed, Hz.
+/// Default bandwidth of the phase-locked loop that estimates the speed, Hz, and part of the control frequency that a faster
+/// one takes at most, a little less than is admissible.
 const PLL_BANDWIDTH: f64 = 25.0;
+const FASTEST_DEFAULT_PLL: f64 = 0.029;
+
+/// Default torque limit, in rated torques.
+const TORQUE_MAX: f64 = 1.5;
 
 impl DriveParams {
     /// Defaults for a machine on an inverter.
@@ -55,11 +60,12 @@ impl DriveParams {
         let tau_r = machine.L_M / machine.R_R;
         let current_bandwidth = (CURRENT_BANDWIDTH * inverter.f_s).min(FASTEST_DEFAULT_CURRENT * inverter.f_c());
         let direct = DirectFlux::new(machine, inverter, current_bandwidth);
+        let pll_bandwidth = pll_bandwidth(machine, inverter);
         Self {
             scheme: Scheme::default(),
             psi_ref: 1.0,
             i_max: 1.8 * i_n,
-            torque_max: 1.5 * machine.T_N,
+            torque_max: TORQUE_MAX * machine.T_N,
             omega_max: (2.2 * machine.omega_sR()).min(fastest_field(inverter)) / f64::from(machine.n_p),
             i_trip: 2.3 * i_n,
             i_range: 2.5 * i_n,
@@ -67,9 +73,9 @@ impl DriveParams {
             u_dc_max: 1.45 * inverter.u_dc,
             current_bandwidth,
             flux_bandwidth: (FLUX_GAIN.0 * direct.fastest_filtered()).min(5.0),
-            speed_bandwidth: speed_bandwidth(machine),
+            speed_bandwidth: speed_bandwidth(machine, pll_bandwidth),
             set_point_weight: 0.3,
-            pll_bandwidth: PLL_BANDWIDTH,
+            pll_bandwidth,
             inverter_model: true,
             calibrate_offset: true,
             offset_time: 0.1,
@@ -136,19 +142,30 @@ fn rated_slip(machine: &Machine) -> f64 {
 /// it settles: with `T = 1.5 n_p ψ i_q` a gain of `2 J ω_c ω_n ΔL/(1.5 n_p² ψ²)`, that oscillates at 17 to 26 Hz.
 ///
 /// At the drives of the evidence 9 Hz are below both; they count where a large inertia is driven.
-fn speed_bandwidth(machine: &Machine) -> f64 {
+fn speed_bandwidth(machine: &Machine, pll_bandwidth: f64) -> f64 {
     let tau = core::f64::consts::TAU;
     let by_slip = 2.0 * machine.T_N / (machine.J * rated_slip(machine));
-    let by_leakage = LEAKAGE_GAIN / leakage_feedback(machine);
+    let by_leakage = LEAKAGE_GAIN / leakage_feedback(machine, pll_bandwidth);
     (by_slip.min(by_leakage) / tau).clamp(SPEED_BANDWIDTH.0, 9.0)
 }
 
 /// Gain with which the torque acts on itself through a leakage that is [`LEAKAGE_ERROR`] off, per rad/s of speed
 /// control's bandwidth.
-fn leakage_feedback(machine: &Machine) -> f64 {
+fn leakage_feedback(machine: &Machine, pll_bandwidth: f64) -> f64 {
     let flux = f64::from(machine.n_p) * Base::new(machine).psi;
-    let omega_n = core::f64::consts::TAU * PLL_BANDWIDTH;
+    let omega_n = core::f64::consts::TAU * pll_bandwidth;
     2.0 * machine.J * omega_n * LEAKAGE_ERROR * machine.L_sigma / (1.5 * flux * flux)
+}
+
+/// Default bandwidth of the phase-locked loop, Hz: 25, more where the shaft is light.
+///
+/// The loop turns with the angle of the rotor flux by the sine of their difference `ε`: its speed changes by `ω_n² sin ε`, and
+/// where the shaft accelerates by more than `ω_n²` it slips turns. The largest torque accelerates by `α = T n_p/J`;
+/// `ω_n = √(2α)` leaves `ε` at 30°.
+fn pll_bandwidth(machine: &Machine, inverter: &Inverter) -> f64 {
+    let acceleration = TORQUE_MAX * machine.T_N * f64::from(machine.n_p) / machine.J;
+    let fastest = (FASTEST_DEFAULT_PLL * inverter.f_c()).min(100.0);
+    (libm::sqrt(2.0 * acceleration) / core::f64::consts::TAU).min(fastest).max(PLL_BANDWIDTH)
 }
 
 #[cfg(test)]
@@ -177,9 +194,23 @@ mod tests {
         for factor in [1.0, 10.0, 100.0] {
             let machine = Machine { J: factor * large.J, ..large };
             let bandwidth = DriveParams::new(&machine, &inverter).speed_bandwidth;
-            let gain = leakage_feedback(&machine) * core::f64::consts::TAU * bandwidth;
+            let gain = leakage_feedback(&machine, PLL_BANDWIDTH) * core::f64::consts::TAU * bandwidth;
             assert_eq!(bandwidth == 9.0, factor <= 10.0, "{factor}: {bandwidth} Hz");
             assert!(bandwidth == 9.0 && gain < LEAKAGE_GAIN || (gain - LEAKAGE_GAIN).abs() < 1e-9, "{factor}: {gain}");
+        }
+    }
+
+    #[test]
+    fn the_speed_estimator_follows_a_light_shaft_at_the_largest_torque() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        for factor in [1.0, 0.3, 0.1, 0.03, 0.01] {
+            let machine = Machine { J: factor * machine.J, ..machine };
+            let p = DriveParams::new(&machine, &inverter);
+            let omega_n = core::f64::consts::TAU * p.pll_bandwidth;
+            let part = p.torque_max * f64::from(machine.n_p) / machine.J / (omega_n * omega_n);
+            assert!(part < 0.5 + 1e-9 || p.pll_bandwidth == 100.0, "{factor}: {part}");
+            assert!(p.pll_bandwidth == PLL_BANDWIDTH || part > 0.5 - 1e-9, "{factor}: {part}");
+            p.validate(&machine, &inverter).expect("defaults are admissible");
         }
     }
 }

@@ -16,7 +16,8 @@ use crate::params::{Machine, ParamError, check};
 pub struct EnhancedParams {
     /// Estimate the offset of the current sensors.
     pub identify_offset: bool,
-    /// Estimate stator resistance, inverter error and knee.
+    /// Estimate stator resistance, inverter error and knee. Off, for comparisons: what they are off by stays, and a few percent of
+    /// `R_s` lose the field under load at low speed.
     pub identify_resistance: bool,
     /// Measure at each start at standstill how the legs of the bridge differ ([`crate::estimate`]'s `legs`), in the first
     /// 0.2 s of its magnetisation, 0.74 s at 160 kW; not without `inverter_model` and `calibrate_offset`, nor with a `current_bandwidth`

@@ -82,7 +82,7 @@ pub struct DriveParams {
     /// the rest follows with the time constant of its integral part ([`crate::control::speed`]). 0.3: a step does not
     /// overshoot. 1: for a reference that is itself a controller's output.
     pub set_point_weight: f64,
-    /// Natural frequency of the speed estimator's phase-locked loop, Hz.
+    /// Natural frequency of the speed estimator's phase-locked loop, Hz: 25, more where the shaft is light (docs/gains.md).
     pub pll_bandwidth: f64,
     /// Inverter model: compensation of threshold and dead time.
     pub inverter_model: bool,

@@ -37,7 +37,7 @@
 
 use super::covariance::Column;
 use super::intermediate::Intermediate;
-use super::model::{LEAKAGE, M, PSI, ROTOR, SCALE_LEAKAGE, SCALE_PSI, SCALE_ROTOR, reciprocal};
+use super::model::{LEAKAGE, M, PSI, ROTOR, RS, SCALE_LEAKAGE, SCALE_PSI, SCALE_ROTOR, reciprocal};
 use super::{Filter, FilterConfig, correct_state};
 use crate::scalar::{Real, likely};
 use crate::space::AlphaBeta;
@@ -62,6 +62,8 @@ impl<R: Real> Filter<R> {
             self.direct = true;
             self.rotor.set(self.rotor_cold * c.temperature.rotor(self.r_s()));
             self.reset_place(c.noise.rotor);
+            // The winding may have any temperature, whatever a memory or the last run knows: 20 and 97 °C are 30 % apart.
+            self.p.set(RS, RS, self.p.get(RS, RS).max(c.noise.prior()[RS]));
         }
     }
 

@@ -102,7 +102,7 @@ impl<R: Real> Filter<R> {
     }
 
     /// Restores the parameters identified in an earlier run, each within its limits, with a quarter of its prior
-    /// standard deviation, an offset with a sixteenth.
+    /// standard deviation, an offset with a sixteenth. A direct current finds the resistance anew ([`Filter::begin_direct`]).
     pub fn restore(&mut self, c: &FilterConfig<R>, learned: &Learned<R>) {
         let r = R::from_f64;
         self.initial.learned = Learned {
