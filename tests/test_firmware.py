@@ -286,19 +286,19 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: 16 KiB of flash, 1024 bytes of RAM and 512 of stack, which the published scheme meets. The enhanced one,
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (13_940, 16_310), "ram_drive": (892, 912), "stack_step": (376, 424)},
-    "enhanced": {"flash_library": (32_010, 42_460), "ram_drive": (1616, 1640), "stack_step": (496, 508)},
+    "paper": {"flash_library": (14_050, 16_310), "ram_drive": (900, 920), "stack_step": (384, 432)},
+    "enhanced": {"flash_library": (32_130, 42_680), "ram_drive": (1624, 1648), "stack_step": (496, 508)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
-WITH_ADDITIONS = {"flash_library": (18_330, 21_280), "ram_drive": (1052, 1076), "stack_step": (408, 424)}
+WITH_ADDITIONS = {"flash_library": (18_510, 21_280), "ram_drive": (1060, 1084), "stack_step": (408, 432)}
 
 #: Instructions a call, mean and worst case, of the same images. The design asks for 150 of the flux
 #: estimator in f32, 480 / 680 of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the
 #: enhanced one. All are met.
 BUDGET = {
     "flux_estimator": {"f32": 138, "q": 182},
-    "drive_step": {"f32": 480, "q": 826, "f32_worst": 668, "q_worst": 1172},
-    "drive_step_enhanced": {"f32": 601, "q": 972, "f32_worst": 768, "q_worst": 1324},
+    "drive_step": {"f32": 480, "q": 827.5, "f32_worst": 668, "q_worst": 1172},
+    "drive_step_enhanced": {"f32": 601, "q": 972, "f32_worst": 768, "q_worst": 1328},
     # Four signals of a trace buffer; the design asks for 30.
     "trace": {"f32": 30, "q": 30},
 }
