@@ -3,7 +3,7 @@
 //!
 //! **Start-up**, at standstill or in a rotating machine: [`start_up`].
 
-mod phase;
+mod progress;
 mod start_up;
 
 use super::estimators::{CurrentControl, Estimated, Estimators, FieldQuantities, PeriodInput, PeriodOutput, StartUp};
@@ -16,7 +16,7 @@ use crate::control::shift::FluxShift;
 #[cfg(feature = "supervision")]
 use crate::control::sides::{self, Sides};
 use crate::estimate::balance::Balance;
-use crate::estimate::catch::{BLOCKS, Catch, Direction, LEAST};
+use crate::estimate::catch::{Catch, Direction, LEAST};
 use crate::estimate::kalman::{Filter, Input, Learned};
 #[cfg(feature = "legs")]
 use crate::estimate::legs::LegsProbe;
@@ -31,7 +31,7 @@ use crate::inverter::Knee;
 use crate::inverter::Legs;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
-use phase::{Phase, Phases};
+use progress::{Progress, Step};
 
 /// Angle up to which the flux may have turned in a pause with its direction still taken as known, rad.
 const DIRECTION: f64 = 0.5;
@@ -97,7 +97,7 @@ pub(super) struct EnhancedEstimators<R: Real> {
     #[cfg(feature = "restart")]
     slow_turn: SlowTurn<R>,
     catch: Catch<R>,
-    phases: Phases,
+    progress: Progress,
     start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
@@ -142,7 +142,7 @@ impl<R: Real> EnhancedEstimators<R> {
             #[cfg(feature = "restart")]
             slow_turn: SlowTurn::default(),
             catch: Catch::new(AlphaBeta::default()),
-            phases: Phases::new(0),
+            progress: Progress::new(0),
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
             #[cfg(feature = "legs")]
@@ -231,7 +231,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             Start::Fresh(psi_r, direction)
         });
         self.search = SpeedSearch::new();
-        self.phases = Phases::new(c.enhanced.catch.block * BLOCKS);
+        self.progress = Progress::new(c.enhanced.catch.periods_without_current());
         #[cfg(feature = "legs")]
         {
             (self.at_rest, self.searched_again) = (false, false);
@@ -257,9 +257,9 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         // Without flux the filter integrates, but corrects nothing.
         let mut integrate_only = false;
         if start_up.is_some() {
-            let (phase, stage) = self.phases.advance();
+            let (step, stage) = self.progress.advance();
             #[cfg(feature = "legs")]
-            if phase == Phase::Legs {
+            if step == Step::Legs {
                 // A copy: the input itself then stays in registers.
                 let x = *x;
                 return self.compare_legs(c, &x, i_dq_ref, stage);
@@ -267,7 +267,7 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             let (i_s, [i_a, i_b, i_c]) = (x.i_s, x.i_abc);
             self.balance.fit(&c.enhanced.balance, &i_s, i_a + i_b + i_c);
             *i_dq_ref = self.prepare(c, &i_s);
-            if (phase, stage) == (Phase::Catch, 1) {
+            if (step, stage) == (Step::Catch, 1) {
                 // The speed estimator runs in odd periods, and takes less time than what runs in even ones.
                 self.filter.align(x.period);
             }
@@ -300,8 +300,8 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         }
         let (mut complete, mut current_control) = (false, CurrentControl::Continues);
         if start_up.is_some() {
-            let (phase, stage) = self.phases.now();
-            if phase == Phase::Catch {
+            let (step, stage) = self.progress.now();
+            if step == Step::Catch {
                 let u_s = x.u_s;
                 return PeriodOutput {
                     // Before the period, at the end of which the current may begin to fall.
@@ -322,10 +322,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             (psi_s, omega_s) = (self.filter.magnitude(), self.speed.omega_s);
             #[cfg(feature = "modes")]
             if c.two_sensors() {
-                let repeated = self.phases.has_repeated();
+                let repeated = self.progress.has_repeated();
                 if self.compare_gains(c, x, i_dq_ref.re(), stage) {
                     i_dq = Dq::new(i_m.re(), i_m.im());
-                    complete &= self.phases.has_repeated() == repeated;
+                    complete &= self.progress.has_repeated() == repeated;
                 }
             }
         }

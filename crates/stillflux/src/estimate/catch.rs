@@ -160,6 +160,12 @@ impl<R: Real> CatchConfig<R> {
         }
     }
 
+    /// Control periods without current, with which the catch begins.
+    #[inline(always)]
+    pub fn periods_without_current(&self) -> u32 {
+        self.block * BLOCKS
+    }
+
     /// Standard deviation of a flux that was found by what it induces, `Δu/|jω - 1/τ_r|` with an error `Δu` of the voltage, per unit.
     #[cold]
     #[inline(never)]

@@ -5,8 +5,8 @@
 //! ```
 //!
 //! `ω_r,b` is the slip against the direction of rotation. Its low-pass follows a load before the error of the angle has grown
-//! ([`super::flux`]): with 3 Hz a rated load within 20 ms at -0.1 pu was lost at 48 V. A light load (below `ω_r,min`) does not count, nor does a slip beyond the speed, where the field turns
-//! against it. Per unit; valid wherever the estimated slip is.
+//! ([`super::flux`]): 3 Hz are too slow for a rated load within 20 ms at -0.1 pu and 48 V. A light load (below `ω_r,min`) does not
+//! count, nor does a slip beyond the speed, where the field turns against it. Per unit; valid wherever the estimated slip is.
 
 use super::speed::SpeedEstimate;
 use crate::scalar::{Integrator, Real};
@@ -16,16 +16,17 @@ use crate::scalar::{Integrator, Real};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub struct Regeneration<R: Real> {
-    slow: Integrator<R>,
+    slip: Integrator<R>,
 }
 
 impl<R: Real> Regeneration<R> {
-    /// One call; `corner`: `ω_c` times the time between two calls, `least`: `ω_r,min`. The slip `x`, if the machine regenerates.
+    /// One call; `corner`: `ω_c` times the time between two calls, `least`: `ω_r,min`. The slip `x`, if the
+    /// machine regenerates.
     #[inline(always)]
     pub fn step(&mut self, corner: R, least: R, speed: &SpeedEstimate<R>) -> Option<R> {
         let slip = if speed.omega_m < R::ZERO { speed.omega_r } else { -speed.omega_r };
-        let slow = self.slow.add(corner, slip - self.slow.value());
-        (slow > least && slow < speed.omega_m.abs()).then_some(slow)
+        let slip = self.slip.add(corner, slip - self.slip.value());
+        (slip > least && slip < speed.omega_m.abs()).then_some(slip)
     }
 }
 

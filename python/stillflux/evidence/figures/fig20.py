@@ -10,8 +10,8 @@ gain of 0.06 the 2.2-kW machine is lost, at 0.03 the angle is off by up to 10°,
 11-kW machine is lost at any gain of the compensator below 0.03, with a hundredth at some points of the
 plane. So the drive lowers the compensator with the slip while it regenerates, to 0.005 at least
 (`noise_regeneration`), and holds r̂_s: these are the published blocks, scheduled. What stays is that r̂_s is
-not followed there: a winding whose resistance
-changes by 10 % within 8 s of regeneration loses the 2.2-kW machine, with or without adaptation.
+not followed there: a winding whose resistance changes by 10 % within 8 s of regeneration loses the 2.2-kW
+machine, with or without adaptation.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ use super::enhanced::EnhancedParams;
 use super::paper::PaperParams;
 use super::scheme::Scheme;
 use super::types::{DriveParams, EncoderMode, LowConfidence};
+use super::validate::FASTEST_PLL;
 use crate::base::Base;
 use crate::params::{Inverter, Machine};
 
@@ -44,8 +45,8 @@ pub(super) const SLACK: f64 = 0.01;
 const LEAKAGE_ERROR: f64 = 0.2;
 const LEAKAGE_GAIN: f64 = 1.6;
 
-/// Default bandwidth of the phase-locked loop that estimates the speed, Hz, and part of the control frequency that a faster
-/// one takes at most, a little less than is admissible.
+/// Least default bandwidth of the phase-locked loop that estimates the speed, Hz, and the largest one relative to the frequency
+/// of the control, a little below what is admissible ([`FASTEST_PLL`]).
 const PLL_BANDWIDTH: f64 = 25.0;
 const FASTEST_DEFAULT_PLL: f64 = 0.029;
 
@@ -164,7 +165,7 @@ fn leakage_feedback(machine: &Machine, pll_bandwidth: f64) -> f64 {
 /// `ω_n = √(2α)` leaves `ε` at 30°.
 fn pll_bandwidth(machine: &Machine, inverter: &Inverter) -> f64 {
     let acceleration = TORQUE_MAX * machine.T_N * f64::from(machine.n_p) / machine.J;
-    let fastest = (FASTEST_DEFAULT_PLL * inverter.f_c()).min(100.0);
+    let fastest = (FASTEST_DEFAULT_PLL * inverter.f_c()).min(FASTEST_PLL.1);
     (libm::sqrt(2.0 * acceleration) / core::f64::consts::TAU).min(fastest).max(PLL_BANDWIDTH)
 }
 
@@ -208,7 +209,7 @@ mod tests {
             let p = DriveParams::new(&machine, &inverter);
             let omega_n = core::f64::consts::TAU * p.pll_bandwidth;
             let part = p.torque_max * f64::from(machine.n_p) / machine.J / (omega_n * omega_n);
-            assert!(part < 0.5 + 1e-9 || p.pll_bandwidth == 100.0, "{factor}: {part}");
+            assert!(part < 0.5 + 1e-9 || p.pll_bandwidth == FASTEST_PLL.1, "{factor}: {part}");
             assert!(p.pll_bandwidth == PLL_BANDWIDTH || part > 0.5 - 1e-9, "{factor}: {part}");
             p.validate(&machine, &inverter).expect("defaults are admissible");
         }

@@ -17,6 +17,9 @@ const TRIP_LEAST: f64 = 1.15;
 /// pu at 5 Hz and less at 9 Hz, with 1.1 times by 0.02, and with once at 5 Hz control is lost (2.2 and 11 kW).
 const PLL_LEAST: f64 = 1.5;
 
+/// Largest bandwidth of the speed estimator, relative to the frequency of the control, and in Hz.
+pub(super) const FASTEST_PLL: (f64, f64) = (0.03, 100.0);
+
 /// Largest bandwidth of current control relative to the control's frequency: 32° of phase by 1.5 periods of delay.
 const FASTEST_CURRENT: f64 = 0.06;
 
@@ -70,9 +73,13 @@ impl DriveParams {
         check("set_point_weight", self.set_point_weight, 0.0, 1.0, "")?;
         // A fifteenth of the rate at which the loop runs.
         let least = (PLL_LEAST * self.speed_bandwidth).max(2.0);
-        check("pll_bandwidth", self.pll_bandwidth, least, (0.03 * f_s).min(100.0), "Hz").map_err(|e| {
-            e.with_note("2 Hz and 1.5 times speed_bandwidth or more: the speed that is controlled is the estimated one")
-        })?;
+        check("pll_bandwidth", self.pll_bandwidth, least, (FASTEST_PLL.0 * f_s).min(FASTEST_PLL.1), "Hz").map_err(
+            |e| {
+                e.with_note(
+                    "2 Hz and 1.5 times speed_bandwidth or more: the speed that is controlled is the estimated one",
+                )
+            },
+        )?;
         check("offset_time", self.offset_time, 10.0 / f_s, 10.0, "s")?;
         let modes = cfg!(feature = "modes");
         self.validate_sensors(inverter)?;

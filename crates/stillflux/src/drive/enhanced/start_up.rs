@@ -35,7 +35,7 @@
 //!    start-up goes on with 3, below that the filter is initialised where the flux is
 //!    ([`crate::estimate`]'s `slow_turn`, with the feature `restart`).
 
-use super::phase::Phase;
+use super::progress::Step;
 #[cfg(feature = "restart")]
 use super::turned_by;
 use super::{EnhancedEstimators, Start, remaining};
@@ -48,7 +48,7 @@ use crate::drive::estimators::PeriodOutput;
 use crate::drive::estimators::{CurrentControl, Estimators, FieldQuantities};
 #[cfg(feature = "restart")]
 use crate::estimate::catch::CatchConfig;
-use crate::estimate::catch::{BLOCKS, Catch, Direction, Found};
+use crate::estimate::catch::{Catch, Direction, Found};
 #[cfg(feature = "legs")]
 use crate::estimate::legs::Alternation;
 #[cfg(feature = "modes")]
@@ -108,14 +108,14 @@ impl<R: Real> EnhancedEstimators<R> {
     #[cold]
     #[inline(never)]
     pub(super) fn prepare(&mut self, c: &DriveConfig<R>, i_s: &AlphaBeta<R>) -> Dq<R> {
-        let (phase, stage) = self.phases.now();
-        if (phase, stage) == (Phase::Catch, 1) {
+        let (step, stage) = self.progress.now();
+        if (step, stage) == (Step::Catch, 1) {
             self.filter.start(&c.enhanced.filter, i_s);
             self.catch = Catch::new(self.filter.i_s());
         }
-        if phase == Phase::Catch {
+        if step == Step::Catch {
             #[cfg(feature = "restart")]
-            if stage > c.enhanced.catch.block * BLOCKS && self.catch.is_turning() {
+            if stage > c.enhanced.catch.periods_without_current() && self.catch.is_turning() {
                 return c.magnetising_current(u32::MAX);
             }
             return Dq::default();
@@ -160,18 +160,18 @@ impl<R: Real> EnhancedEstimators<R> {
     #[inline(never)]
     #[cfg_attr(not(feature = "restart"), allow(unused_variables))]
     pub(super) fn catch_flux(&mut self, c: &DriveConfig<R>, u_s: &AlphaBeta<R>, i_ref: R) -> FieldQuantities<R> {
-        let (_, stage) = self.phases.now();
+        let (_, stage) = self.progress.now();
         let i_s = self.filter.i_s();
         let psi_r = self.filter.rotor_flux(&c.enhanced.filter);
         #[cfg(feature = "restart")]
-        let output = if stage > c.enhanced.catch.block * BLOCKS {
-            self.with_turning_current(c, (i_s, psi_r), i_ref, stage - c.enhanced.catch.block * BLOCKS)
+        let output = if stage > c.enhanced.catch.periods_without_current() {
+            self.with_turning_current(c, (i_s, psi_r), i_ref, stage - c.enhanced.catch.periods_without_current())
         } else {
             self.without_current(c, (u_s, i_s, psi_r), stage)
         };
         #[cfg(not(feature = "restart"))]
         let output = self.without_current(c, (u_s, i_s, psi_r), stage);
-        if self.phases.ends_catch() {
+        if self.progress.ends_catch() {
             self.conclude_catch(c, stage, &i_s);
         }
         output
@@ -184,7 +184,7 @@ impl<R: Real> EnhancedEstimators<R> {
     #[cfg_attr(not(feature = "restart"), allow(unused_variables, clippy::unused_self))]
     pub(super) fn current_control_of_catch(&self, c: &DriveConfig<R>) -> CurrentControl {
         #[cfg(feature = "restart")]
-        if self.phases.now().1 > c.enhanced.catch.block * BLOCKS && !self.catch.is_turning() {
+        if self.progress.now().1 > c.enhanced.catch.periods_without_current() && !self.catch.is_turning() {
             return CurrentControl::BeginsAnew;
         }
         CurrentControl::Continues
@@ -200,7 +200,7 @@ impl<R: Real> EnhancedEstimators<R> {
     ) -> FieldQuantities<R> {
         // Not after a comparison of the legs, with which the start-up begins again.
         #[cfg(feature = "legs")]
-        let blocked = !self.phases.have_compared();
+        let blocked = !self.progress.have_compared();
         #[cfg(not(feature = "legs"))]
         let blocked = true;
         let (field, psi_s, omega_s) = self.catch.step(&c.enhanced.catch, (stage, blocked), (u_s, i_s, psi_r));
@@ -234,7 +234,7 @@ impl<R: Real> EnhancedEstimators<R> {
         let kept = match self.start {
             Start::Fresh(psi_r, direction) => {
                 // Less what has decayed since the current began to turn.
-                let psi_r = psi_r * remaining(c, stage.saturating_sub(c.enhanced.catch.block * BLOCKS));
+                let psi_r = psi_r * remaining(c, stage.saturating_sub(c.enhanced.catch.periods_without_current()));
                 above(&psi_r, GONE).then_some((psi_r, direction))
             }
             _ => None,
@@ -244,12 +244,12 @@ impl<R: Real> EnhancedEstimators<R> {
             Ok(None) if stage < self.decayed_at() => {
                 #[cfg(feature = "restart")]
                 self.catch.set_turning(false);
-                self.phases.catch_until(self.decayed_at());
+                self.progress.catch_until(self.decayed_at());
                 return;
             }
             Ok(flux) => flux,
             Err(longer) => {
-                self.phases.extend_catch(longer);
+                self.progress.extend_catch(longer);
                 return;
             }
         };
@@ -268,7 +268,7 @@ impl<R: Real> EnhancedEstimators<R> {
             _ => {
                 #[cfg(feature = "legs")]
                 if c.enhanced.legs.is_on() {
-                    self.phases.compare_legs();
+                    self.progress.compare_legs();
                 }
                 Start::Unknown
             }
@@ -339,7 +339,7 @@ impl<R: Real> EnhancedEstimators<R> {
         above: impl Fn(&AlphaBeta<R>, f64) -> bool,
     ) -> Result<Option<(AlphaBeta<R>, R)>, u32> {
         let CatchConfig { block, turn, rise, .. } = c.enhanced.catch;
-        let first = stage <= block * BLOCKS;
+        let first = stage <= c.enhanced.catch.periods_without_current();
         let turning = !first && self.catch.is_turning();
         let found = match (first, turning) {
             (true, _) => self.catch.found(&c.enhanced.catch, kept),
@@ -348,7 +348,7 @@ impl<R: Real> EnhancedEstimators<R> {
         };
         // A machine in which the comparison of the legs has left a flux certainly turns.
         #[cfg(feature = "legs")]
-        let left = self.phases.have_compared();
+        let left = self.progress.have_compared();
         #[cfg(not(feature = "legs"))]
         let left = false;
         if let (true, Found::Flux(psi_r, omega), Start::Fresh(stopped, direction)) = (turning, found, self.start)
@@ -394,10 +394,10 @@ impl<R: Real> EnhancedEstimators<R> {
         if let Some((mut omega, flux)) = self.search.step(&c.enhanced.search, stage, r_r, (before, psi_r), &i_s) {
             // In a machine that turns what is left of a flux may cancel what the search builds up: once it has decayed.
             #[cfg(feature = "legs")]
-            if omega == R::ZERO && self.phases.have_compared() && !self.at_rest && !self.searched_again {
+            if omega == R::ZERO && self.progress.have_compared() && !self.at_rest && !self.searched_again {
                 self.searched_again = true;
                 self.search = SpeedSearch::new();
-                self.phases.wait(c.magnetise_periods / 4);
+                self.progress.wait(c.magnetise_periods / 4);
                 return (Rotator::default(), ahead, false);
             }
             #[cfg(feature = "legs")]
@@ -469,7 +469,7 @@ impl<R: Real> EnhancedEstimators<R> {
         }
         // Once: what a repetition adds up is of another difference of the gains.
         #[cfg(feature = "modes")]
-        if self.phases.has_repeated() {
+        if self.progress.has_repeated() {
             return;
         }
         let (filter, config) = (&self.filter, &c.enhanced.filter);
@@ -483,7 +483,7 @@ impl<R: Real> EnhancedEstimators<R> {
             self.speed_estimator.start(&psi_r, omega);
             self.speed.set_synchronous(omega);
             self.search.turns();
-            self.phases.build_up_after(DRIVEN);
+            self.progress.build_up_after(DRIVEN);
         }
     }
 
@@ -562,7 +562,7 @@ impl<R: Real> EnhancedEstimators<R> {
         let u = x.u_s.re() + by_knee[1].abs() + by_knee[2].abs();
         self.pair.add(c.enhanced.pair_weight, [i_ref, u, x.u_s.im()], stage > begin);
         // Once in a start: what the repetition identifies is right for this difference.
-        if stage == c.magnetise_periods && !self.phases.has_repeated() {
+        if stage == c.magnetise_periods && !self.progress.has_repeated() {
             let left = self.pair.difference();
             if !left.within(R::from_f64(KNOWN_DIFFERENCE)) {
                 let known = self.half_difference;
@@ -572,7 +572,7 @@ impl<R: Real> EnhancedEstimators<R> {
                     let (found, i) = (self.half_difference - known, c.magnetising_current(0).re());
                     self.legs = c.enhanced.legs.without_difference(&self.legs, found + found, i, x.u_dc);
                 }
-                self.phases.repeat_after(begin / 2);
+                self.progress.repeat_after(begin / 2);
                 self.pair = Pair::default();
             }
         }
@@ -606,11 +606,11 @@ impl<R: Real> EnhancedEstimators<R> {
                 self.knee.set_legs(&self.legs, x.u_dc);
             }
             turns = !self.at_rest;
-            self.phases.build_up_after(0);
+            self.progress.build_up_after(0);
         }
         if turns {
             // The flux that the alternation has left turns with the shaft: the start-up begins again and catches it.
-            self.phases.begin_anew(c.enhanced.catch.block * BLOCKS);
+            self.progress.begin_anew(c.enhanced.catch.periods_without_current());
         }
         let field = FieldQuantities {
             field: axis,

@@ -1,22 +1,23 @@
-//! Phases of a start-up of the enhanced scheme, and the periods in them.
+//! Steps of a start-up of the enhanced scheme, and the periods in them.
 //!
-//! ```text
-//!         nothing known, no flux             at rest
-//! Catch ------------------------->  Legs  -------------->  BuildUp ----> control
-//!  ^ |                                |                     ^ |  ^ |
-//!  | +--------------------------------|---------------------+ |  +-+ back to the first periods: a slow rotation was found;
-//!  |        a flux, or nothing to compare                     |      to a quarter: another difference of the gains was
-//!  +----------------------------------+-----------------------+
-//!        turns: from its beginning          a flux may hide a rotation: waits
-//! ```
+//! | from | to | where |
+//! |---|---|---|
+//! | `Catch` | `Legs` | nothing is known of the machine, and no flux was found; once in a start-up |
+//! | `Catch` | `BuildUp` | else |
+//! | `Legs` | `BuildUp` | the machine is at rest |
+//! | `Legs` | `Catch`, from its beginning | it turns |
+//! | `BuildUp` | `Catch`, at its end | what is left of a flux may hide a rotation: waits until that has decayed |
+//! | `BuildUp` | `BuildUp`, its first periods | a slow rotation was found |
+//! | `BuildUp` | `BuildUp`, a quarter of it | a difference of the gains of two current sensors was found; once in a start-up |
+//! | `BuildUp` | control | the flux is built up |
 //!
 //! What each of them does is in [`super::start_up`].
 
-/// A phase.
+/// A step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub(super) enum Phase {
+pub(super) enum Step {
     /// A flux that the machine has is looked for.
     Catch,
     /// The legs of the bridge are compared.
@@ -30,8 +31,8 @@ pub(super) enum Phase {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub(super) struct Phases {
-    phase: Phase,
+pub(super) struct Progress {
+    step: Step,
     /// Its present period, counted from one; zero: it begins with the next one.
     period: u32,
     /// Last period of the catch, as far as it is known.
@@ -44,11 +45,11 @@ pub(super) struct Phases {
     repeated: bool,
 }
 
-impl Phases {
+impl Progress {
     /// Before a start-up, with a catch of so many periods.
     pub const fn new(catch: u32) -> Self {
         Self {
-            phase: Phase::Catch,
+            step: Step::Catch,
             period: 0,
             catch_until: catch,
             #[cfg(feature = "legs")]
@@ -58,11 +59,11 @@ impl Phases {
         }
     }
 
-    /// The next period, with its number in its phase.
+    /// The next period, with its number in its step.
     #[inline(always)]
-    pub fn advance(&mut self) -> (Phase, u32) {
-        if self.phase == Phase::Catch && self.period == self.catch_until {
-            (self.phase, self.period) = (Phase::BuildUp, 0);
+    pub fn advance(&mut self) -> (Step, u32) {
+        if self.step == Step::Catch && self.period == self.catch_until {
+            (self.step, self.period) = (Step::BuildUp, 0);
         }
         self.period += 1;
         self.now()
@@ -70,8 +71,8 @@ impl Phases {
 
     /// The present period.
     #[inline(always)]
-    pub fn now(&self) -> (Phase, u32) {
-        (self.phase, self.period)
+    pub fn now(&self) -> (Step, u32) {
+        (self.step, self.period)
     }
 
     /// Whether this is the last period of the catch, as far as it is known.
@@ -94,7 +95,7 @@ impl Phases {
     #[cfg(feature = "legs")]
     pub fn compare_legs(&mut self) {
         if !self.compared {
-            (self.phase, self.period, self.compared) = (Phase::Legs, 0, true);
+            (self.step, self.period, self.compared) = (Step::Legs, 0, true);
         }
     }
 
@@ -107,20 +108,20 @@ impl Phases {
     /// The start-up begins anew, with a catch of so many periods.
     #[cfg(feature = "legs")]
     pub fn begin_anew(&mut self, catch: u32) {
-        (self.phase, self.period, self.catch_until) = (Phase::Catch, 0, catch);
+        (self.step, self.period, self.catch_until) = (Step::Catch, 0, catch);
     }
 
     /// From the build-up back to the end of the catch, for so many periods without current.
     #[cfg(feature = "legs")]
     pub fn wait(&mut self, periods: u32) {
-        (self.phase, self.period) = (Phase::Catch, self.catch_until);
+        (self.step, self.period) = (Step::Catch, self.catch_until);
         self.catch_until += periods;
     }
 
     /// The build-up begins, or goes back, after so many of its periods.
     #[cfg(any(feature = "legs", feature = "restart", feature = "modes"))]
     pub fn build_up_after(&mut self, periods: u32) {
-        (self.phase, self.period) = (Phase::BuildUp, periods);
+        (self.step, self.period) = (Step::BuildUp, periods);
     }
 
     /// The same, once in a start-up.
@@ -142,46 +143,46 @@ mod tests {
     use super::*;
 
     /// The last of the next so many periods.
-    fn next(phases: &mut Phases, periods: u32) -> (Phase, u32) {
-        (0..periods).fold(phases.now(), |_, _| phases.advance())
+    fn next(progress: &mut Progress, periods: u32) -> (Step, u32) {
+        (0..periods).fold(progress.now(), |_, _| progress.advance())
     }
 
     #[test]
     fn the_build_up_follows_a_catch_that_takes_as_long_as_it_has_to() {
-        let mut phases = Phases::new(8);
-        assert_eq!(next(&mut phases, 1), (Phase::Catch, 1));
-        assert_eq!(next(&mut phases, 7), (Phase::Catch, 8));
-        assert!(phases.ends_catch());
-        phases.extend_catch(2);
-        assert_eq!(next(&mut phases, 2), (Phase::Catch, 10));
-        assert_eq!(next(&mut phases, 1), (Phase::BuildUp, 1));
-        assert_eq!(next(&mut phases, 4), (Phase::BuildUp, 5));
+        let mut progress = Progress::new(8);
+        assert_eq!(next(&mut progress, 1), (Step::Catch, 1));
+        assert_eq!(next(&mut progress, 7), (Step::Catch, 8));
+        assert!(progress.ends_catch());
+        progress.extend_catch(2);
+        assert_eq!(next(&mut progress, 2), (Step::Catch, 10));
+        assert_eq!(next(&mut progress, 1), (Step::BuildUp, 1));
+        assert_eq!(next(&mut progress, 4), (Step::BuildUp, 5));
     }
 
     #[cfg(feature = "legs")]
     #[test]
     fn the_legs_are_compared_once_and_a_machine_that_turns_is_caught_anew() {
-        let mut phases = Phases::new(8);
-        next(&mut phases, 8);
-        phases.compare_legs();
-        assert_eq!(next(&mut phases, 3), (Phase::Legs, 3));
-        phases.begin_anew(8);
-        assert_eq!(next(&mut phases, 8), (Phase::Catch, 8));
-        phases.compare_legs();
-        assert_eq!(next(&mut phases, 1), (Phase::BuildUp, 1));
-        phases.wait(4);
-        assert_eq!(next(&mut phases, 4), (Phase::Catch, 12));
-        assert!(phases.ends_catch());
-        assert_eq!(next(&mut phases, 1), (Phase::BuildUp, 1));
+        let mut progress = Progress::new(8);
+        next(&mut progress, 8);
+        progress.compare_legs();
+        assert_eq!(next(&mut progress, 3), (Step::Legs, 3));
+        progress.begin_anew(8);
+        assert_eq!(next(&mut progress, 8), (Step::Catch, 8));
+        progress.compare_legs();
+        assert_eq!(next(&mut progress, 1), (Step::BuildUp, 1));
+        progress.wait(4);
+        assert_eq!(next(&mut progress, 4), (Step::Catch, 12));
+        assert!(progress.ends_catch());
+        assert_eq!(next(&mut progress, 1), (Step::BuildUp, 1));
     }
 
     #[cfg(feature = "modes")]
     #[test]
     fn the_build_up_is_repeated_from_where_it_goes_back_to() {
-        let mut phases = Phases::new(1);
-        assert_eq!(next(&mut phases, 9), (Phase::BuildUp, 8));
-        phases.repeat_after(2);
-        assert!(phases.has_repeated());
-        assert_eq!(next(&mut phases, 1), (Phase::BuildUp, 3));
+        let mut progress = Progress::new(1);
+        assert_eq!(next(&mut progress, 9), (Step::BuildUp, 8));
+        progress.repeat_after(2);
+        assert!(progress.has_repeated());
+        assert_eq!(next(&mut progress, 1), (Step::BuildUp, 3));
     }
 }
