@@ -6,7 +6,6 @@ use super::enhanced::EnhancedParams;
 use super::paper::PaperParams;
 use super::scheme::Scheme;
 use super::types::{DriveParams, EncoderMode, LowConfidence};
-use super::validate::FASTEST_PLL;
 use crate::base::Base;
 use crate::params::{Inverter, Machine};
 
@@ -44,6 +43,9 @@ pub(super) const SLACK: f64 = 0.01;
 /// one of 15 kW with 1.7 did not.
 const LEAKAGE_ERROR: f64 = 0.2;
 const LEAKAGE_GAIN: f64 = 1.6;
+
+/// Largest bandwidth of the speed estimator, relative to the frequency of the control, and in Hz.
+pub(super) const FASTEST_PLL: (f64, f64) = (0.03, 100.0);
 
 /// Least default bandwidth of the phase-locked loop that estimates the speed, Hz, and the largest one relative to the frequency
 /// of the control, a little below what is admissible ([`FASTEST_PLL`]).

@@ -1,7 +1,9 @@
 //! Admissible range of each setting.
 
 use super::clocks::{slow_periods, speed_periods};
-use super::defaults::{SLACK, SPEED_BANDWIDTH, SUPERVISED, WEAKENED, WINDOW_MAX, encoder_deviation, fastest_field};
+use super::defaults::{
+    FASTEST_PLL, SLACK, SPEED_BANDWIDTH, SUPERVISED, WEAKENED, WINDOW_MAX, encoder_deviation, fastest_field,
+};
 use super::derived::LEAST_BUILD_UP;
 use super::direct_flux::{DirectFlux, FLUX_GAIN};
 use super::scheme::Scheme;
@@ -16,9 +18,6 @@ const TRIP_LEAST: f64 = 1.15;
 /// Least bandwidth of the speed estimator in units of that of speed control: with 1.5 times the speed swings by 0.002
 /// pu at 5 Hz and less at 9 Hz, with 1.1 times by 0.02, and with once at 5 Hz control is lost (2.2 and 11 kW).
 const PLL_LEAST: f64 = 1.5;
-
-/// Largest bandwidth of the speed estimator, relative to the frequency of the control, and in Hz.
-pub(super) const FASTEST_PLL: (f64, f64) = (0.03, 100.0);
 
 /// Largest bandwidth of current control relative to the control's frequency: 32° of phase by 1.5 periods of delay.
 const FASTEST_CURRENT: f64 = 0.06;
