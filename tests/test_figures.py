@@ -1,6 +1,6 @@
 """The paper's figures on both machines, and the same with the mechanism off, which must fail.
 
-Quick: most figures at both machines in single precision under one seed. Slow: all, under every seed and in
+Quick: most figures at both machines in single precision under one seed, some under every realisation. Slow: all, under every seed and in
 the other arithmetics too.
 """
 
@@ -45,6 +45,9 @@ LONG = (
     "III-E-load",
     "12-quotient",
 )
+EVERY = ("9", "18")
+"""Quick under every realisation at 2.2 kW: the start from an unknown state and the minute at zero stator
+frequency depend on the noise of the estimated frequency in a few of them only."""
 """Left to the slow tests in any arithmetic."""
 
 
@@ -55,7 +58,8 @@ def cases() -> list[Any]:
             for arithmetic in ("f32", "f64", "q") if experiment.noisy(machine) else ("f32",):
                 every = experiment.realisations(machine)
                 for seed in every if arithmetic == "f32" else every[:1]:
-                    quick = arithmetic == "f32" and name not in LONG and seed == SEEDS[0]
+                    first = name not in LONG and seed == SEEDS[0]
+                    quick = arithmetic == "f32" and (first or (name in EVERY and machine == "2.2kW"))
                     found.append(
                         pytest.param(
                             name,
