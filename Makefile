@@ -69,8 +69,8 @@ tolerance: build
 sensitivity: build
 	$(BIN)/stillflux reproduce 13b 15 18 19 20 --sensitivity
 
-# Brings the committed table of all that was measured up to date, an hour on two cores. Killed, it goes on where it was
-# when called again, as long as nothing was built anew.
+# Brings the committed table of all that was measured up to date, some hours on two cores. Killed, it goes on where it
+# was when called again, as long as nothing was built anew.
 METRICS := tests/metrics.csv
 metrics: build
 	@mkdir -p target
@@ -81,6 +81,8 @@ metrics: build
 	$(BIN)/stillflux beyond guarantee --metrics $(METRICS) --journal target/guarantee.journal
 	$(BIN)/stillflux beyond consistency --metrics $(METRICS) --journal target/consistency.journal
 	$(BIN)/stillflux beyond consistency --beyond-model --metrics $(METRICS) --journal target/consistency.journal
+	$(BIN)/stillflux beyond commissioning --metrics $(METRICS) --journal target/commissioning.journal
+	$(BIN)/stillflux beyond operations --metrics $(METRICS) --journal target/operations.journal
 
 # Writes the committed table into README and docs.
 docs: build

@@ -1,7 +1,7 @@
 """The paper's figures on both machines, and the same with the mechanism off, which must fail.
 
-Quick: most figures at both machines in single precision under one seed, some under every realisation. Slow: all, under every seed and in
-the other arithmetics too.
+Quick: most figures at both machines in single precision under one seed, some under every realisation. Slow:
+all, under every seed and in the other arithmetics too.
 """
 
 from __future__ import annotations
