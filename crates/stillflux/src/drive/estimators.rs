@@ -38,9 +38,9 @@ pub(super) struct FieldQuantities<R: Real> {
     pub field: Rotator<R>,
     /// `|ψ̂_s|`.
     pub psi_s: R,
-    /// Stator frequency. In the enhanced scheme that of the speed estimator's loop: behind a ramp of the speed `ω̂_s` lags by
-    /// `2 dω/dt / ω_n`, and the voltage that is fed forward with it. While the flux of a turning machine is caught the sign of the voltage that is fed forward, which is
-    /// `omega_s psi_s`.
+    /// Stator frequency, by which voltage is fed forward: `omega_s psi_s`. In the published scheme the estimated one, which lags behind a
+    /// ramp of the speed by `2 dω/dt / ω_n`; in the enhanced scheme that of the speed estimator's loop, which does not. While the flux of a
+    /// turning machine is caught, the sign of the voltage that is fed forward.
     pub omega_s: R,
     /// Stator resistance.
     pub r_s: R,

@@ -149,8 +149,8 @@ impl<R: Real> PaperEstimators<R> {
         // subtracts it from the voltage; control uses the current without it.
         let i_s = x.i_s + self.flux.offset.u_off() * c.inv_r_s;
         self.i_s = i_s;
-        // Not the frequency at which the loop turns: near zero frequency nothing corrects this estimate, and what the loop makes of its noise
-        // holds a field that stands (Fig. 9) and sways the speed (Fig. 18). With a load that swings the current lags instead (docs/limits.md).
+        // The estimated frequency, not the noisier one at which the loop turns: with that the field stood for good in some realisations of
+        // Fig. 9, and the speed in Fig. 18 was off by more than 0.002 pu. It lags while the speed changes (docs/limits.md, published scheme).
         let (psi_s, omega_s, i_dq) = (self.flux.magnitude(), self.speed.omega_s, field.to_field(&i_s));
         FieldQuantities { field, psi_s, omega_s, r_s, i_dq }
     }
