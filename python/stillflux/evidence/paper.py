@@ -5,8 +5,9 @@ Speeds in per unit of rated frequency: 1 pu is `2π f_N/n_p` mechanical rad/s. T
 torque.
 
 Nothing is tuned to a figure: the drive's settings are its defaults, but for what the paper itself changes
-(the offset estimator off in Fig. 10, say) and `calibrate_offset`, which is off throughout: the paper's drive
-did not read its offsets at rest.
+(the offset estimator off in Fig. 10, say) and two that the paper's drive does not have, off throughout: it
+does not read its offsets at rest (`calibrate_offset`), and its speed controller sees the reference as it is,
+without a filter (`set_point_weight` of 1).
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def paper_drive(
         load=load,
         offset=offset,
         **{"signals": None, "record_every": 10, **fields},
-    ).with_settings(calibrate_offset=False)
+    ).with_settings(calibrate_offset=False, set_point_weight=1.0)
     told, real = scenario.inverter, scenario.plant_inverter
     # The bridge that a motor file simulates is clamped as well: a drive that knows of no capacitance does not
     # hold a bridge that has one.
