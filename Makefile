@@ -29,8 +29,8 @@ build: .venv/built
 test-rust: .venv/installed
 	cargo test --locked
 
-# One process a core; the tests of a file stay together, for the runs that they share.
-PYTEST := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder < /dev/null
+# One process a core; the tests of a file stay together, for the runs that they share. What is skipped is named.
+PYTEST := $(BIN)/python -m pytest -q -rs -n auto --dist loadfile --no-loadscope-reorder < /dev/null
 
 test: test-rust build
 	$(PYTEST) -m "not slow and not builds"

@@ -245,13 +245,17 @@ def test_cost_stays_within_its_budget(chain: Any) -> None:
         assert report["accuracy"][arithmetic]["angle_worst_deg"] < exact["angle_worst_deg"] + 0.5
         assert report["accuracy"][arithmetic]["speed_rms_pu"] < exact["speed_rms_pu"] + 2e-4
     for name, table in documents.TABLES.items():
-        assert _apart(documents.DOCUMENT.read_text(encoding="utf-8"), name, table(report)) == []
+        assert _apart(_documents(), name, table(report)) == []
+
+
+def _documents() -> str:
+    return "".join(document.read_text(encoding="utf-8") for document in documents.DOCUMENTS)
 
 
 def _apart(document: str, name: str, fresh: str, tolerance: float = 0.05) -> list[tuple[str, float, float]]:
     """Numbers of a table in the document that a fresh one does not confirm: another release of the compiler
     moves some by a percent or two."""
-    (written,) = re.findall(rf"<!-- table: {name} -->\n(.*?)<!-- end -->", document, re.DOTALL)
+    (written,) = re.findall(rf"<!-- target: {name} -->\n(.*?)<!-- end -->", document, re.DOTALL)
 
     def numbers(table: str) -> dict[str, list[float]]:
         rows = [row.strip("| ").split(" | ") for row in table.splitlines()[2:]]
@@ -271,9 +275,9 @@ def _apart(document: str, name: str, fresh: str, tolerance: float = 0.05) -> lis
 
 
 def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
-    document = documents.DOCUMENT.read_text(encoding="utf-8")
+    document = _documents()
     for name in documents.TABLES:
-        (written,) = re.findall(rf"<!-- table: {name} -->\n(.*?)<!-- end -->", document, re.DOTALL)
+        (written,) = re.findall(rf"<!-- target: {name} -->\n(.*?)<!-- end -->", document, re.DOTALL)
         assert _apart(document, name, written) == []
         (first, *_) = re.findall(r"\d[\d,]{2,}", written.split("\n", 2)[2])
         other = f"{int(first.replace(',', '')) * 1.06:.0f}"
@@ -286,11 +290,11 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: 16 KiB of flash, 1024 bytes of RAM and 512 of stack, which the published scheme meets. The enhanced one,
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
-    "paper": {"flash_library": (14_050, 16_310), "ram_drive": (900, 920), "stack_step": (384, 432)},
-    "enhanced": {"flash_library": (32_130, 42_680), "ram_drive": (1624, 1648), "stack_step": (496, 508)},
+    "paper": {"flash_library": (14_100, 16_310), "ram_drive": (900, 920), "stack_step": (384, 432)},
+    "enhanced": {"flash_library": (32_170, 42_720), "ram_drive": (1624, 1648), "stack_step": (496, 508)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
-WITH_ADDITIONS = {"flash_library": (18_510, 21_280), "ram_drive": (1060, 1084), "stack_step": (408, 432)}
+WITH_ADDITIONS = {"flash_library": (18_630, 21_550), "ram_drive": (1060, 1084), "stack_step": (416, 432)}
 
 #: Instructions a call, mean and worst case, of the same images. The design asks for 150 of the flux
 #: estimator in f32, 480 / 680 of the published step (f32), 650 / 950 (f32) and 1300 / 1800 (q) of the

@@ -453,7 +453,7 @@ pub struct stillflux_error {
 /// `drive`. Not to be called while the control interrupt may run with the same state.
 ///
 /// # Safety
-/// `drive` is aligned to 8 bytes and `page` has STILLFLUX_PAGE_WORDS words; both are not null.
+/// `drive` is aligned to 8 bytes; `page` has STILLFLUX_PAGE_WORDS words, aligned to 4 bytes; both are not null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn stillflux_open(drive: *mut stillflux_drive, bytes: usize, page: *const u32) -> u32 {
     if bytes != size_of::<stillflux_drive>() {
@@ -648,12 +648,15 @@ pub extern "C" fn stillflux_fault_read(drive: &stillflux_drive, report: &mut sti
 }
 
 /// Text of a fault's code in English, as much of it as `text` takes, terminated by a zero; "none" for a code without a
-/// fault. `size` is that of `text` in bytes.
+/// fault. `size` is that of `text` in bytes; with 0 nothing is written.
 ///
 /// # Safety
-/// `text` has `size` bytes.
+/// `text` has `size` bytes; with a `size` of 0 it may be null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn stillflux_fault_text(code: u32, text: *mut c_char, size: usize) {
+    if size == 0 {
+        return;
+    }
     // SAFETY: the caller's promise.
     let text = unsafe { slice::from_raw_parts_mut(text.cast::<u8>(), size) };
     let mut to = Text(text.iter_mut());
@@ -738,7 +741,7 @@ pub extern "C" fn stillflux_telemetry_read(drive: &stillflux_drive, telemetry: &
 /// Returns STILLFLUX_OK, STILLFLUX_ERROR_PAGE or STILLFLUX_ERROR_CLOSED. To be called after a stop.
 ///
 /// # Safety
-/// `page` and `to` have STILLFLUX_PAGE_WORDS words and may be the same; none is null.
+/// `page` and `to` have STILLFLUX_PAGE_WORDS words, aligned to 4 bytes, and may be the same; none is null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn stillflux_store(drive: &stillflux_drive, page: *const u32, to: *mut u32) -> u32 {
     let Some(drive) = drive.get().and_then(CountsDrive::drive) else { return STILLFLUX_ERROR_CLOSED };
@@ -787,7 +790,7 @@ pub extern "C" fn stillflux_memory_of(
 /// range; `page` is untouched then.
 ///
 /// # Safety
-/// `page` has STILLFLUX_PAGE_WORDS words; no pointer is null.
+/// `page` has STILLFLUX_PAGE_WORDS words, aligned to 4 bytes; no pointer is null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn stillflux_page(
     machine: &stillflux_machine,
@@ -805,8 +808,8 @@ pub unsafe extern "C" fn stillflux_page(
         .and_then(|params| Ready::<Arithmetic>::new(&m, &i, &params, (inverter.i_full, inverter.u_full), &memory));
     match ready {
         Ok(ready) => {
-            // SAFETY: the caller's promise.
-            unsafe { slice::from_raw_parts_mut(page, WORDS) }.copy_from_slice(Page::seal(&ready).words());
+            // SAFETY: the caller's promise. What `page` holds so far need not be initialised.
+            unsafe { ptr::write(page.cast::<[u32; WORDS]>(), *Page::seal(&ready).words()) };
             STILLFLUX_OK
         }
         Err(e) => {

@@ -227,6 +227,7 @@ fn an_encoder_is_read_where_the_library_and_the_page_have_one() {
 fn a_text_ends_within_its_buffer_and_registers_are_read_as_three() {
     // SAFETY: buffers of the sizes given.
     unsafe {
+        stillflux_fault_text(1, std::ptr::null_mut(), 0);
         for size in 0..16 {
             let mut text = vec![1 as c_char; size];
             stillflux_fault_text(1, text.as_mut_ptr(), size);

@@ -1,6 +1,7 @@
-"""Writes what was measured into `docs/firmware.md`, between its markers: it is typed nowhere.
+"""Writes what was measured on the target into README and `docs/firmware.md`, between markers: it is typed
+nowhere.
 
-<!-- table: NAME -->
+<!-- target: NAME -->
 (one of `TABLES`)
 <!-- end -->
 """
@@ -13,8 +14,24 @@ from typing import Any
 
 from . import cost, toolchain
 
-DOCUMENT = toolchain.ROOT / "docs" / "firmware.md"
-_TABLE = re.compile(r"(<!-- table: (?P<name>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
+DOCUMENTS = tuple(toolchain.ROOT / name for name in ("README.md", "docs/firmware.md"))
+_TABLE = re.compile(r"(<!-- target: (?P<name>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
+#: Names in the README; those marked run in every eighth or sixteenth period.
+_BLOCKS = {
+    "drive_step": "drive step, published scheme",
+    "drive_step_enhanced": "drive step, enhanced scheme",
+    "flux_estimator": "flux estimator",
+    "filter": "filter",
+    "balance": "balance",
+    "speed_estimator": "speed",
+    "resistance_adaptation": "resistance*",
+    "confidence": "confidence*",
+    "speed_control": "speed control*",
+    "flux_control": "flux control*",
+    "current_control": "current control",
+    "inverter_model": "inverter model",
+    "modulator": "modulator",
+}
 _LABELS = {
     "flash_step": "flash: control step with everything it reaches",
     "flash_library": "flash: with the start from a page that is ready",
@@ -26,14 +43,23 @@ _LABELS = {
 
 
 def update(report: Mapping[str, Any]) -> None:
-    """Brings the document up to date."""
-    text = DOCUMENT.read_text(encoding="utf-8")
-    DOCUMENT.write_text(rendered(text, report), encoding="utf-8")
+    """Brings the documents up to date."""
+    for document in DOCUMENTS:
+        text = document.read_text(encoding="utf-8")
+        document.write_text(rendered(text, report), encoding="utf-8")
 
 
 def rendered(text: str, report: Mapping[str, Any]) -> str:
     """The document with everything between its markers made anew."""
     return _TABLE.sub(lambda match: f"{match[1]}{TABLES[match['name']](report)}\n{match[3]}", text)
+
+
+def blocks(report: Mapping[str, Any]) -> str:
+    """Mean and worst case of the step and of its blocks."""
+    rows = [["", "f32", "Q7.24"], ["---"] * 3]
+    for name, label in _BLOCKS.items():
+        rows.append([label, *_counts(report[name])])
+    return _lines(rows)
 
 
 def instructions(report: Mapping[str, Any]) -> str:
@@ -46,8 +72,7 @@ def instructions(report: Mapping[str, Any]) -> str:
         ("its balance of the current sensors", "balance", None),
         ("inverter model", "inverter_model", None),
     ):
-        of = report[block]
-        cells = [f"{of[a]:.0f} / {of[f'{a}_worst']}" for a in cost.ARITHMETICS]
+        cells = _counts(report[block])
         smallest = (report.get("smallest") or {}).get(scheme)
         rows.append([name, *cells, f"{smallest['mean']:.0f} / {smallest['worst']}" if smallest else ""])
     for scheme, name in (("paper", "published"), ("enhanced", "enhanced")):
@@ -94,9 +119,19 @@ def additions(report: Mapping[str, Any]) -> str:
     return features(report, "paper")
 
 
+def _counts(of: Mapping[str, Any]) -> list[str]:
+    return [f"{of[a]:.0f} / {of[f'{a}_worst']}" for a in cost.ARITHMETICS]
+
+
 def _lines(rows: list[list[str]]) -> str:
     return "\n".join(f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in rows)
 
 
 #: Tables by the names of their markers.
-TABLES = {"instructions": instructions, "sizes": sizes, "additions": additions, "features": features}
+TABLES = {
+    "blocks": blocks,
+    "instructions": instructions,
+    "sizes": sizes,
+    "additions": additions,
+    "features": features,
+}

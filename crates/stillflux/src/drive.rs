@@ -7,11 +7,11 @@
 //!
 //! **Timing.** Currents sampled at the start of period *k* give the duties applied during period *k + 1*.
 //!
-//! **Rates.** Estimators, current control and modulator run in every period; with at least 8000 periods a second the
-//! speed estimator and the supervision in every fourth (the published scheme's speed estimator in every second), speed and
-//! flux control in every eighth, the limits of the references and the slow adaptation in every sixteenth, with fewer in every
-//! second, fourth, fourth and fourth one: each in a period of its own, but for limits, adaptation and supervision with
-//! fewer, and after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
+//! **Rates.** Estimators, current control and modulator run in every period, supervision in every fourth. With at least 8000
+//! periods a second the speed estimator runs in every fourth (that of the published scheme in every second), speed and flux
+//! control in every eighth, the limits of the references and the slow adaptation in every sixteenth; with fewer in every second,
+//! fourth, fourth and fourth one: each in a period of its own, but for limits, adaptation and supervision with fewer, and
+//! after the duties are known. Their bandwidths allow it, and no period has to compute all of them.
 //!
 //! **Schemes.** The published scheme estimates by Figs. 4, 7 and 12, the enhanced one by one filter
 //! ([`crate::estimate::kalman`]). Each has its own start-up for the stage `Magnetising` of the sequence `Stopped` →
@@ -115,13 +115,18 @@ impl<R: Real> Drive<R> {
     /// that a counter that stands still keeps no gate on.
     #[cfg(feature = "supervision")]
     pub fn step_at(&mut self, stamp: u16, measured: &Measurement<R>, reference: &Reference<R>) -> Option<Output<R>> {
-        if !likely(self.common.in_time(stamp)) {
+        let periods = self.common.periods_since(stamp);
+        if !likely(periods != 0) {
             if !self.common.sequence.is_switching() {
                 return Some(self.common.blocked());
             }
             if reference.is_admissible() {
                 return None;
             }
+        }
+        #[cfg(feature = "modes")]
+        if periods.is_multiple_of(2) {
+            self.common.control.voltage.swap_halves();
         }
         Some(self.step(measured, reference))
     }
@@ -210,7 +215,7 @@ impl<R: Real> Drive<R> {
         if self.common.sequence.is_switching() {
             return false;
         }
-        self.common.sequence.restore(memory.i_off);
+        self.common.sequence.restore(&self.config, memory.i_off);
         self.estimators.restore(&self.config, memory);
         true
     }
@@ -384,18 +389,16 @@ impl<R: Real> Common<R> {
         field
     }
 
-    /// Books the stamp of a call; `false`: it is the second one of its period.
+    /// Books the stamp of a call; returns the periods since the one before, 0 if it is the second one of its period.
     #[cfg(feature = "supervision")]
     #[inline(always)]
-    fn in_time(&mut self, stamp: u16) -> bool {
+    fn periods_since(&mut self, stamp: u16) -> u16 {
         let timing = &mut self.supervision.timing;
-        let doubled = timing.is_last(stamp);
-        if let Some(trip) = timing.step(stamp)
-            && self.sequence.is_switching()
-        {
+        let periods = timing.periods_since(stamp);
+        if let Some(trip) = timing.step(stamp, self.sequence.is_switching()) {
             self.sequence.fault(trip);
         }
-        !doubled
+        periods
     }
 
     /// In place of a measurement that cannot be used: the current of the latest one, with the dc link's voltage then;
@@ -409,6 +412,7 @@ impl<R: Real> Common<R> {
         measured: &Measurement<R>,
     ) -> Option<Measurement<R>> {
         let Self { sequence, control, .. } = self;
+        sequence.age(c);
         sequence.bridge(c, measured, || estimators.sensed(c), || control.voltage.u_dc())
     }
 
@@ -518,5 +522,42 @@ impl<R: Real> Common<R> {
     #[inline(never)]
     fn block(&mut self) {
         self.control.voltage.block();
+    }
+}
+
+#[cfg(all(test, feature = "modes", feature = "supervision"))]
+mod tests {
+    use super::*;
+    use crate::config::DriveParams;
+    use crate::params::{Inverter, Machine};
+
+    #[test]
+    fn a_missed_call_does_not_swap_the_halves_of_the_carrier_period() {
+        let machine = Machine::preset_2k2();
+        let inverter = Inverter { half_periods: 1, ..Inverter::preset_2k2() };
+        let params = DriveParams::new(&machine, &inverter);
+        let mut drive = Drive::new(DriveConfig::<f64>::new(&machine, &inverter, &params).unwrap());
+        let measured = Measurement { i_abc: [0.0; 3], u_dc: 1.65 };
+        let mut step = |stamp: u16, reference| {
+            drive.step_at(stamp, &measured, &reference);
+            (drive.common.control.voltage.is_rising(drive.period()), drive.status())
+        };
+        let hold = Reference::Speed(0.0);
+        let mut stamp = 0;
+        // Calls in time until the bridge switches, then some that are missed, doubled, and doubled with a stop.
+        while step(stamp, hold) != (stamp % 2 == 1, Status::Magnetising) {
+            stamp += 1;
+            assert!(stamp < 60_000);
+        }
+        for (passed, reference) in
+            [(1, hold), (2, hold), (1, hold), (3, hold), (0, hold), (4, hold), (0, Reference::Stop)]
+        {
+            stamp += passed;
+            assert_eq!(step(stamp, reference).0, stamp % 2 == 1, "{passed}");
+        }
+        for passed in [1, 2, 1, 100, 1] {
+            stamp += passed;
+            assert_eq!(step(stamp, hold).0, stamp % 2 == 1, "{passed}");
+        }
     }
 }

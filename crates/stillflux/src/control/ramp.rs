@@ -75,10 +75,10 @@ impl<R: Real> Ramp<R> {
         }
         let mut wanted = c.acceleration;
         if c.jerk > R::ZERO {
-            // 256 √(2 J |e|/256) = 16 √(2 J |e|).
-            let root = (c.jerk * error.abs() * R::TWO).sqrt();
+            // 256 √(2 J |e|/256) = √(512 J) √|e|: the product of a small jerk and a small error has few digits in fixed point.
+            let root = (c.jerk * R::from_f64(64.0) * R::from_f64(8.0)).sqrt() * error.abs().sqrt();
             // Two steps less, for the calls in which the acceleration follows.
-            wanted = wanted.min((root * R::from_f64(16.0) - c.jerk - c.jerk).max(c.jerk));
+            wanted = wanted.min((root - c.jerk - c.jerk).max(c.jerk));
         }
         let wanted = if error < R::ZERO { -wanted } else { wanted };
         let change = wanted - self.acceleration;
@@ -137,6 +137,24 @@ mod tests {
         limits::<f32>();
         limits::<f64>();
         limits::<Q>();
+    }
+
+    /// Calls until the reference is reached, at 0.05 pu/s in calls of 0.8 ms.
+    fn calls_to_arrive<R: Real>(jerk: f64) -> f64 {
+        let (t, r) = (0.8e-3, R::from_f64);
+        let c = RampConfig { acceleration: r(0.05 * t * CALLS), jerk: r(jerk * t * t * CALLS), lead: R::ONE };
+        let mut ramp = Ramp::<R>::default();
+        let arrives = (0..100_000).position(|_| ramp.step(&c, r(0.3), R::ZERO, R::ZERO) == r(0.3));
+        arrives.unwrap() as f64
+    }
+
+    #[test]
+    fn a_small_jerk_takes_as_long_in_fixed_point() {
+        for jerk in [0.01, 0.023, 0.1, 0.37, 1.0, 10.0] {
+            let (exact, fixed) = (calls_to_arrive::<f64>(jerk), calls_to_arrive::<Q>(jerk));
+            assert!((fixed - exact).abs() < 0.03 * exact, "{jerk}: {fixed} calls, exactly {exact}");
+            assert!((calls_to_arrive::<f32>(jerk) - exact).abs() < 0.03 * exact, "{jerk}");
+        }
     }
 
     #[test]

@@ -120,6 +120,16 @@ impl<R: Real> Realign<R> {
         !likely(self.calls < c.suspicion) && self.turned && self.calls - c.suspicion - c.test < c.suspicion
     }
 
+    /// A call without speed control, which shows nothing: a suspicion is dropped, the time since a turn goes on.
+    #[inline(always)]
+    pub fn without_reference(&mut self, c: &RealignConfig<R>) {
+        if self.is_settling(c) {
+            self.calls += 1;
+        } else if self.calls != 0 {
+            *self = Self::default();
+        }
+    }
+
     #[cold]
     #[inline(never)]
     fn advance(&mut self, c: &RealignConfig<R>, limited: R, omega_s: R, omega_r: R) -> bool {
@@ -257,5 +267,24 @@ mod tests {
         assert!(turned(|_, _| (0.0, 0.0, 0.08)).is_empty());
         let (mut realign, never) = (Realign::default(), RealignConfig { suspicion: u32::MAX, ..C });
         assert!((0..100_000).all(|_| !realign.step(&never, 1.0, 0.0, 0.08) && !realign.is_testing(&never)));
+    }
+
+    #[test]
+    fn without_speed_control_the_time_after_a_turn_ends_and_a_suspicion_does() {
+        let c = RealignConfig { test: 0, ..C };
+        let mut realign = Realign::<f64>::default();
+        assert!((0..5000).any(|_| realign.step(&c, 1.0, 0.0, 0.05)) && realign.is_settling(&c));
+        let calls = (0..5000).position(|_| {
+            realign.without_reference(&c);
+            !realign.is_settling(&c)
+        });
+        assert_eq!(calls, Some(N as usize - 1));
+        realign = Realign::default();
+        for _ in 0..N + 10 {
+            realign.step(&C, 1.0, 0.0, 0.08);
+        }
+        assert!(realign.is_testing(&C));
+        realign.without_reference(&C);
+        assert!(!realign.is_testing(&C) && realign == Realign::default());
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! ψ* = min(κ ψ_N, ψ*_u),    i_q* = T*/ψ,    i_d* by (12) at ψ_0, ψ and i_q*, with the flux controller's correction
-//! |T*| ≤ ψ min(0.8 i_q,pull-out(ψ_p), √(i_max² - i_0²), √(i_max² - i_d*²), i_q,u)
+//! |T*| ≤ ψ min(0.8 i_q,pull-out(ψ_p), √(i_max² - i_0²), √(i_max² - i_d*²), i_q,u, i_q,δ)
 //! ```
 //!
 //! `ψ` and `ψ_0` (without load) are the fluxes of [`Estimators::present_flux`], `ψ_p` that of [`Estimators::pull_out_flux`] over the leakage relative to
@@ -12,7 +12,8 @@
 //! the circle within the hexagon, or with overmodulation 1/0.97 of that circle. The limit
 //! keeps 20 % of distance to pull-out. `i_q,u` is the torque current for which there is voltage: where the voltage is
 //! at its limit while the drive is motoring it is the one that flows, and a little more so that the limit is felt again
-//! as soon as there is voltage. The speed controller does not integrate what it limits.
+//! as soon as there is voltage. `i_q,δ` is that of the largest load angle in field weakening. The speed controller does not
+//! integrate what it limits.
 
 use super::estimators::{Estimators, FieldQuantities};
 use super::interface::Reference;
@@ -285,7 +286,7 @@ impl<R: Real> Control<R> {
             // Near pull-out a flux takes all the current to stay as it is. One that has far to rise gets some of the torque's:
             // with a leakage that is a fifth larger than known the limit above is 0.97 of pull-out.
             let lag = (psi_ref - psi - R::from_f64(LAG_ALLOWED)).max(R::ZERO);
-            pull_out = estimators.pull_out_flux(psi) - lag;
+            pull_out = (estimators.pull_out_flux(psi) - lag).max(R::ZERO);
             (psi_torque, psi_no_load) = (psi_ref, psi_ref);
             range = Range::Weakened;
         }
@@ -338,6 +339,8 @@ impl<R: Real> Control<R> {
                 let torque_ref = torque.clamp(lo, hi);
                 self.speed.follow(torque_ref, torque, omega_m);
                 self.ramp.start(omega_m);
+                #[cfg(feature = "supervision")]
+                self.realign.without_reference(&c.realign);
                 limited = R::ZERO;
                 torque_ref
             }
@@ -525,5 +528,104 @@ mod tests {
         limits::<f64>(1e-9);
         limits::<f32>(1e-5);
         limits::<Q>(1e-3);
+    }
+}
+
+#[cfg(all(test, feature = "weakening"))]
+mod weakening_tests {
+    use super::*;
+    use crate::config::DriveParams;
+    use crate::drive::estimators::{Estimated, PeriodInput, PeriodOutput, StartUp};
+    use crate::drive::interface::Memory;
+    use crate::params::{Inverter, Machine};
+
+    /// A scheme that estimates what it is told.
+    struct Told {
+        speed: SpeedEstimate<f64>,
+        psi: f64,
+        knee: Knee<f64>,
+    }
+
+    impl Estimators<f64> for Told {
+        fn forget_offset(&mut self, _: &DriveConfig<f64>) {}
+        fn begin(&mut self, _: &DriveConfig<f64>, _: Option<u32>, _: u32) {}
+        fn period(
+            &mut self,
+            _: &DriveConfig<f64>,
+            _: &PeriodInput<'_, f64>,
+            _: &mut Dq<f64>,
+            _: Option<StartUp>,
+        ) -> PeriodOutput<f64> {
+            unreachable!()
+        }
+        fn idle(&mut self, _: &AlphaBeta<f64>) {}
+        fn update_speed(&mut self, _: &DriveConfig<f64>) {}
+        fn adapt(&mut self, _: &DriveConfig<f64>, _: &Dq<f64>) {}
+        fn flux_factor(&mut self, _: &DriveConfig<f64>, _: f64) -> f64 {
+            1.0
+        }
+        #[cfg(feature = "supervision")]
+        fn turn_to_current(&mut self, _: &DriveConfig<f64>) {}
+        fn speed(&self) -> &SpeedEstimate<f64> {
+            &self.speed
+        }
+        fn psi_s(&self) -> f64 {
+            self.psi
+        }
+        fn present_flux(&self, psi_ref: f64) -> (f64, f64, f64) {
+            (psi_ref, psi_ref, 1.0)
+        }
+        fn pull_out_flux(&self, psi: f64) -> f64 {
+            psi.min(self.psi).max(0.5 * psi)
+        }
+        fn inverter<'a>(&'a self, _: &'a DriveConfig<f64>) -> (f64, &'a Knee<f64>) {
+            (1.0, &self.knee)
+        }
+        fn nis(&self) -> f64 {
+            0.0
+        }
+        fn flux_falls(&self) -> bool {
+            false
+        }
+        fn confidence(&self) -> f64 {
+            1.0
+        }
+        fn sensed(&self, _: &DriveConfig<f64>) -> AlphaBeta<f64> {
+            unreachable!()
+        }
+        fn estimated(&self, _: &DriveConfig<f64>) -> Estimated<f64> {
+            unreachable!()
+        }
+        fn memory(&self, _: &DriveConfig<f64>, _: [f64; 3]) -> Memory<f64> {
+            unreachable!()
+        }
+        fn restore(&mut self, _: &DriveConfig<f64>, _: &Memory<f64>, _: AlphaBeta<f64>) {}
+    }
+
+    #[test]
+    fn in_field_weakening_a_flux_that_falls_takes_the_torque_and_does_not_reverse_it() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let c = DriveConfig::<f64>::new(&machine, &inverter, &DriveParams::new(&machine, &inverter)).unwrap();
+        for wanted in [0.5, 0.6, 0.8] {
+            let mut control = Control::<f64>::new();
+            control.start(&c, 1.5);
+            // The frequency at which the voltage makes this flux.
+            let omega = 0.97 * 1.65 * c.u_use / wanted;
+            let speed = SpeedEstimate { omega_m: omega, omega_s: omega, omega_turn: omega, ..SpeedEstimate::default() };
+            let mut estimators = Told { speed, psi: wanted, knee: c.inverter.knee(1.0) };
+            control.current.step(&c.current, &Dq::default(), &Dq::default(), &Dq::new(0.0, 0.9), 0.94);
+            for _ in 0..200 {
+                control.set_limits(&c, &estimators, 1.65);
+            }
+            for psi in [1.0, 0.5, 0.4, 0.3, 0.2] {
+                estimators.psi = psi * wanted;
+                for torque in [0.5, -0.5] {
+                    control.follow_reference(&c, &mut estimators, &Reference::Torque(torque), 1.65);
+                    let i_q = control.i_dq_ref.im();
+                    assert!(control.psi_ref < 0.95 && i_q * torque >= 0.0, "{wanted} {psi} {torque}: {i_q}");
+                    assert!(psi < 1.0 || i_q != 0.0, "{wanted} {torque}: no torque with the flux that is wanted");
+                }
+            }
+        }
     }
 }

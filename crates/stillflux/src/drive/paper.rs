@@ -165,6 +165,10 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
         self.r_s_mean = Integrator::default();
         self.speed = SpeedEstimate::default();
         self.regeneration = Regeneration::default();
+        #[cfg(feature = "variants")]
+        {
+            self.light_load = LightLoad::default();
+        }
     }
 
     #[inline(always)]
@@ -320,7 +324,29 @@ impl<R: Real> Estimators<R> for PaperEstimators<R> {
 
     fn restore(&mut self, c: &DriveConfig<R>, memory: &Memory<R>, u_off: AlphaBeta<R>) {
         self.flux.offset.restore(u_off);
-        self.offset_known = true;
+        // An offset of zero is that of a memory in which nothing was stored.
+        self.offset_known = c.calibrate_offset || u_off != AlphaBeta::default();
         self.set_resistance(c, memory.r_s);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{DriveParams, Scheme};
+    use crate::params::{Inverter, Machine};
+
+    #[test]
+    fn an_offset_is_known_by_a_memory_in_which_one_was_stored() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let params =
+            DriveParams { scheme: Scheme::Paper, calibrate_offset: false, ..DriveParams::new(&machine, &inverter) };
+        let c = DriveConfig::<f64>::new(&machine, &inverter, &params).unwrap();
+        let mut estimators = PaperEstimators::new(&c);
+        let memory = estimators.memory(&c, [0.0; 3]);
+        for (u_off, known) in [(AlphaBeta::default(), false), (AlphaBeta::new(0.0, 1e-3), true)] {
+            estimators.restore(&c, &memory, u_off);
+            assert_eq!(estimators.offset_known, known);
+        }
     }
 }

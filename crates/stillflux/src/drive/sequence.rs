@@ -100,18 +100,19 @@ impl<R: Real> Sequence<R> {
     }
 
     /// Restores offsets, each within its limits. The next start reads them anew.
-    pub fn restore(&mut self, i_off: [R; 3]) {
+    pub fn restore(&mut self, c: &DriveConfig<R>, i_off: [R; 3]) {
         self.ran = None;
         for (to, i) in self.i_off.iter_mut().zip(i_off) {
             *to = clamp_seldom(i, R::from_f64(-I_OFF_MAX), R::from_f64(I_OFF_MAX));
         }
-        self.follow_from_here();
+        self.follow_from_here(c);
     }
 
     /// The offset of a single shunt is followed from the one that is known, which its three readings have in common.
-    fn follow_from_here(&mut self) {
+    #[cfg_attr(not(feature = "shunt"), allow(unused_variables, clippy::unused_self))]
+    fn follow_from_here(&mut self, c: &DriveConfig<R>) {
         #[cfg(feature = "shunt")]
-        {
+        if c.single_shunt() {
             self.offset_mean[2] = Integrator::new(self.i_off[2]);
         }
     }
@@ -205,13 +206,7 @@ impl<R: Real> Sequence<R> {
     #[inline(never)]
     pub fn advance(&mut self, c: &DriveConfig<R>, m: &Measurement<R>, reference: &Reference<R>) -> Action {
         self.stage = self.stage.saturating_add(1);
-        if !self.is_switching() {
-            self.periods_blocked = self.periods_blocked.saturating_add(1);
-        }
-        if self.pause(c).is_none() {
-            // For good: the number of periods wraps.
-            self.ran = None;
-        }
+        self.age(c);
         if !reference.is_admissible() && *reference != Reference::Stop {
             self.fault(Trip::new(Fault::Reference, R::ZERO, R::ZERO));
         }
@@ -237,6 +232,19 @@ impl<R: Real> Sequence<R> {
             _ => {}
         }
         if self.status == Status::ReadingOffset { self.read_offset(c, m) } else { Action::StartUp }
+    }
+
+    /// A period goes by in which the drive is not under control, or whose measurement cannot be used.
+    #[cold]
+    #[inline(never)]
+    pub fn age(&mut self, c: &DriveConfig<R>) {
+        if !self.is_switching() {
+            self.periods_blocked = self.periods_blocked.saturating_add(1);
+        }
+        if self.pause(c).is_none() {
+            // For good: the number of periods wraps.
+            self.ran = None;
+        }
     }
 
     /// Periods since the drive ran last, if what it learned then is fresh.
@@ -272,7 +280,7 @@ impl<R: Real> Sequence<R> {
             }
             self.i_off = read;
         }
-        self.follow_from_here();
+        self.follow_from_here(c);
         self.enter(Status::Magnetising);
         Action::Ready
     }
@@ -365,5 +373,40 @@ mod tests {
             assert_eq!(instead.is_some(), bridged);
             assert_eq!(sequence.report().map(|r| r.trip.cause), (!bridged).then_some(Fault::Measurement));
         }
+    }
+
+    fn config(current_sensors: u32) -> DriveConfig<f64> {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let params = DriveParams { current_sensors, ..DriveParams::new(&machine, &inverter) };
+        DriveConfig::new(&machine, &inverter, &params).unwrap()
+    }
+
+    #[test]
+    fn offsets_that_are_restored_while_they_are_read_leave_the_reading_alone() {
+        let (c, measured) = (config(3), Measurement { i_abc: [0.05; 3], u_dc: 1.65 });
+        let mut sequence = Sequence::new();
+        for k in 0..=c.offset_periods {
+            if k == c.offset_periods / 2 {
+                sequence.restore(&c, [0.05; 3]);
+            }
+            sequence.advance(&c, &measured, &Reference::Speed(0.0));
+        }
+        assert_eq!(sequence.status(), Status::Magnetising);
+        assert!(sequence.i_off().iter().all(|i| (i - 0.05).abs() < 1e-9), "{:?}", sequence.i_off());
+    }
+
+    #[test]
+    fn time_goes_by_without_a_link_as_well() {
+        let c = config(3);
+        let mut sequence = Sequence { status: Status::Running, period: 7, ..Sequence::new() };
+        let none = Measurement { i_abc: [0.0; 3], u_dc: 0.0 };
+        for _ in 0..1000 {
+            sequence.count();
+            assert!(!sequence.accepts(&c, &none));
+            sequence.age(&c);
+            sequence.bridge(&c, &none, AlphaBeta::default, || None);
+        }
+        assert!(matches!(sequence.status(), Status::Faulted { cause: Fault::UnderVoltage, .. }));
+        assert!((998..1000).contains(&sequence.periods_blocked()), "{}", sequence.periods_blocked());
     }
 }

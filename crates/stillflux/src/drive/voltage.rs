@@ -48,11 +48,15 @@ pub(super) struct Voltage<R: Real> {
     pub loss: Distortion<R>,
     /// What the ripple of the currents adds to it near current zero.
     ripple: Ripple<R>,
-    /// `1/u_dc` of the latest period.
+    /// `1/u_dc` of the latest period; 0 while the bridge is blocked.
     inv_u_dc: R,
     /// A leg was held at a rail in the latest period.
     #[cfg(feature = "modes")]
     discontinuous: bool,
+    /// With an update at each extreme of the carrier: an odd number of calls was missed, so the number of a period no longer
+    /// tells its half as at first.
+    #[cfg(feature = "modes")]
+    halves_swapped: bool,
     /// Pulses for a single shunt, and what it shows in them.
     #[cfg(feature = "shunt")]
     pub shunt: Shunt<R>,
@@ -71,6 +75,8 @@ impl<R: Real> Voltage<R> {
             inv_u_dc: R::ZERO,
             #[cfg(feature = "modes")]
             discontinuous: false,
+            #[cfg(feature = "modes")]
+            halves_swapped: false,
             #[cfg(feature = "shunt")]
             shunt: Shunt::default(),
             u_s: AlphaBeta::default(),
@@ -80,6 +86,7 @@ impl<R: Real> Voltage<R> {
     /// The bridge is blocked.
     pub fn block(&mut self) {
         self.commanded = [Commanded::default(); 2];
+        self.inv_u_dc = R::ZERO;
         #[cfg(any(feature = "enhanced", feature = "modes"))]
         {
             self.loss = Distortion::default();
@@ -140,12 +147,10 @@ impl<R: Real> Voltage<R> {
     #[inline(never)]
     fn command_in_mode(&mut self, c: &DriveConfig<R>, period: u32, u_ref: &AlphaBeta<R>) -> (Duty<R>, [R; 2]) {
         let clamped = self.clamp(c, u_ref);
-        // With an update at each extreme of the carrier: the first call is in the lower zero vector, its duties act in the
-        // falling half.
         let e = if likely(!c.double_update()) {
             self.loss.phases
         } else {
-            self.loss.of_half(period & 1 == 0, clamped.map(|(leg, _)| leg))
+            self.loss.of_half(self.is_rising(period), clamped.map(|(leg, _)| leg))
         };
         let loss = lines(&e);
         let duty = match clamped {
@@ -156,6 +161,19 @@ impl<R: Real> Voltage<R> {
             }
         };
         (duty, loss)
+    }
+
+    /// With an update at each extreme of the carrier: whether the duties of this call act in the half with the rising edges. The
+    /// first call is in the lower zero vector, its duties act in the falling half.
+    #[cfg(feature = "modes")]
+    pub fn is_rising(&self, period: u32) -> bool {
+        (period & 1 == 0) != self.halves_swapped
+    }
+
+    /// An odd number of calls was missed.
+    #[cfg(all(feature = "modes", feature = "supervision"))]
+    pub fn swap_halves(&mut self) {
+        self.halves_swapped = !self.halves_swapped;
     }
 
     /// Duties of continuous modulation.
@@ -260,5 +278,17 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_bridge_that_is_blocked_leaves_no_voltage_of_its_link() {
+        let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
+        let c = DriveConfig::<f64>::new(&machine, &inverter, &DriveParams::new(&machine, &inverter)).unwrap();
+        let mut v = Voltage::new();
+        let knee = c.inverter.knee(1.0);
+        v.command(&c, (0, false), &AlphaBeta::default(), AlphaBeta::default, 1.65, (1.0, &knee));
+        assert!(v.u_dc().is_some_and(|u| (u - 1.65).abs() < 1e-9));
+        v.block();
+        assert_eq!(v.u_dc(), None);
     }
 }

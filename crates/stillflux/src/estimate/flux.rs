@@ -126,6 +126,7 @@ impl<R: Real> FluxEstimator<R> {
         self.radius.start();
         self.i_s = i_s;
         self.u_i = AlphaBeta::default();
+        self.per_slip = R::ZERO;
         self.offset.start(psi_s);
     }
 

@@ -79,7 +79,7 @@ faults! {
     /// Current vector above the trip level: at once where the voltage can have made it since the last sample, else in two
     /// samples within 10 ms. Without the feature `bridging` this and the next three are faults at the first sample.
     OverCurrent = 1, "over-current", Current;
-    /// dc-link voltage below its range in two samples within 10 ms.
+    /// dc-link voltage below its range in two samples within 10 ms, or in the first sample of a start.
     UnderVoltage = 2, "under-voltage", Voltage;
     /// dc-link voltage above its range in two samples within 10 ms.
     OverVoltage = 3, "over-voltage", Voltage;

@@ -97,7 +97,8 @@ pub(crate) struct Tracking<R: Real> {
     pub flux_falls: bool,
     /// Reference of the speed less the estimate, under speed control.
     pub speed_deviation: R,
-    /// The torque reference is at its limit, under speed control; `None`: the field is being realigned.
+    /// The torque reference is at its limit, under speed control; `None`: the field is being realigned, or half of the torque is
+    /// the limit for a test of it, or the dc link limits the torque.
     pub torque_limited: Option<bool>,
 }
 
@@ -141,7 +142,7 @@ impl<R: Real> Supervision<R> {
         }
     }
 
-    /// A start-up begins: what was seen before does not count.
+    /// A start-up begins: what was seen before does not count, but for the calls that were missed.
     pub fn begin(&mut self) {
         #[cfg(feature = "supervision")]
         let timing = self.timing;
@@ -190,7 +191,7 @@ mod tests {
     fn a_start_forgets_what_was_seen_but_for_the_calls_that_were_missed() {
         let mut supervision = Supervision::<f64>::new();
         for stamp in [1, 2, 4] {
-            supervision.timing.step::<f64>(stamp);
+            supervision.timing.step::<f64>(stamp, true);
         }
         let c = InnovationConfig { gain: 0.1, gain_falling: 0.1 };
         supervision.innovation.step(&c, 4.0, false, 0.0);

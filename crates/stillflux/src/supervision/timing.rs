@@ -5,6 +5,8 @@
 //! level += 98 for each missed or doubled call, level -= 1 for each in time;     fault beyond 490
 //! ```
 //!
+//! Calls that are missed while the bridge is blocked, as in a write to the flash, are none that count.
+//!
 //! The estimators integrate one period a call, with the voltage of two calls ago: a call that is missed or doubled is an
 //! error of the flux and of the speed that nothing else shows. One in a hundred is tolerated, every 20th is found after
 //! some 120 periods, six in a row at once. The stamp counts PWM periods in hardware, e.g. the update events of the
@@ -29,12 +31,19 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// One call with the stamp of its period.
+    /// Periods since the latest call; 0: it was in the same one.
     #[inline(always)]
-    pub fn step<R: Real>(&mut self, stamp: u16) -> Option<Trip<R>> {
-        let advance = self.last.map_or(1, |last| stamp.wrapping_sub(last));
+    #[must_use]
+    pub fn periods_since(&self, stamp: u16) -> u16 {
+        self.last.map_or(1, |last| stamp.wrapping_sub(last))
+    }
+
+    /// One call with the stamp of its period, while the bridge switches or while it is blocked.
+    #[inline(always)]
+    pub fn step<R: Real>(&mut self, stamp: u16, switching: bool) -> Option<Trip<R>> {
+        let advance = self.periods_since(stamp);
         self.last = Some(stamp);
-        if advance == 1 {
+        if advance == 1 || !switching {
             self.level = self.level.saturating_sub(1);
             return None;
         }
@@ -53,13 +62,6 @@ impl Timing {
             Trip::new(Fault::Timing, count(level), count(FULL))
         })
     }
-
-    /// Whether a stamp is that of the latest call.
-    #[inline(always)]
-    #[must_use]
-    pub fn is_last(&self, stamp: u16) -> bool {
-        self.last == Some(stamp)
-    }
 }
 
 #[cfg(test)]
@@ -68,7 +70,7 @@ mod tests {
 
     fn first(stamps: impl Iterator<Item = u16>) -> Option<usize> {
         let mut timing = Timing::default();
-        stamps.take(100_000).position(|stamp| timing.step::<f64>(stamp).is_some())
+        stamps.take(100_000).position(|stamp| timing.step::<f64>(stamp, true).is_some())
     }
 
     #[test]
@@ -94,10 +96,20 @@ mod tests {
     }
 
     #[test]
+    fn calls_that_are_missed_while_the_bridge_is_blocked_leave_nothing_behind() {
+        let mut timing = Timing::default();
+        for stamp in [1, 2, 8, 8, 40, 41] {
+            assert_eq!(timing.step::<f64>(stamp, false), None);
+        }
+        assert_eq!(timing, Timing { last: Some(41), level: 0 });
+        assert!(timing.step::<f64>(47, true).is_none() && timing.step::<f64>(49, true).is_some(), "six are missed");
+    }
+
+    #[test]
     fn the_fault_reports_what_it_was_found_by_and_not_what_was_tolerated_in_the_weeks_before() {
         let mut timing = Timing::default();
-        let tolerated = (0..100_000_u32).filter(|k| k % 1000 != 0).find_map(|k| timing.step::<f64>(k as u16));
+        let tolerated = (0..100_000_u32).filter(|k| k % 1000 != 0).find_map(|k| timing.step::<f64>(k as u16, true));
         assert_eq!(tolerated, None);
-        assert_eq!(timing.step(100_006_u32 as u16), Some(Trip::new(Fault::Timing, 6.0, 5.0)));
+        assert_eq!(timing.step(100_006_u32 as u16, true), Some(Trip::new(Fault::Timing, 6.0, 5.0)));
     }
 }
