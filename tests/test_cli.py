@@ -420,6 +420,16 @@ def test_thinning_keeps_extremes_and_the_end() -> None:
     assert thin_t[-1] == t[-1]
 
 
+def test_a_drive_that_ends_with_a_fault_is_seen_in_the_exit_status(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, record = tmp_path / "run.toml", tmp_path / "run.npz"
+    path.write_text('motor = "2.2kW"\nduration = 0.5\nchanges = [[0.4, {u_dc = 10.0}]]\n')
+    assert main(["simulate", str(path), "--save", str(record)]) == 1
+    assert "status: fault: under-voltage" in capsys.readouterr().out
+    assert record.exists()
+
+
 def test_what_comes_after_the_end_of_a_run_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

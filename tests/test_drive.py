@@ -625,6 +625,9 @@ def test_a_memory_that_cannot_be_is_refused_by_its_field(motor: sf.Motor, invert
     for change, text in (
         ({"R_s": -1.0}, "memory R_s = -1 Ω is outside the admissible range"),
         ({"L_M": float("nan")}, "memory L_M = NaN H is outside the admissible range"),
+        ({"R_s": 2.1 * (motor.R_s + inverter.r_d)}, "memory R_s = .* another machine's"),
+        ({"L_sigma": 0.4 * motor.L_sigma}, "memory L_sigma = .* another machine's"),
+        ({"L_M": 1.7 * motor.L_M}, "memory L_M = .* another machine's"),
         ({"i_off": (0.0, float("inf"), 0.0)}, "memory i_off = inf A is outside the admissible range"),
         ({"u_off": complex("nan")}, "memory u_off = NaN V is outside the admissible range"),
         ({"leg_delay": 1}, "memory leg_delay = 1 is not a pair of numbers for each of three legs"),

@@ -400,7 +400,7 @@ def test_plain_data_that_are_no_space_vector_are_named() -> None:
         ({"memory": {**MEMORY, "u_off": ["x", 1.0]}}, "memory u_off = 'x' is not a number"),
         (
             {"memory": {**MEMORY, "R_s": 9.0}},
-            r"memory R_s = 9 Ω is outside the admissible range 1\.56 to 7\.8 Ω, .* another machine's",
+            r"memory R_s = 9 Ω is outside the admissible range 1\.56\d* to 7\.8 Ω: .* another machine's",
         ),
     ],
 )
@@ -457,6 +457,38 @@ def test_a_state_that_is_not_finite_is_an_error(
     assert np.isfinite(kept["omega_m"]).all()
 
 
+def test_what_runs_away_after_a_fault_is_told_of_the_fault(
+    scenario: sf.Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stillflux.scenario._TORQUE_LIMIT", 1e12)
+    faults = scenario.replace(
+        load_torque=[(0.0, 0.0), (0.8, 0.0), (0.8, 1e9)], duration=1.2, changes=[(0.7, {"u_dc": 10.0})]
+    )
+    with pytest.raises(
+        sf.DivergenceError, match=r"the drive had ended with fault: under-voltage .*runs away"
+    ):
+        sf.simulate(faults)
+    row = sf.sweep([faults], ["angle_max"], "serial").rows[0]
+    assert row["status"].startswith("fault: under-voltage")
+    assert row["error"].startswith("DivergenceError: ")
+
+
+def test_a_summary_says_how_far_the_speed_swings(scenario: sf.Scenario) -> None:
+    """A shaft of a quarter of the inertia that the drive was told of swings, and the drive runs."""
+    loaded = scenario.replace(
+        duration=2.5, omega_ref=[(0.0, 0.0), (1.0, 0.0), (1.2, 15.0)], load_torque=3.0, plant={}, changes=[]
+    )
+    light = loaded.replace(plant_motor=scenario.motor.replace(J=0.25 * scenario.motor.J))
+    for asked, least, most in ((loaded, 0.0, 0.001), (light, 0.1, 1.0)):
+        result = sf.simulate(asked)
+        assert result.status == "running"
+        assert least <= sf.metrics.speed_swing(result) <= most
+        said = float(
+            re.findall(r"speed error at the end: .*, ±(.*) pu in the last 0.5 s", result.summary())[0]
+        )
+        assert said == pytest.approx(sf.metrics.speed_swing(result), rel=0.1)
+
+
 def test_a_result_is_a_mapping_with_a_summary(scenario: sf.Scenario) -> None:
     result = sf.simulate(scenario)
     assert "omega_m" in result
@@ -465,7 +497,12 @@ def test_a_result_is_a_mapping_with_a_summary(scenario: sf.Scenario) -> None:
     assert len(repr(result)) < 100
     assert result._repr_html_().startswith("<table><caption>start</caption>")
     text = result.summary()
-    for expected in ("status: running", "field angle error: ", "confidence: ", "R_s at the end: "):
+    for expected in (
+        "status: running",
+        "field angle error: ",
+        "stator frequency at the end: ",
+        "R_s at the end: ",
+    ):
         assert expected in text
     few = result.select("omega_m", "i_s")
     assert few.signals == ("omega_m", "i_s")

@@ -306,6 +306,10 @@ def test_the_command_writes_rows_plot_and_journal_and_names_what_is_wrong(
     assert len(out.read_text().splitlines()) == 4
     assert len(journal.read_text().splitlines()) == 3
     assert plot.exists()
+    file.write_text(text.replace("1.15]", "-1.0]"))
+    assert main(["sweep", str(file), "--out", str(out)]) == 1
+    assert "failed: ValueError: R_s = -" in capsys.readouterr().out
+    assert len(out.read_text().splitlines()) == 4
     for wrong, expected in (
         ("metrics = ['angle']\n" + text.split("\n", 3)[3], "'angle' is not one of"),
         (text.replace("[grid]", "[gird]"), "gird is not known"),

@@ -336,8 +336,9 @@ class Drive:
         be missing, `u_off` may be (re, im). The next start reads the offsets of the current sensors anew;
         the enhanced scheme takes `u_off` back with `calibrate_offset=False` only.
 
-        Raises TypeError for a value that there is not, RuntimeError while the bridge switches: an estimate
-        that is in use stays as it is."""
+        Raises TypeError for a value that there is not, ValueError for R_s, L_sigma or L_M that no drive of
+        this motor and inverter has (the memory is another machine's), RuntimeError while the bridge switches:
+        an estimate that is in use stays as it is."""
     def reset(self) -> None:
         """Leaves a fault; the drive is stopped then."""
 

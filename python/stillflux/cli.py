@@ -137,7 +137,11 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
         if command.name == wanted:
             getattr(import_module(command.module), command.name)(added)
 
-    run = commands.add_parser("simulate", help="run a scenario from a TOML file")
+    run = commands.add_parser(
+        "simulate",
+        help="run a scenario from a TOML file",
+        epilog="The exit status is 1 if the drive ends with a fault, 2 if there is an error.",
+    )
     run.add_argument(
         "file",
         type=Path,
@@ -179,7 +183,11 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
     log.add_argument("--plot", type=Path, help="write the plot there (png, svg, pdf)")
     log.set_defaults(run=_replay)
 
-    many = commands.add_parser("sweep", help="run many scenarios of a TOML file and keep numbers of each")
+    many = commands.add_parser(
+        "sweep",
+        help="run many scenarios of a TOML file and keep numbers of each",
+        epilog="The exit status is 1 if a row has an error (a fault of the drive is none), 2 without rows.",
+    )
     many.add_argument("file", type=Path, help="a sweep file, see stillflux.sweep_file")
     _motor_option(many, None)
     many.add_argument("--out", type=Path, help="write the rows there (CSV)")
@@ -217,9 +225,10 @@ def _simulate(options: argparse.Namespace) -> int:
         scenario = Scenario.from_dict(found)
     if scenario.plant_motor is None:
         _say_guess(options.motor or data.get("motor"))
-    status, ended = 0, ""
+    ended = ""
     try:
         result = simulate(scenario, progress=True)
+        status = int(result.status.fault is not None)
     except Interrupted as stop:
         result, status, ended = stop.result, 130, f"\nstillflux: {stop}"
     except DivergenceError as stop:
@@ -284,9 +293,10 @@ def _sweep(options: argparse.Namespace) -> int:
         asked = sweep_file.parse(tables)
     if not any(point.scenario and point.scenario.plant_motor for point in asked.points):
         _say_guess(options.motor or data["scenario"].get("motor"))
-    status, ended = 0, ""
+    ended = ""
     try:
         found = sweep(asked.points, list(asked.metrics), resume=options.resume, progress=True)
+        status = int(bool(found.failed))
     except SweepInterrupted as stop:
         found, status, ended = stop.result, 130, f"stillflux: {stop}"
     with undisturbed():

@@ -29,6 +29,7 @@ __all__ = [
     "smoothed",
     "speed_error",
     "speed_ripple",
+    "speed_swing",
     "start_time",
     "stays_within",
     "turns",
@@ -151,6 +152,12 @@ def least_confidence(result: Result) -> float:
 def last_speed_error(result: Result) -> float:
     """True speed minus reference at the end, per unit; NaN where the reference is a torque."""
     return float(speed_error(result)[-1])
+
+
+def speed_swing(result: Result) -> float:
+    """Half the peak-to-peak value of `speed_error` in the last 0.5 s, per unit."""
+    error = speed_error(result)[result.t >= result.t[-1] - 0.5]
+    return float(np.ptp(error) / 2)
 
 
 def worst_speed_error(result: Result) -> float:

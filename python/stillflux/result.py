@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import os
 import warnings
 import zipfile
@@ -156,7 +157,8 @@ class Result:
         return to_xarray(self.t, self.data, self.units, attributes)
 
     def summary(self) -> str:
-        """A few lines: status, length, and worst angle, speed error and confidence, as far as recorded."""
+        """A few lines: status, length, worst angle, speed error, stator frequency, confidence and
+        resistance, as far as recorded."""
         return "\n".join(f"{name}: {value}" for name, value in self._facts())
 
     def _facts(self) -> list[tuple[str, str]]:
@@ -170,7 +172,15 @@ class Result:
             worst = f"{metrics.worst_angle(self):.3g}° at most, {metrics.rms_angle(self):.3g}° rms"
             facts.append(("field angle error", worst))
         if "omega_m" in self and "reference" in self and self.scenario.torque_ref is None:
-            facts.append(("speed error at the end", f"{metrics.last_speed_error(self):.2g} pu"))
+            swing = metrics.speed_swing(self)
+            facts.append(
+                (
+                    "speed error at the end",
+                    f"{metrics.last_speed_error(self):.2g} pu, ±{swing:.2g} pu in the last 0.5 s",
+                )
+            )
+        if "omega_s" in self:
+            facts.append(("stator frequency at the end", f"{self['omega_s'][-1] / math.tau:.3g} Hz"))
         if "reference" in self:
             facts.extend(self._cut())
         facts.extend(self._encoder())

@@ -14,7 +14,6 @@ import numpy as np
 
 from stillflux import _core
 from stillflux.machine_file import inverter_beside, load_machine, part, with_machine
-from stillflux.memory import check_machine
 from stillflux.messages import outside
 from stillflux.options import DriveSettings, PlantOptions
 from stillflux.parameters import Inverter, Motor, instance, number, truth
@@ -113,8 +112,6 @@ class Scenario:
                 f"{_RECORD_LIMIT:.0e}: raise record_every or choose signals"
             )
         _core.Run(self)
-        if self.memory is not None:
-            check_machine(self.memory, self.motor, self.inverter)
         said = [self._encoder()]
         if texts := self.unreached():
             said.append(f"{'; '.join(texts)}: duration = {self.duration:g} s")

@@ -76,8 +76,12 @@ def simulate(scenario: Scenario, progress: Progress = None) -> Result:
         name = min(begun, key=lambda name: begun[name])
         row = begun[name]
         before = {signal: values[:row] for signal, values in result.data.items()}
+        since = result.t[row]
+        # A drive that has ended before no longer holds its load.
+        ended = result.status.time is not None and result.status.time < since
+        cause = f"the drive had ended with {result.status}, and " if ended else ""
         raise DivergenceError(
-            f"{name} is not finite from t = {result.t[row]:.4g} s on: the shaft runs away beyond what the "
+            f"{name} is not finite from t = {since:.4g} s on: {cause}the shaft runs away beyond what the "
             f"plant can compute; is the load torque right?",
             replace(result, t=result.t[:row], data=before),
         )

@@ -44,7 +44,7 @@ from stillflux.parameters import instance
 from stillflux.parameters import number as real
 from stillflux.result import Result
 from stillflux.scenario import Scenario, plain
-from stillflux.simulation import check_progress, progress_bar, simulate
+from stillflux.simulation import DivergenceError, check_progress, progress_bar, simulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,6 +74,7 @@ METRICS: Mapping[str, Metric] = {
     "confidence_min": of_results.least_confidence,
     "speed_error_end": of_results.last_speed_error,
     "speed_error_max": of_results.worst_speed_error,
+    "speed_swing": of_results.speed_swing,
     "R_s_error_end": of_results.last_resistance_error,
     "fault_time": of_results.fault_time,
 }
@@ -85,6 +86,7 @@ _UNITS: Mapping[str, str] = {
     "angle_rms": "°",
     "speed_error_end": "pu",
     "speed_error_max": "pu",
+    "speed_swing": "pu",
     "fault_time": "s",
 }
 _SHOWN = 20  # rows of a table in a notebook
@@ -536,6 +538,9 @@ def run_task(scenario: Scenario, metrics: Mapping[str, Metric]) -> dict[str, Any
     """One scenario, in a worker: status, metrics and error."""
     try:
         result = simulate(scenario)
+    except DivergenceError as error:
+        status = str(error.result.status)
+        return {"status": status, "error": f"{type(error).__name__}: {error}"}
     except Exception as error:
         return {"status": "", "error": f"{type(error).__name__}: {error}"}
     row: dict[str, Any] = {"status": str(result.status), "error": ""}

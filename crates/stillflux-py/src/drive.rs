@@ -8,6 +8,7 @@ use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyUserWarning, PyValueError}
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString, PyTuple};
 use stillflux::drive::{self as core, Fault};
+use stillflux::params::{Inverter, Machine};
 use stillflux::si::{MeasurementSi, MemorySi, ReferenceSi, SiDrive};
 
 use crate::convert::{
@@ -286,7 +287,7 @@ pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, Py
 const VALUES: [&str; 8] = ["u_off", "R_s", "i_off", "loss_error", "knee", "L_sigma", "L_M", "leg_delay"];
 
 /// What `memory_dict` gave; what it does not know is that of the parameters.
-pub fn memory_from(dict: &Bound<'_, PyDict>, leg_delay: [[f64; 2]; 3]) -> PyResult<MemorySi> {
+pub fn memory_from(dict: &Bound<'_, PyDict>, machine: &Machine, inverter: &Inverter) -> PyResult<MemorySi> {
     for name in dict.keys() {
         if !name.extract::<&str>().is_ok_and(|name| VALUES.contains(&name)) {
             let known = VALUES.join(", ");
@@ -305,9 +306,9 @@ pub fn memory_from(dict: &Bound<'_, PyDict>, leg_delay: [[f64; 2]; 3]) -> PyResu
         knee: dict.get_item("knee")?.map_or(Ok(1.0), |x| extract("memory knee", &x))?,
         L_sigma: extract("memory L_sigma", &item("L_sigma")?)?,
         L_M: extract("memory L_M", &item("L_M")?)?,
-        leg_delay: dict.get_item("leg_delay")?.map_or(Ok(leg_delay), |x| extract("memory leg_delay", &x))?,
+        leg_delay: dict.get_item("leg_delay")?.map_or(Ok(inverter.leg_delay), |x| extract("memory leg_delay", &x))?,
     };
-    memory.validate().map_err(value_error)?;
+    memory.validate(machine, inverter).map_err(value_error)?;
     Ok(memory)
 }
 
@@ -341,7 +342,8 @@ pub struct Drive {
     drive: SiDrive,
     settings: Py<PyDict>,
     f_s: f64,
-    leg_delay: [[f64; 2]; 3],
+    machine: Machine,
+    inverter: Inverter,
     duty: [f64; 3],
     gates_on: bool,
 }
@@ -371,7 +373,8 @@ impl Drive {
             drive,
             settings: settings_dict(py, &params)?.unbind(),
             f_s: inverter.f_c(),
-            leg_delay: inverter.leg_delay,
+            machine,
+            inverter,
             duty: [0.5; 3],
             gates_on: false,
         })
@@ -491,12 +494,14 @@ impl Drive {
     /// be (re, im). The next start reads the offsets of the current sensors anew; the enhanced scheme takes `u_off` back with
     /// `calibrate_offset=False` only.
     ///
-    /// Raises TypeError for a value that there is not, RuntimeError while the bridge switches: an estimate that is in use stays as it is.
+    /// Raises TypeError for a value that there is not, ValueError for R_s, L_sigma or L_M that no drive of this motor
+    /// and inverter has (the memory is another machine's), RuntimeError while the bridge switches: an estimate that is
+    /// in use stays as it is.
     fn restore(&mut self, memory: &Bound<'_, PyAny>) -> PyResult<()> {
         let Ok(memory) = memory.cast::<PyDict>() else {
             return Err(is_not("memory", memory, "not a dict, as Drive.memory() gives it"));
         };
-        if self.drive.restore(&memory_from(memory, self.leg_delay)?) {
+        if self.drive.restore(&memory_from(memory, &self.machine, &self.inverter)?) {
             return Ok(());
         }
         Err(PyRuntimeError::new_err("restore: the bridge switches; stop the drive first (a step without a reference)"))

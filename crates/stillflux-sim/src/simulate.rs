@@ -372,6 +372,7 @@ impl<'s> Run<'s> {
         let mut plant = Plant::new(s.plant)?;
         let mut drive = SiDrive::new(&s.machine, &s.inverter, &s.drive, s.arithmetic)?;
         if let Some(m) = &s.memory {
+            m.validate(&s.machine, &s.inverter)?;
             drive.restore(m);
         }
         let sample = plant.sample();

@@ -59,7 +59,7 @@ impl<R: Real> Ready<R> {
         memory: &MemorySi,
     ) -> Result<Self, ParamError> {
         let config = DriveConfig::new(machine, inverter, params)?;
-        memory.validate()?;
+        memory.validate(machine, inverter)?;
         Ok(Self {
             config,
             scale: Scale::new(machine, params, full.0, full.1)?,
@@ -229,6 +229,10 @@ mod tests {
             (MemorySi { knee: 0.0, ..right }, "memory knee"),
             (MemorySi { i_off: [0.0, f64::NAN, 0.0], ..right }, "memory i_off"),
             (MemorySi { L_M: -0.2, ..right }, "memory L_M"),
+            (MemorySi::of(&Machine::preset_11k(), &Inverter::preset_11k()), "memory R_s"),
+            (MemorySi { R_s: 2.01 * right.R_s, ..right }, "memory R_s"),
+            (MemorySi { L_sigma: 0.49 * right.L_sigma, ..right }, "memory L_sigma"),
+            (MemorySi { L_M: 1.68 * right.L_M, ..right }, "memory L_M"),
         ] {
             let error = Ready::<f32>::new(&machine, &inverter, &params, (20.0, 810.0), &memory).unwrap_err();
             assert_eq!(error.field, field);

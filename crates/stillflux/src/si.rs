@@ -16,6 +16,7 @@ use crate::control::shunt::Pulses;
 #[cfg(feature = "encoder")]
 use crate::drive::EncoderState;
 use crate::drive::{Drive, Estimate, Fault, FaultReport, Measurement, Memory, Quantity, Reference, Status};
+use crate::estimate::kalman;
 #[cfg(feature = "legs")]
 use crate::inverter::Legs;
 use crate::params::{Inverter, Machine, ParamError, check};
@@ -158,11 +159,11 @@ impl MemorySi {
         Self { u_off: [0.0; 2], R_s: r_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M, leg_delay }
     }
 
-    /// Checks that every value is a number, and a positive one where nothing else is possible. A drive limits the others.
+    /// Checks that every value is a number, and those that no drive limits to less: that this machine can have them.
     ///
     /// # Errors
     /// The first value that is not.
-    pub fn validate(&self) -> Result<(), ParamError> {
+    pub fn validate(&self, machine: &Machine, inverter: &Inverter) -> Result<(), ParamError> {
         let &Self { u_off, R_s, i_off, loss_error, knee, L_sigma, L_M, leg_delay } = self;
         let any =
             [("memory loss_error", loss_error, ""), ("memory u_off", u_off[0], "V"), ("memory u_off", u_off[1], "V")];
@@ -170,15 +171,22 @@ impl MemorySi {
         for (name, x, unit) in any.chain(leg_delay.into_iter().flatten().map(|x| ("memory leg_delay", x, "s"))) {
             check(name, x, -1e9, 1e9, unit)?;
         }
-        let positive = [
-            ("memory R_s", R_s, "Ω"),
-            ("memory knee", knee, ""),
-            ("memory L_sigma", L_sigma, "H"),
-            ("memory L_M", L_M, "H"),
-        ];
-        for (name, x, unit) in positive {
+        let told = Self::of(machine, inverter);
+        let (least_gamma, most_gamma) = kalman::GAMMA_RANGE;
+        for (name, x, told, (least, most), unit) in [
+            ("memory R_s", R_s, told.R_s, kalman::R_S_RANGE, "Ω"),
+            ("memory knee", knee, told.knee, (0.0, f64::INFINITY), ""),
+            ("memory L_sigma", L_sigma, told.L_sigma, kalman::LEAKAGE_RANGE, "H"),
+            ("memory L_M", L_M, told.L_M, (most_gamma.recip(), least_gamma.recip()), "H"),
+        ] {
             check(name, x, 1e-9, 1e9, unit)
                 .map_err(|e| e.with_note("finite and positive; a drive that has not run remembers its parameters"))?;
+            let (min, max) = (least * told, most * told);
+            // What a drive has limited comes back rounded.
+            if !(0.999 * min..=1.001 * max).contains(&x) {
+                let note = "a drive keeps to this range around its parameters: the memory is another machine's";
+                return Err(ParamError { field: name, value: x, min, max, unit, note });
+            }
         }
         Ok(())
     }

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stillflux.memory import RESISTANCE_RANGE
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -19,6 +17,8 @@ _AT_END = 0.02  # how near to an end of its range a resistance is at the end, re
 # Above the 0.04 of an undisturbed drive in the worst conditions (docs/tolerance.md), below the 0.3 at which
 # the filter assumes that something has stepped. Allowance.
 _NIS = 0.1
+# The estimators hold R_s within this range, relative to their parameter; no winding comes to its ends.
+_RESISTANCE_RANGE = (0.4, 2.0)
 
 
 def identified_doubts(
@@ -30,8 +30,7 @@ def identified_doubts(
         return
     last = found["R_s"][known]
     ratio = float(np.median(last[-max(1, round(_END * len(last))) :])) / R_s
-    # The estimators hold R_s within this range; no winding comes to its ends.
-    least, most = RESISTANCE_RANGE
+    least, most = _RESISTANCE_RANGE
     if ratio < least * (1.0 + _AT_END) or ratio > most * (1.0 - _AT_END):
         yield (
             f"the resistance ends at {ratio:.2g} times the motor's, where its range ends: voltage or current "

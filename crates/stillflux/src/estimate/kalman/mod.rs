@@ -134,11 +134,11 @@ const M_MAX: f64 = 3.0;
 const B_MAX: f64 = 0.2;
 const V_MAX: f64 = 0.8;
 const KNEE_RANGE: (f64, f64) = (0.1, 8.0);
-const GAMMA_RANGE: (f64, f64) = (0.6, 1.6);
+pub(crate) const GAMMA_RANGE: (f64, f64) = (0.6, 1.6);
 /// Limits of the leakage, relative to the parameter.
-const LEAKAGE_RANGE: (f64, f64) = (0.5, 2.0);
+pub(crate) const LEAKAGE_RANGE: (f64, f64) = (0.5, 2.0);
 /// Limits of `r_s`, relative to the parameter. They contain every winding temperature and the error of the parameter.
-const R_S_RANGE: (f64, f64) = (0.4, 2.0);
+pub(crate) const R_S_RANGE: (f64, f64) = (0.4, 2.0);
 /// Standard deviation of the magnitude of a flux that is controlled by its current alone, per unit. Allowance: `L_M`
 /// within some percent.
 const MAGNITUDE: f64 = 0.03;
