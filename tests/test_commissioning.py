@@ -68,6 +68,23 @@ def test_a_plate_in_other_units_is_warned_of_by_its_pole_pairs(change: dict[str,
         assert PLATE.n_p == 2
 
 
+def test_the_current_of_one_connection_with_the_voltage_of_the_other_is_warned_of() -> None:
+    # Catalogue values of class IE1, and one of 1970 with nine tenths of its efficiency.
+    for P_N, I_N, cos_phi, n_N in (
+        (120.0, 0.42, 0.65, 1350.0),
+        (370.0, 1.12, 0.74, 1370.0),
+        (2200.0, 5.0, 0.81, 1410.0),
+        (2200.0, 5.5, 0.81, 1390.0),
+        (75e3, 138.0, 0.86, 1470.0),
+    ):
+        plate: dict[str, float] = {"P_N": P_N, "U_N": 400.0, "f_N": 50.0, "n_N": n_N, "cos_phi": cos_phi}
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert sf.Nameplate(I_N=I_N, **plate).motor().n_p == 2
+        with pytest.warns(sf.MachineWarning, match=r"efficiency of 0\.\d+, .* star or delta"):
+            sf.Nameplate(I_N=math.sqrt(3.0) * I_N, **plate)
+
+
 def _plant() -> dict[str, Any]:
     motor = sf.Motor.preset("2.2kW")
     return {

@@ -107,11 +107,13 @@ def test_too_few_control_periods_in_a_turn_are_refused_by_what_they_follow_from(
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"T_N": 14600.0}, r"T_N = 1.46e\+04 N·m does not fit .* 4\.41 to 44\.1 N·m"),
+        ({"T_N": 14600.0}, r"T_N = 1.46e\+04 N·m does not fit .* 9 to 23\.2 N·m"),
         ({"J": 150.0}, r"with J = 150 kg·m² rated torque takes 1.61e\+03 s to rated speed"),
         ({"T_N": 0.0146}, "T_N = 0.0146 N·m does not fit U_N, I_N, f_N and n_p"),
         ({"R_s": 1000.0}, r"R_s = 1000 Ω takes more than the rated voltage .* up to 46\.2 Ω"),
         ({"f_N": 314.16}, "T_N = 14.6 N·m does not fit"),
+        ({"n_p": 4}, "T_N = 14.6 N·m does not fit .* and n_p pairs of poles"),
+        ({"n_p": 1}, "T_N = 14.6 N·m does not fit"),
     ],
 )
 def test_a_rating_whose_values_do_not_fit_each_other_is_warned_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import MISSING, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
@@ -18,12 +19,19 @@ __all__ = ["Nameplate"]
 _MOST_PAIRS = 6
 
 
+def _least_efficiency(P_N: float) -> float:
+    """Efficiency below which a plate is doubted. The losses of class IE1 are some 0.35 (P_N/kW)^-0.36 of the
+    power at the shaft; twice as much and a fifth of the power are allowed."""
+    return 1.0 / (1.2 + 0.7 * math.pow(1e-3 * P_N, -0.36))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Nameplate:
     """Nameplate of a three-phase cage induction motor.
 
     Raises ValueError naming field, value and admissible range, also where no motor can have these values
-    together. More than six pole pairs, as a speed in rad/s has them, are a `MachineWarning`.
+    together. More than six pole pairs, as a speed in rad/s has them, and an efficiency of half a motor's, as
+    the current of one connection makes with the voltage of another, are a `MachineWarning`.
     """
 
     P_N: float
@@ -62,12 +70,20 @@ class Nameplate:
     def doubt(self) -> str | None:
         """What can hardly be meant, in words, else None."""
         pairs = self.n_p
-        if pairs <= _MOST_PAIRS:
-            return None
-        return (
-            f"n_N = {self.n_N:g} r/min at f_N = {self.f_N:g} Hz are those of {pairs} pole pairs, motors "
-            f"have 1 to {_MOST_PAIRS}: is n_N in r/min, not rad/s, and f_N in Hz?"
-        )
+        if pairs > _MOST_PAIRS:
+            return (
+                f"n_N = {self.n_N:g} r/min at f_N = {self.f_N:g} Hz are those of {pairs} pole pairs, motors "
+                f"have 1 to {_MOST_PAIRS}: is n_N in r/min, not rad/s, and f_N in Hz?"
+            )
+        efficiency = self.P_N / (math.sqrt(3.0) * self.U_N * self.I_N * self.cos_phi)
+        least = _least_efficiency(self.P_N)
+        if efficiency < least:
+            return (
+                f"P_N, U_N, I_N and cos_phi are those of an efficiency of {efficiency:.2g}, motors of this "
+                f"power have {least:.2g} or more: are U_N and I_N of the same connection, star or delta, and "
+                f"P_N in W?"
+            )
+        return None
 
     @classmethod
     def of(cls, motor: Motor) -> Self:

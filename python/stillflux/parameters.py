@@ -22,9 +22,9 @@ PRESETS = ("2.2kW", "11kW")
 """Names of the motors and inverters that `preset` knows."""
 
 
-_TORQUE = (0.2, 2.0)
-"""Rated torque that fits the other rated values, of √3 U_N I_N n_p/(2π f_N): efficiency times power factor,
-0.4 to 0.9, and a factor of two or more for a rating that is rounded or reduced."""
+_MOST_TORQUE = 1.05
+"""Largest rated torque, of √3 U_N I_N n_p/(2π f_N): what crosses the air gap is at most the power factor of
+it; the rest is for values that are rounded."""
 _SPIN_UP = 100.0
 """Time to rated speed with rated torque, s, above which a motor's inertia is doubted: 0.02 to 3 s are usual,
 and of one in kg·cm² it is 10⁴ times as long."""
@@ -93,6 +93,13 @@ class Rating(TypedDict):
     T_N: float
 
 
+def _least_torque(power: float) -> float:
+    """Least rated torque, of √3 U_N I_N n_p/(2π f_N): efficiency times power factor by the apparent power in
+    VA. They are 0.54 at 0.8 kVA to 0.85 at 190 kVA, and 0.61 of a motor of many poles at 9 kVA. The bound
+    lies a quarter below them or more, and above most of what a wrong number of pole pairs makes of them."""
+    return min(0.45, 0.08 * math.pow(power, 0.2))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Motor:
     """Induction motor: inverse-Γ parameters and rating.
@@ -146,8 +153,9 @@ class Motor:
 
     def _doubts(self) -> Iterator[str]:
         """Values that do not fit the rating, in words."""
-        torque = math.sqrt(3.0) * self.U_N * self.I_N * self.n_p / (2.0 * math.pi * self.f_N)
-        least, most = (part * torque for part in _TORQUE)
+        power = math.sqrt(3.0) * self.U_N * self.I_N
+        torque = power * self.n_p / (2.0 * math.pi * self.f_N)
+        least, most = _least_torque(power) * torque, _MOST_TORQUE * torque
         if not least <= self.T_N <= most:
             yield (
                 f"T_N = {self.T_N:.4g} N·m does not fit U_N, I_N, f_N and n_p, by which it is {least:.3g} to "
