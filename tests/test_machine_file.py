@@ -47,6 +47,25 @@ def test_every_circuit_and_a_changed_preset(tmp_path: Path) -> None:
     assert sf.load_machine("11kW").motor == sf.Motor.preset("11kW")
 
 
+def test_a_table_of_the_simulated_motor_needs_only_what_differs(tmp_path: Path) -> None:
+    path, motor = tmp_path / "own.toml", sf.Motor.preset("2.2kW")
+    path.write_text('[motor]\npreset = "2.2kW"\n[plant.motor]\nR_s = 3.9\n')
+    assert sf.load_machine(path).plant_motor == motor.replace(R_s=3.9)
+    # An equivalent circuit of its own has the rating of the other motor, and not its curve.
+    path.write_text(
+        '[motor]\npreset = "2.2kW"\n[plant.motor]\nR_s = 3.7\nR_r = 2.3\nL_l = 0.023\nL_s = 0.24\nJ = 0.02\n'
+    )
+    other = sf.load_machine(path).plant_motor
+    assert other is not None
+    assert (other.T_N, other.J, other.saturation) == (motor.T_N, 0.02, None)
+    assert other.L_s == pytest.approx(0.24)
+    path.write_text('[motor]\npreset = "2.2kW"\n[plant.motor]\nR_x = 3.9\n')
+    with pytest.raises(ValueError, match=r"\[plant.motor\] R_x is not known; 'R_s'"):
+        sf.load_machine(path)
+    plain = {"motor": "2.2kW", "duration": 1.0, "plant_motor": {"R_s": 3.9}}
+    assert sf.Scenario.from_dict(plain).plant_motor == motor.replace(R_s=3.9)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

@@ -15,8 +15,8 @@ u_dc = 540.0
 [plant]                        # options of stillflux.Plant, and channels, channel_factor, current_sensors
 adc_noise = 0.03               # of stillflux.commission; optional
 
-[plant.motor]                  # the motor that is simulated; without it that of [motor] or of the plate
-R_s = 1.5
+[plant.motor]                  # the motor that is simulated, or beside [motor] what differs; without it that
+R_s = 1.5                      # of [motor] or of the plate
 # …
 
 [plant.inverter]               # its inverter where it differs from the data sheet
@@ -201,10 +201,7 @@ def _of_file(path: Path, data: Mapping[str, Any]) -> _Task:
     for key in plant:
         if key not in _PLANT:
             raise ValueError(f"[plant] {key} is not known{meant(key, _PLANT)}")
-    motor = None
-    if "motor" in plant:
-        motor = checked(path, "plant.motor", partial(part, Motor), plant.pop("motor"))
-    changes = plant.pop("inverter", {})
+    simulated, changes = plant.pop("motor", None), plant.pop("inverter", {})
     if ("nameplate" in data) == ("motor" in data):
         raise ValueError(
             "give one of the tables [nameplate] and [motor]; the motor that is simulated in "
@@ -213,12 +210,15 @@ def _of_file(path: Path, data: Mapping[str, Any]) -> _Task:
     told = None
     if "nameplate" in data:
         plate = checked(path, "nameplate", plate_of, data["nameplate"])
-        if motor is None:
+        if simulated is None:
             print(simulated_guess(path))
-            motor = plate.motor()
+        motor = plate.motor()
     else:
-        told = checked(path, "motor", partial(part, Motor), data["motor"])
-        plate, motor = Nameplate.of(told), motor or told
+        told = motor = checked(path, "motor", partial(part, Motor), data["motor"])
+        plate = Nameplate.of(told)
+    if simulated is not None:
+        # Beside a plate it has to be whole: a guess of which something is changed is still a guess.
+        motor = checked(path, "plant.motor", lambda t: part(Motor, t, told), simulated)
     sheet = checked(path, "inverter", lambda t: inverter_of(t, plate.motor()), data.get("inverter"))
     inverter = checked(path, "plant.inverter", lambda t: part(Inverter, t, sheet), changes)
     with _in_plant(plant):

@@ -26,8 +26,8 @@ u_dc = 540.0
 R_s = 0.05
 
 [plant.motor]                  # optional: the motor and the inverter that are simulated where they differ
-R_s = 3.65                     # from what the drive is told, as `stillflux commission` writes them
-# …
+R_s = 3.65                     # from what the drive is told, as `stillflux commission` writes them; what a
+                               # table does not say is that of the tables above
 
 [plant.inverter]
 dead_time = 2.1e-6
@@ -175,7 +175,9 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
     )
     name = checked_name(path, data.get("name", path.stem))
     real = dict(data.get("plant", {}))
-    plant_motor = checked(path, "plant.motor", _motor, real.pop("motor")) if "motor" in real else None
+    plant_motor = None
+    if "motor" in real:
+        plant_motor = checked(path, "plant.motor", lambda t: _motor(t, motor), real.pop("motor"))
     plant_inverter = None
     if "inverter" in real:
         plant_inverter = checked(
@@ -336,14 +338,14 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else repr(value)
 
 
-def part(cls: type[Motor] | type[Inverter], value: Any, otherwise: Inverter | None = None) -> Any:
-    """A `Motor` or `Inverter` of plain data: a preset's name, a motor file, or a table of fields; those of an
-    inverter change the preset that the table names, or else the given inverter."""
+def part(cls: type[Motor] | type[Inverter], value: Any, otherwise: Any = None) -> Any:
+    """A `Motor` or `Inverter` of plain data: a preset's name, a motor file, or a table of fields, which
+    change the preset that the table names, or else the given one."""
     if isinstance(value, str):
         machine = load_machine(value)
         return machine.motor if cls is Motor else machine.inverter
     if cls is Motor:
-        return _motor(value)
+        return _motor(value, otherwise)
     fields = _inverter_fields(value)
     return Inverter(**fields) if otherwise is None or "preset" in value else otherwise.replace(**fields)
 
@@ -365,13 +367,20 @@ def checked(path: Path, table: str, build: Any, fields: Any) -> Any:
         raise ValueError(f"{path}: [{table}] {error}") from None
 
 
-def _motor(table: Mapping[str, Any]) -> Motor:
+def _motor(table: Mapping[str, Any], otherwise: Motor | None = None) -> Motor:
     fields = _with_preset(Motor, table)
+    others = [one for one in dataclasses.fields(Motor) if one.name not in _CIRCUITS[0][1]]
+    needed = [one.name for one in others if one.default is dataclasses.MISSING]
+    if otherwise is not None and "preset" not in table:
+        # With a circuit of its own it has the rating of the other motor, and not its curve.
+        whole = any(all(name in fields for name in names) for _, names in _CIRCUITS)
+        fields = {
+            **{name: x for name, x in asdict(otherwise).items() if not whole or name in needed},
+            **fields,
+        }
     for build, names in _CIRCUITS:
         if all(name in fields for name in names):
-            others = [one for one in dataclasses.fields(Motor) if one.name not in _CIRCUITS[0][1]]
             _only(fields, (*names, *(one.name for one in others)))
-            needed = [one.name for one in others if one.default is dataclasses.MISSING]
             if missing := [name for name in needed if name not in fields]:
                 raise ValueError(f"has no {', '.join(missing)}: a motor has {', '.join(needed)}")
             motor: Motor = build(**fields)

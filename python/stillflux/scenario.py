@@ -217,24 +217,25 @@ class Scenario:
             if t < before:
                 raise ValueError(f"changes time = {t:g} s stands after {before:g} s: sort them by time")
         motor = self.plant_motor or self.motor
-        for name, most in (
-            ("load_torque", _TORQUE_LIMIT * motor.T_N),
-            ("torque_ref", _TORQUE_LIMIT * self.motor.T_N),
-            ("omega_ref", _SPEED_LIMIT * self.motor.base["omega_m"]),
+        for name, most, unit in (
+            ("load_torque", _TORQUE_LIMIT * motor.T_N, "N·m"),
+            ("torque_ref", _TORQUE_LIMIT * self.motor.T_N, "N·m"),
+            ("omega_ref", _SPEED_LIMIT * self.motor.base["omega_m"], "rad/s"),
         ):
             profile = getattr(self, name)
             values = [value for _, value in profile] if isinstance(profile, tuple) else [profile or 0.0]
             for value in values:
                 if not abs(value) <= most:
                     raise ValueError(
-                        f"{name} = {value:g} is outside the admissible range {-most:.6g} to {most:.6g}"
+                        f"{name} = {value:g} {unit} is outside the admissible range {-most:.6g} to "
+                        f"{most:.6g} {unit}"
                     )
         most = _SPEED_LIMIT * motor.base["omega_m"]
         for given in (self.plant, *(change for _, change in self.changes if "speed" in change)):
             speed = given.get("speed")
             if isinstance(speed, int | float) and not abs(speed) <= most:
                 raise ValueError(
-                    f"speed = {speed:g} is outside the admissible range {-most:.6g} to {most:.6g}"
+                    f"speed = {speed:g} rad/s is outside the admissible range {-most:.6g} to {most:.6g} rad/s"
                 )
         for title, link, of in (
             ("inverter", self.inverter, self.motor),
@@ -322,7 +323,9 @@ class Scenario:
         preset or file is taken, and of a file also what it simulates and the settings that follow from how
         well it knows its values, unless they are given. A table of an inverter that names no preset changes
         that inverter, or for a motor without preset and file the one that suits it
-        (`machine_file.typical_inverter`); that of `plant_inverter` changes the one that the drive knows.
+        (`machine_file.typical_inverter`); those of `plant_motor` and `plant_inverter` change what the drive
+        knows, and a `plant_motor` with an equivalent circuit of its own has the drive's rating where it has
+        none.
         """
         known = {f.name for f in fields(cls)}
         if not isinstance(data, Mapping):
@@ -347,7 +350,7 @@ class Scenario:
         inverter = _part(Inverter, "inverter", given, beside)
         parts = {"motor": motor, "inverter": inverter}
         if "plant_motor" in data:
-            parts["plant_motor"] = _part(Motor, "plant_motor", data["plant_motor"])
+            parts["plant_motor"] = _part(Motor, "plant_motor", data["plant_motor"], motor)
         if "plant_inverter" in data:
             parts["plant_inverter"] = _part(Inverter, "plant_inverter", data["plant_inverter"], inverter)
         rest = {
@@ -359,7 +362,7 @@ class Scenario:
 
 
 def _part(
-    kind: type[Motor] | type[Inverter], name: str, value: Any, otherwise: Inverter | None = None
+    kind: type[Motor] | type[Inverter], name: str, value: Any, otherwise: Motor | Inverter | None = None
 ) -> Any:
     """A motor or an inverter of plain data; errors name the field."""
     if not isinstance(value, str | Mapping):
