@@ -308,8 +308,8 @@ def test_a_stop_that_the_dc_link_holds_up_is_no_stall(machine: str, inertia: flo
 
 
 def test_noise_while_the_current_of_a_start_rises_is_not_taken_for_a_rotation() -> None:
-    """At 160 kW the legs of the bridge leave more across the current of the search than a rotation would build
-    up in 10 ms; three of these 24 starts took it for one, and followed it."""
+    """At 160 kW the legs of the bridge leave more across the current of the search than a rotation builds up
+    in 10 ms; three of these 24 starts took it for one, and followed it."""
     drive = DRIVES["160kW"]
     base, I_N = drive.motor.base["i"], drive.motor.I_N
     for seed in range(24):
