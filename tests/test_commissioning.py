@@ -69,7 +69,7 @@ def test_a_plate_in_other_units_is_warned_of_by_its_pole_pairs(change: dict[str,
 
 
 def test_the_current_of_one_connection_with_the_voltage_of_the_other_is_warned_of() -> None:
-    # Catalogue values of class IE1, and one of 1970 with nine tenths of its efficiency.
+    # Typical of class IE1, and one with nine tenths of its efficiency.
     for P_N, I_N, cos_phi, n_N in (
         (120.0, 0.42, 0.65, 1350.0),
         (370.0, 1.12, 0.74, 1370.0),

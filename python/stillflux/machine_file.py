@@ -372,12 +372,11 @@ def _motor(table: Mapping[str, Any], otherwise: Motor | None = None) -> Motor:
     others = [one for one in dataclasses.fields(Motor) if one.name not in _CIRCUITS[0][1]]
     needed = [one.name for one in others if one.default is dataclasses.MISSING]
     if otherwise is not None and "preset" not in table:
-        # With a circuit of its own it has the rating of the other motor, and not its curve.
-        whole = any(all(name in fields for name in names) for _, names in _CIRCUITS)
-        fields = {
-            **{name: x for name, x in asdict(otherwise).items() if not whole or name in needed},
-            **fields,
-        }
+        inherited = asdict(otherwise)
+        if any(all(name in fields for name in names) for _, names in _CIRCUITS):
+            # With a circuit of its own it has the rating of the other motor, and not its curve.
+            inherited = {name: inherited[name] for name in needed}
+        fields = {**inherited, **fields}
     for build, names in _CIRCUITS:
         if all(name in fields for name in names):
             _only(fields, (*names, *(one.name for one in others)))

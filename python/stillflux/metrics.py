@@ -155,9 +155,9 @@ def last_speed_error(result: Result) -> float:
 
 
 def speed_swing(result: Result) -> float:
-    """Half the peak-to-peak value of `speed_error` in the last 0.5 s, per unit."""
-    error = speed_error(result)[result.t >= result.t[-1] - 0.5]
-    return float(np.ptp(error) / 2)
+    """Half the peak-to-peak value of `speed_error` in the last 0.5 s, per unit; NaN where the reference is a
+    torque."""
+    return float(np.ptp(speed_error(result.window(float(result.t[-1]) - 0.5))) / 2)
 
 
 def worst_speed_error(result: Result) -> float:

@@ -90,7 +90,8 @@ class Scenario:
     """Names of the signals to record; None: all."""
     memory: dict[str, Any] | None = None
     """What an earlier run of this motor left in `Result.memory`; `R_s` from 0.4 to 2 times that of motor and
-    inverter, with r_d. `knee` and `leg_delay` may be missing: they are those of the parameters then."""
+    inverter, with r_d, `L_sigma` from 0.5 to 2 and `L_M` from 0.625 to 1.67 times the motor's. `knee` and
+    `leg_delay` may be missing: they are those of the parameters then."""
     cycle_stamps: bool = False
     """Every call of the drive carries the stamp of its PWM period."""
     name: str = ""

@@ -538,11 +538,9 @@ def run_task(scenario: Scenario, metrics: Mapping[str, Metric]) -> dict[str, Any
     """One scenario, in a worker: status, metrics and error."""
     try:
         result = simulate(scenario)
-    except DivergenceError as error:
-        status = str(error.result.status)
-        return {"status": status, "error": f"{type(error).__name__}: {error}"}
     except Exception as error:
-        return {"status": "", "error": f"{type(error).__name__}: {error}"}
+        status = str(error.result.status) if isinstance(error, DivergenceError) else ""
+        return {"status": status, "error": f"{type(error).__name__}: {error}"}
     row: dict[str, Any] = {"status": str(result.status), "error": ""}
     for name, metric in metrics.items():
         try:

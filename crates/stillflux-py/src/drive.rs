@@ -287,7 +287,7 @@ pub fn memory_dict<'py>(py: Python<'py>, m: &MemorySi) -> PyResult<Bound<'py, Py
 const VALUES: [&str; 8] = ["u_off", "R_s", "i_off", "loss_error", "knee", "L_sigma", "L_M", "leg_delay"];
 
 /// What `memory_dict` gave; what it does not know is that of the parameters.
-pub fn memory_from(dict: &Bound<'_, PyDict>, machine: &Machine, inverter: &Inverter) -> PyResult<MemorySi> {
+pub fn memory_from(dict: &Bound<'_, PyDict>, leg_delay: [[f64; 2]; 3]) -> PyResult<MemorySi> {
     for name in dict.keys() {
         if !name.extract::<&str>().is_ok_and(|name| VALUES.contains(&name)) {
             let known = VALUES.join(", ");
@@ -306,9 +306,8 @@ pub fn memory_from(dict: &Bound<'_, PyDict>, machine: &Machine, inverter: &Inver
         knee: dict.get_item("knee")?.map_or(Ok(1.0), |x| extract("memory knee", &x))?,
         L_sigma: extract("memory L_sigma", &item("L_sigma")?)?,
         L_M: extract("memory L_M", &item("L_M")?)?,
-        leg_delay: dict.get_item("leg_delay")?.map_or(Ok(inverter.leg_delay), |x| extract("memory leg_delay", &x))?,
+        leg_delay: dict.get_item("leg_delay")?.map_or(Ok(leg_delay), |x| extract("memory leg_delay", &x))?,
     };
-    memory.validate(machine, inverter).map_err(value_error)?;
     Ok(memory)
 }
 
@@ -501,7 +500,9 @@ impl Drive {
         let Ok(memory) = memory.cast::<PyDict>() else {
             return Err(is_not("memory", memory, "not a dict, as Drive.memory() gives it"));
         };
-        if self.drive.restore(&memory_from(memory, &self.machine, &self.inverter)?) {
+        let memory = memory_from(memory, self.inverter.leg_delay)?;
+        memory.validate(&self.machine, &self.inverter).map_err(value_error)?;
+        if self.drive.restore(&memory) {
             return Ok(());
         }
         Err(PyRuntimeError::new_err("restore: the bridge switches; stop the drive first (a step without a reference)"))

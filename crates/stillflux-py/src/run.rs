@@ -73,7 +73,7 @@ impl Scenario<'_> {
             duration: self.duration,
             record_every: self.record_every,
             signals: self.signals,
-            memory: self.memory.map(|m| memory_from(&m, &machine, &inverter)).transpose()?,
+            memory: self.memory.map(|m| memory_from(&m, inverter.leg_delay)).transpose()?,
             cycle_stamps: self.cycle_stamps,
         })
     }

@@ -159,7 +159,8 @@ impl MemorySi {
         Self { u_off: [0.0; 2], R_s: r_s, i_off: [0.0; 3], loss_error: 0.0, knee: 1.0, L_sigma, L_M, leg_delay }
     }
 
-    /// Checks that every value is a number, and those that no drive limits to less: that this machine can have them.
+    /// Checks that every value is a finite number, the knee positive, and resistance and inductances within the limits that a
+    /// drive of this machine and inverter keeps. What is beyond the limits of the others is limited as the drive takes it back.
     ///
     /// # Errors
     /// The first value that is not.

@@ -265,8 +265,8 @@ impl<'a> Conversion<'a> {
                 .map_err(|e| e.with_note("a gain that follows from it must fit the arithmetic"))?;
         }
         fits::<R>("offset_time", p.offset_time, "s", 1.0 / f64::from(self.periods(p.offset_time)), -1.0)?;
-        let (time, periods) = (p.build_up_time(machine), f64::from(self.periods(p.build_up_time(machine))));
-        fits::<R>("magnetise_time", time, "s", 2.0 / periods, -1.0)?;
+        let time = p.build_up_time(machine);
+        fits::<R>("magnetise_time", time, "s", 2.0 / f64::from(self.periods(time)), -1.0)?;
         #[cfg(feature = "paper")]
         if p.scheme == Scheme::Paper {
             fits::<R>("R_s", machine.R_s, "ohm", 1.0 / pu.r_s, -1.0)?;

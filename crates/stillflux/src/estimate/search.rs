@@ -19,10 +19,11 @@
 //! voltage `r_R i` that builds up the flux, at 160 kW often larger. `ψ̂_R` may be zero or point backwards there, and its
 //! angle tells nothing. Across the current nothing builds up in a machine at rest but `y_0`: the leakage flux of a current
 //! that a difference of the sensors' gains hides, 2.8 %, and the loss `U` of one leg in one period, as long as the current
-//! that begins has no certain sign there. Noise and the capacitance of the nodes make several periods of it: 2.3 were seen
-//! at 160 kW, 4 kHz and a noise of 0.4 %. From the fifth period on the current has a sign in every leg, and what has come to
-//! be by then, `ψ_0`, does not count; without it 0.4 of the loss of a period was left there. Against `y_0` a rotation shows
-//! the better the more flux there is; machines with a small `r_R` need more than 10 ms for that.
+//! that begins has no certain sign there. Noise and the capacitance of the nodes make several periods of it: in 400 starts at
+//! 160 kW, 4 kHz and a noise of 0.4 % it was up to 2.3 times the loss of one period. There every leg has a current of certain
+//! sign from the fifth period on. What has come to be across the current by then, `ψ_0`, does not count; what came after was
+//! up to 0.8 of that loss. Against `y_0` a rotation shows the better the more flux there is; machines with a small `r_R` need
+//! more than 10 ms for that.
 //!
 //! In a large machine that turns fast the flux goes round a circle through zero, `ψ_Rβ = r_R i (1 - cos ωτ)/ω`, of 0.007 pu at
 //! 160 kW and rated speed; the error along the current, of the leakage's `Δσl_s i` above all, is as large. Across it the circle is
@@ -50,7 +51,7 @@ const LEAST: f64 = 0.01;
 const FLUX: f64 = 0.15;
 /// Current across the current of a machine at rest that the gains of the sensors hide.
 const HIDDEN: f64 = 0.008;
-/// Four periods of which `ψ_0` is the mean: the current that begins has a sign by then, in all legs.
+/// Four periods, of which the means count as the beginning: the current of every leg has a sign by then.
 const RISEN: core::ops::RangeInclusive<u32> = 5..=8;
 /// Least sum of the squared flux, relative to that at standstill.
 const FLOOR: f64 = 0.25;
@@ -110,7 +111,7 @@ pub(crate) struct SpeedSearch<R: Real> {
     denominator: R,
     /// `∫(ψ_Rβ - ψ_0)`, over the largest duration.
     across: R,
-    /// `ψ_0` and `(∫x)_0`.
+    /// Means of `ψ_Rβ` and of `∫x` over the periods [`RISEN`]: `ψ_0` and `(∫x)_0`.
     risen: R,
     risen_lever: R,
     /// `x`, `∫x` and `∫(∫x - (∫x)_0)`, the integrals over the largest duration.
