@@ -291,7 +291,7 @@ def test_a_table_of_costs_that_is_out_of_date_is_noticed() -> None:
 #: with the start into a turning machine and eleven states, misses flash and RAM by far.
 SIZES: dict[str, dict[str, tuple[int, int]]] = {
     "paper": {"flash_library": (14_100, 16_310), "ram_drive": (900, 920), "stack_step": (384, 432)},
-    "enhanced": {"flash_library": (32_270, 42_770), "ram_drive": (1632, 1656), "stack_step": (496, 508)},
+    "enhanced": {"flash_library": (32_270, 42_770), "ram_drive": (1632, 1656), "stack_step": (512, 516)},
 }
 #: The same of the published scheme with all that it has beyond the paper's drive (feature `additions`).
 WITH_ADDITIONS = {"flash_library": (18_630, 21_550), "ram_drive": (1060, 1084), "stack_step": (416, 432)}

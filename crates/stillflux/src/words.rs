@@ -222,7 +222,7 @@ mod tests {
         let (machine, inverter) = (Machine::preset_2k2(), Inverter::preset_2k2());
         let config =
             DriveConfig::<R>::new(&machine, &inverter, &params(DriveParams::new(&machine, &inverter))).unwrap();
-        let mut words = [0; 512];
+        let mut words = [0; 600];
         let mut n = 0;
         assert!(config.is_representable());
         config.put(&mut |w| {

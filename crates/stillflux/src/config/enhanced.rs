@@ -166,7 +166,10 @@ impl<R: Real> EnhancedConfig<R> {
                 let exact = p.current_sensors == 3 && p.calibrate_offset;
                 LevelsConfig::new(pu, inverter, build_up_time, p.boost(machine), exact)
             },
-            search: SearchConfig::new(pu, inverter.f_c(), p.boost(machine) * p.psi_ref / pu.l_s),
+            search: {
+                let current = p.boost(machine) * p.psi_ref / pu.l_s;
+                SearchConfig::new(pu, inverter.f_c(), current, p.enhanced.find_slow_rotation)
+            },
             #[cfg(feature = "restart")]
             slow_turn: SlowTurnConfig::new(pu, p.enhanced.find_slow_rotation),
             #[cfg(feature = "legs")]

@@ -3,6 +3,8 @@
 //!
 //! **Start-up**, at standstill or in a rotating machine: [`start_up`].
 
+#[cfg(any(feature = "legs", feature = "restart"))]
+mod probe;
 mod progress;
 mod start_up;
 
@@ -18,8 +20,6 @@ use crate::control::sides::{self, Sides};
 use crate::estimate::balance::Balance;
 use crate::estimate::catch::{Catch, Direction, LEAST};
 use crate::estimate::kalman::{Filter, Input, Learned};
-#[cfg(feature = "legs")]
-use crate::estimate::legs::LegsProbe;
 #[cfg(feature = "modes")]
 use crate::estimate::pair::Pair;
 use crate::estimate::search::SpeedSearch;
@@ -31,6 +31,8 @@ use crate::inverter::Knee;
 use crate::inverter::Legs;
 use crate::scalar::Real;
 use crate::space::{AlphaBeta, Dq, Rotator};
+#[cfg(any(feature = "legs", feature = "restart"))]
+use probe::Probe;
 use progress::{Progress, Step};
 
 /// Angle up to which the flux may have turned in a pause with its direction still taken as known, rad.
@@ -101,12 +103,13 @@ pub(super) struct EnhancedEstimators<R: Real> {
     start: Start<R>,
     /// Curve of the inverter model with the knee of the filter.
     knee: Knee<R>,
-    /// Differences of the legs, and their measurement in a start-up.
+    /// What a start-up measures at present.
+    #[cfg(any(feature = "legs", feature = "restart"))]
+    probe: Probe<R>,
+    /// Differences of the legs.
     #[cfg(feature = "legs")]
     legs: Legs<R>,
-    #[cfg(feature = "legs")]
-    legs_probe: LegsProbe<R>,
-    /// That measurement has found the machine at rest.
+    /// Their comparison has found the machine at rest.
     #[cfg(feature = "legs")]
     at_rest: bool,
     /// The speed search has been repeated, after it contradicted that measurement.
@@ -145,10 +148,10 @@ impl<R: Real> EnhancedEstimators<R> {
             progress: Progress::new(0),
             start: Start::Unknown,
             knee: *c.inverter.nominal(),
+            #[cfg(any(feature = "legs", feature = "restart"))]
+            probe: Probe::default(),
             #[cfg(feature = "legs")]
             legs: *c.inverter.legs(),
-            #[cfg(feature = "legs")]
-            legs_probe: LegsProbe::default(),
             #[cfg(feature = "legs")]
             at_rest: false,
             #[cfg(feature = "legs")]
@@ -235,7 +238,10 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
         #[cfg(feature = "legs")]
         {
             (self.at_rest, self.searched_again) = (false, false);
-            self.legs_probe = LegsProbe::default();
+        }
+        #[cfg(any(feature = "legs", feature = "restart"))]
+        {
+            self.probe = Probe::default();
         }
         self.shift = FluxShift::default();
         #[cfg(feature = "supervision")]
@@ -312,9 +318,18 @@ impl<R: Real> Estimators<R> for EnhancedEstimators<R> {
             }
             let i;
             #[cfg(feature = "restart")]
-            self.watch_for_rotation(c, stage);
-            (field, i, complete) =
-                if self.is_searching() { self.search_speed(c, stage) } else { self.build_up(c, stage, x.u_dc) };
+            let loss = x.voltage.loss.vector();
+            #[cfg(feature = "restart")]
+            self.watch_for_rotation(c, stage, &loss);
+            (field, i, complete) = if self.is_searching() {
+                #[cfg(feature = "restart")]
+                let step = self.search_speed(c, stage, loss.re());
+                #[cfg(not(feature = "restart"))]
+                let step = self.search_speed(c, stage);
+                step
+            } else {
+                self.build_up(c, stage, x.u_dc)
+            };
             if self.follows_flux() {
                 current_control = CurrentControl::FollowsFlux;
             }

@@ -24,6 +24,8 @@ pub mod limiter;
 #[cfg(feature = "variants")]
 pub mod lowpass;
 pub mod offset;
+#[cfg(all(feature = "enhanced", feature = "restart"))]
+pub(crate) mod orbit;
 pub mod pair;
 pub mod priors;
 #[cfg(feature = "weakening")]

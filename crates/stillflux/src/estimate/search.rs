@@ -38,6 +38,8 @@
 //!
 //! **Validity.** A constant voltage `e` across the current, of legs with unequal delays, is taken for `ω = 3e/x` at the end.
 
+#[cfg(feature = "restart")]
+use super::orbit::{DEVIATION, Orbit, OrbitConfig, OrbitProbe};
 use crate::base::{PerUnit, rounded};
 use crate::scalar::Real;
 use crate::space::AlphaBeta;
@@ -76,13 +78,22 @@ pub(crate) struct SearchConfig<R: Real> {
     across: R,
     /// Least `Σ |ψ_R|² dτ`.
     floor: R,
+    #[cfg(feature = "restart")]
+    orbit: OrbitConfig<R>,
 }
-words!(SearchConfig: t_s, least, most, inv_most, turn, across, floor);
+words!(SearchConfig: t_s, least, most, inv_most, turn, across, floor, #[cfg(feature = "restart")] orbit);
 
 impl<R: Real> SearchConfig<R> {
-    /// For a current `i` along the a-axis and a control frequency `f_c`, Hz.
+    /// Whether the errors of the voltage are as large as what builds up the flux.
+    #[cfg(feature = "restart")]
+    pub fn is_large(&self) -> bool {
+        self.orbit.shows_slow_speeds()
+    }
+
+    /// For a current `i` along the a-axis and a control frequency `f_c`, Hz; `circle`: in large machines that of the flux counts.
+    #[cfg_attr(not(feature = "restart"), allow(unused_variables))]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    pub fn new(pu: &PerUnit, f_c: f64, i: f64) -> Self {
+    pub fn new(pu: &PerUnit, f_c: f64, i: f64, circle: bool) -> Self {
         let periods = |seconds: f64| libm::round(seconds * f_c).max(1.0);
         let least = periods(LEAST);
         let most = periods(FLUX / (pu.r_r * i) / pu.base.omega).max(least);
@@ -97,6 +108,8 @@ impl<R: Real> SearchConfig<R> {
             turn: rounded((ROTATING * most * pu.t_s).min(100.0)),
             across: rounded(HIDDEN * pu.sigma_l_s * i + pu.dead_time * pu.u_dc * pu.t_s / libm::sqrt(3.0)),
             floor: rounded(FLOOR * built_up * built_up * tau / 3.0),
+            #[cfg(feature = "restart")]
+            orbit: OrbitConfig::new(pu, circle),
         }
     }
 }
@@ -120,6 +133,41 @@ pub(crate) struct SpeedSearch<R: Real> {
     reach: R,
     /// Whether a rotation was found.
     found: Option<bool>,
+    /// In a large machine the speed that the search has found before the circle of the flux is complete.
+    #[cfg(feature = "restart")]
+    searched: Option<R>,
+}
+
+/// What was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Found<R: Real> {
+    /// Speed, zero for a machine at rest.
+    pub omega: R,
+    /// Rotor flux, where that shows as well.
+    pub psi_r: Option<AlphaBeta<R>>,
+    /// Constant error of the voltage along the current, likewise, and its standard deviation.
+    #[cfg(feature = "restart")]
+    pub error: Option<(R, R)>,
+}
+
+impl<R: Real> Found<R> {
+    pub fn by_search(omega: R, psi_r: Option<AlphaBeta<R>>) -> Self {
+        Self {
+            omega,
+            psi_r,
+            #[cfg(feature = "restart")]
+            error: None,
+        }
+    }
+
+    /// Whether the circle of the flux has shown it.
+    #[cfg(feature = "legs")]
+    pub fn is_by_circle(&self) -> bool {
+        #[cfg(feature = "restart")]
+        return self.error.is_some();
+        #[cfg(not(feature = "restart"))]
+        false
+    }
 }
 
 impl<R: Real> SpeedSearch<R> {
@@ -128,7 +176,19 @@ impl<R: Real> SpeedSearch<R> {
         let zero = R::ZERO;
         let (numerator, denominator, across, risen, risen_lever) = (zero, zero, zero, zero, zero);
         let (x, lever, reach) = (zero, zero, zero);
-        Self { numerator, denominator, across, risen, risen_lever, x, lever, reach, found: None }
+        Self {
+            numerator,
+            denominator,
+            across,
+            risen,
+            risen_lever,
+            x,
+            lever,
+            reach,
+            found: None,
+            #[cfg(feature = "restart")]
+            searched: None,
+        }
     }
 
     /// Whether it goes on.
@@ -154,18 +214,56 @@ impl<R: Real> SpeedSearch<R> {
         self.found = Some(false);
     }
 
-    /// One period, counted from one, with rotor resistance, estimated rotor flux before and now, and current; returns the
-    /// speed once it is decided, zero for a machine at rest, and the rotor flux where half a turn shows that as well.
+    /// A period of [`Self::by_search`], and in a large machine of the circle of its flux. Such a machine is at rest where the search
+    /// finds it so and nothing is known to the contrary, `turns`; one that turns is not decided before the circle is complete.
+    #[cfg(feature = "restart")]
     #[cold]
     #[inline(never)]
-    pub fn step(
+    pub fn by_circle(
+        &mut self,
+        c: &SearchConfig<R>,
+        (orbit, turns): (&mut OrbitProbe<R>, bool),
+        period: u32,
+        r_r: R,
+        fluxes: (AlphaBeta<R>, AlphaBeta<R>),
+        i_s: &AlphaBeta<R>,
+    ) -> Option<Found<R>> {
+        let found = if self.searched.is_some() { None } else { self.by_search(c, period, r_r, fluxes, i_s) };
+        if !c.orbit.is_on() || period < *RISEN.end() {
+            return found;
+        }
+        if period == *RISEN.end() {
+            orbit.begin();
+        }
+        match found {
+            // Of a machine that is known to turn the circle has the last word.
+            Some(rest) if rest.omega == R::ZERO && !turns => return found,
+            Some(found) => self.searched = Some(found.omega),
+            None => {}
+        }
+        let found = match orbit.step(&c.orbit, r_r * i_s.re(), &fluxes.1) {
+            Some(Orbit { omega, psi_r, error }) => {
+                Some(Found { omega, psi_r: Some(psi_r), error: Some((error.re(), R::from_f64(DEVIATION))) })
+            }
+            None if orbit.is_running() => None,
+            None => self.searched.map(|omega| Found::by_search(omega, None)),
+        };
+        self.found = found.map(|found| found.omega != R::ZERO);
+        found
+    }
+
+    /// One period, counted from one, with rotor resistance, estimated rotor flux before and now, and current; returns what was
+    /// found once it is decided.
+    #[cold]
+    #[inline(never)]
+    pub fn by_search(
         &mut self,
         c: &SearchConfig<R>,
         period: u32,
         r_r: R,
         (before, psi_r): (AlphaBeta<R>, AlphaBeta<R>),
         i_s: &AlphaBeta<R>,
-    ) -> Option<(R, Option<AlphaBeta<R>>)> {
+    ) -> Option<Found<R>> {
         let r = R::from_f64;
         let induced = c.t_s * r_r;
         // The current has risen by then.
@@ -225,18 +323,19 @@ impl<R: Real> SpeedSearch<R> {
             }
         }
         self.found = Some(omega != R::ZERO);
-        Some((omega, flux))
+        Some(Found::by_search(omega, flux))
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::base::Base;
     use crate::params::{Inverter, Machine, Rating, TModel};
+    use crate::scalar::Q;
 
     /// 160 kW: `r_R` of 0.0075, in which 10 ms build up a hundredth of rated flux.
-    fn large() -> (Machine, Inverter) {
+    pub(in crate::estimate) fn large() -> (Machine, Inverter) {
         let t = TModel { R_s: 0.0105, R_r: 0.0067, L_ls: 0.27e-3, L_lr: 0.27e-3, L_m: 8.4e-3 };
         let rating = Rating { n_p: 2, J: 2.9, U_N: 400.0, I_N: 275.0, f_N: 50.0, T_N: 1030.0 };
         let inverter = Inverter { f_s: 4e3, dead_time: 3e-6, r_d: 0.004, ..Inverter::preset_2k2() };
@@ -245,11 +344,32 @@ mod tests {
 
     /// Speed found at a speed `omega` with an error `along` of the voltage along the current, relative to `r_R i`, and a
     /// rotor flux `hidden` across it; and the time that it took, s.
-    fn search<R: Real>((m, inverter): (Machine, Inverter), omega: f64, along: f64, hidden: f64) -> (f64, f64) {
+    fn search<R: Real>(machine: (Machine, Inverter), omega: f64, along: f64, hidden: f64) -> (f64, f64) {
+        let mut state = SpeedSearch::<R>::new();
+        decided(machine, omega, along, hidden, |c, k, r_r, fluxes, i_s| state.by_search(c, k, r_r, fluxes, i_s))
+    }
+
+    /// The same, in a large machine by the circle of the flux.
+    #[cfg(feature = "restart")]
+    fn circle<R: Real>(machine: (Machine, Inverter), turns: bool, omega: f64, along: f64) -> (f64, f64) {
+        let (mut state, mut orbit) = (SpeedSearch::<R>::new(), OrbitProbe::default());
+        let found = decided(machine, omega, along, 0.0, |c, k, r_r, fluxes, i_s| {
+            state.by_circle(c, (&mut orbit, turns), k, r_r, fluxes, i_s)
+        });
+        assert_eq!(state.found_rotation(), found.0 != 0.0);
+        found
+    }
+
+    fn decided<R: Real>(
+        (m, inverter): (Machine, Inverter),
+        omega: f64,
+        along: f64,
+        hidden: f64,
+        mut period: impl FnMut(&SearchConfig<R>, u32, R, (AlphaBeta<R>, AlphaBeta<R>), &AlphaBeta<R>) -> Option<Found<R>>,
+    ) -> (f64, f64) {
         let pu = PerUnit::new(&m, &inverter).unwrap();
         let i = 1.5 / pu.l_s;
-        let c = SearchConfig::<R>::new(&pu, inverter.f_s, i);
-        let mut state = SpeedSearch::new();
+        let c = SearchConfig::<R>::new(&pu, inverter.f_s, i, true);
         let mut before = AlphaBeta::default();
         for k in 1..100_000u32 {
             let tau = f64::from(k) * pu.t_s;
@@ -259,8 +379,7 @@ mod tests {
             let psi = AlphaBeta::new(pu.r_r * i * (x + along * tau), pu.r_r * i * y + hidden);
             let psi = AlphaBeta::new(R::from_f64(psi.re()), R::from_f64(psi.im()));
             let current = AlphaBeta::new(R::from_f64(i), R::ZERO);
-            if let Some((found, _)) = state.step(&c, k, R::from_f64(pu.r_r), (before, psi), &current) {
-                assert_eq!(state.found_rotation(), found != R::ZERO);
+            if let Some(Found { omega: found, .. }) = period(&c, k, R::from_f64(pu.r_r), (before, psi), &current) {
                 return (found.to_f32().into(), f64::from(k) / inverter.f_s);
             }
             before = psi;
@@ -280,7 +399,7 @@ mod tests {
                 let pu = PerUnit::new(&m, &inverter).unwrap();
                 let hidden = 0.008 * pu.sigma_l_s * 1.5 / pu.l_s;
                 assert_eq!(search::<f64>((m, inverter), 0.0, along, hidden).0, 0.0);
-                assert_eq!(search::<crate::scalar::Q>((m, inverter), 0.0, along, -hidden).0, 0.0);
+                assert_eq!(search::<Q>((m, inverter), 0.0, along, -hidden).0, 0.0);
             }
         }
     }
@@ -291,7 +410,7 @@ mod tests {
         for hidden in [0.003, -0.003] {
             for (machine, inverter) in all() {
                 assert_eq!(search::<f64>((machine, inverter), 0.0, 0.0, hidden).0, 0.0);
-                assert_eq!(search::<crate::scalar::Q>((machine, inverter), 0.0, 0.0, hidden).0, 0.0);
+                assert_eq!(search::<Q>((machine, inverter), 0.0, 0.0, hidden).0, 0.0);
                 for omega in [0.06, 0.1, 0.3, -0.3, 1.0, -1.0, 1.4] {
                     let (found, seconds) = search::<f64>((machine, inverter), omega, 0.0, hidden);
                     assert!((found / omega - 1.0).abs() < 0.1, "{omega} {hidden}: {found} in {seconds} s");
@@ -324,9 +443,36 @@ mod tests {
                 let (found, seconds) = search::<f64>(large(), omega, along, 0.0);
                 assert!((found / omega - 1.0).abs() < 0.05, "{omega} {along}: {found}");
                 assert!(seconds < 0.011 / omega.abs().min(1.0), "{omega}: {seconds} s");
-                let (found, _) = search::<crate::scalar::Q>(large(), omega, along, 0.0);
+                let (found, _) = search::<Q>(large(), omega, along, 0.0);
                 assert!((found / omega - 1.0).abs() < 0.07, "{omega} {along}: {found}");
             }
+        }
+    }
+
+    #[cfg(feature = "restart")]
+    #[test]
+    fn the_circle_of_a_large_machine_shows_its_speed_whatever_the_error_along_the_current() {
+        for omega in [0.035, -0.06, 0.1, -0.3, 0.7, -1.0, 1.5] {
+            for along in [-2.0, -0.7, 0.0, 1.0, 2.0] {
+                for found in [circle::<f64>(large(), true, omega, along), circle::<Q>(large(), true, omega, along)] {
+                    assert!((found.0 / omega - 1.0).abs() < 0.01, "{omega} {along}: {found:?}");
+                    // Seven blocks of half a radian at least, and those of half the length before.
+                    assert!(found.1 < 0.001 + 0.0223 * (0.9 / omega.abs()).max(1.0) * 2.0, "{omega}: {found:?}");
+                }
+            }
+        }
+    }
+
+    #[cfg(feature = "restart")]
+    #[test]
+    fn a_large_machine_at_rest_is_one_by_its_circle_too() {
+        for along in [-0.7, 0.0, 1.0] {
+            assert_eq!(circle::<f64>(large(), false, 0.0, along), search::<f64>(large(), 0.0, along, 0.0));
+            let (found, seconds) = circle::<f64>(large(), true, 0.0, along);
+            assert!(
+                found == 0.0 && (0.6..0.8).contains(&seconds),
+                "known to turn, all lengths are waited for: {seconds} s"
+            );
         }
     }
 

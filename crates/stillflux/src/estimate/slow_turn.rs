@@ -28,6 +28,7 @@
 //! there on the flux is lower than half of the rated one's square, and the current follows it as in a machine that the search
 //! has found to turn.
 
+use super::search::Found;
 use crate::base::{PerUnit, rounded};
 use crate::scalar::{Integrator, Real};
 use crate::space::AlphaBeta;
@@ -41,6 +42,8 @@ const WINDOW: f64 = 4.0;
 const FAR: f64 = 1.0;
 /// Largest `x` of a machine that the search has not found to turn.
 const FASTEST: f64 = 40.0;
+/// Standard deviation of the flux along the current by the rotor equation. Allowance: rotor resistance and inductance off by a tenth.
+const UNKNOWN: f64 = 0.05;
 /// Least `∫ψ_Rα`.
 const FLOOR: f64 = 0.01;
 
@@ -79,8 +82,8 @@ impl<R: Real> SlowTurnConfig<R> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
 pub(crate) struct SlowTurn<R: Real> {
-    /// Stator flux across the current.
-    psi_s: Integrator<R>,
+    /// Integrals of the voltage along the current and across it.
+    psi_s: [Integrator<R>; 2],
     /// `ψ_Rα`, and the integrals of both components.
     along: Integrator<R>,
     sum_along: Integrator<R>,
@@ -90,27 +93,33 @@ pub(crate) struct SlowTurn<R: Real> {
 }
 
 impl<R: Real> SlowTurn<R> {
-    /// One period of the build-up: with the voltage `u - r_s i` since the last one, the current, and `σl_s`. Rotor flux and
-    /// speed of a machine that turns so fast that the current is to follow it.
+    /// One period of the build-up, counted from one: with the voltage `u - r_s i` since the last one, the current, and `σl_s`. What is
+    /// found of a machine that turns so fast that the current is to follow it.
     #[cold]
     #[inline(never)]
     pub fn step(
         &mut self,
         c: &SlowTurnConfig<R>,
+        period: u32,
         u_i: &AlphaBeta<R>,
         i_s: &AlphaBeta<R>,
         sigma_l_s: R,
-    ) -> Option<(AlphaBeta<R>, R)> {
+    ) -> Option<Found<R>> {
         let r = R::from_f64;
         let part = |x: R| x * r(1.0 / 64.0);
-        let across = self.psi_s.add_limited(c.t_s, u_i.im(), R::TWO) - sigma_l_s * i_s.im();
+        let integral = self.psi_s[0].add_limited(c.t_s, u_i.re(), r(FASTEST)) - sigma_l_s * i_s.re();
+        let across = self.psi_s[1].add_limited(c.t_s, u_i.im(), R::TWO) - sigma_l_s * i_s.im();
         let swept = across + self.sum_across.add_limited(c.part, part(across), r(FASTEST));
         let x = (swept * self.sum_along.value().max(r(FLOOR)).recip()).limit(r(FASTEST));
         let along = self.along.value();
         let along = self.along.add_limited(c.part, part(c.l_m * i_s.re() - along - x * across), R::TWO);
         self.sum_along.add_limited(c.part, part(along), r(FASTEST));
         self.x = if across.within(r(ACROSS)) { R::ZERO } else { x };
-        (!self.x.within(r(FAR))).then(|| (AlphaBeta::new(along, across), x * c.inv_tau_r))
+        (!self.x.within(r(FAR))).then(|| Found {
+            omega: x * c.inv_tau_r,
+            psi_r: Some(AlphaBeta::new(along, across)),
+            error: Some([integral - along, r(UNKNOWN)].map(|x| x * (c.t_s * r(64.0)).periods(period).recip()).into()),
+        })
     }
 
     /// Rotor flux in the end, relative to that at rest, and speed of a machine in which the current keeps its direction; `None`
@@ -148,9 +157,9 @@ mod tests {
             let i_s = AlphaBeta::new(R::from_f64(i), R::ZERO);
             let away = |flux: AlphaBeta<R>| (flux.re().to_f64() - psi.0).hypot(flux.im().to_f64() - psi.1);
             let true_omega = x / (pu.tau_r * tau_r);
-            if let Some((flux, omega)) = state.step(&c, &u, &i_s, sigma_l_s) {
+            if let Some(Found { omega, psi_r, .. }) = state.step(&c, k + 1, &u, &i_s, sigma_l_s) {
                 assert!(k > 3);
-                return Some((away(flux), omega.to_f64() / true_omega, true));
+                return Some((away(psi_r.unwrap()), omega.to_f64() / true_omega, true));
             }
             if k + 1 == c.periods {
                 return state.dragged(&c).map(|(flux, omega)| (away(flux), omega.to_f64() / true_omega, false));
@@ -200,7 +209,7 @@ mod tests {
             let x = if k < c.periods / 4 { 0.7 } else { 0.0 };
             let d = (1.0 - psi.0 - x * psi.1, x * psi.0 - psi.1);
             psi = (psi.0 + h * d.0, psi.1 + h * d.1);
-            assert_eq!(state.step(&c, &AlphaBeta::new(0.0, h * d.1 / pu.t_s), &i_s, pu.sigma_l_s), None);
+            assert_eq!(state.step(&c, k + 1, &AlphaBeta::new(0.0, h * d.1 / pu.t_s), &i_s, pu.sigma_l_s), None);
             turned |= state.dragged(&c).is_some();
         }
         assert!(turned && state.dragged(&c).is_none());

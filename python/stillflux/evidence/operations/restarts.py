@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from stillflux.evidence.claims import Claim, at_least, at_most, holds
+from stillflux.evidence.draws import drawn
 from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.operation import Control, Operation, asked, magnetised
 from stillflux.evidence.tolerance import LOST_ANGLE
@@ -202,6 +203,40 @@ def _taken_to_stand(scenario: Scenario) -> Scenario:
     return scenario.with_settings(find_slow_rotation=False)
 
 
+_COASTING, _INSTALLATIONS = -0.1, {"45kW": 22, "160kW": 2}
+"""Speed, pu, and installations whose voltage is off by as much as builds up the flux of the drive."""
+
+
+def _coasting(machine: str, scheme: str, arithmetic: str) -> Scenario:
+    """As `_turned`, in a large machine without flux and with every parameter off."""
+    motor = DRIVES[machine].motor
+    omega = _COASTING * motor.base["omega_m"]
+    begin = magnetised(machine)
+    real = drawn(DRIVES[machine], _INSTALLATIONS[machine])
+    scenario = asked(
+        "start of a large machine that coasts",
+        machine,
+        scheme,
+        arithmetic,
+        plant={**real.plant, "speed": omega},
+        plant_motor=real.motor,
+        plant_inverter=real.inverter,
+        omega_ref=omega,
+        load_torque=[(0.0, 0.0), (begin + 1.0, 0.0), (begin + 1.5, -0.5 * motor.T_N)],
+        changes=[(begin + 0.5, {"speed": None})],
+        duration=begin + 3.0,
+        record_every=5,
+        signals=_SIGNALS,
+    )
+    return scenario.replace(inverter=real.told)
+
+
+def _lost_once_running(result: Result) -> list[Claim]:
+    runs = result["status"] == StatusCode.RUNNING
+    angle = np.degrees(np.abs(result["angle_error"][runs]))
+    return [at_least("field angle error", float(angle.max(initial=0.0)), LOST_ANGLE, "°")]
+
+
 _PAUSES: Sequence[float] = (0.001, 0.02, 0.3)
 
 OPERATIONS = (
@@ -227,8 +262,18 @@ OPERATIONS = (
         shown=_SHOWN,
     ),
     Operation(
-        "supply-back",
+        "start-coasting",
         85,
+        "A start of a large machine that coasts at 0.1 pu without flux, every parameter off",
+        _coasting,
+        _check_turned,
+        Control("the circle of the flux", _taken_to_stand, _lost_once_running),
+        machines=tuple(_INSTALLATIONS),
+        shown=_SHOWN,
+    ),
+    Operation(
+        "supply-back",
+        86,
         "The supply fails for 0.5 s at half speed, and the fault is left 0.1 s after it is back",
         _supply,
         _check_supply,

@@ -19,7 +19,8 @@
 //!    would hold against the dead time, up to half of its loss.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
-//!    current on.
+//!    current on. The circle of the flux of a machine that turns ([`crate::estimate`]'s `orbit`, with the feature `restart`)
+//!    shows the error of the voltage as well, which the filter takes for resistance and inverter model.
 //! 3. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, or until `|ω_s ψ_s|` is 0.9 of the largest voltage, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
 //!    of the inverter model was taken for a rotation, and the start-up goes on as at standstill.
@@ -53,6 +54,7 @@ use crate::estimate::catch::{Catch, Direction, Found};
 use crate::estimate::legs::Alternation;
 #[cfg(feature = "modes")]
 use crate::estimate::pair::{HALF_MAX, Pair};
+use crate::estimate::search;
 #[cfg(feature = "legs")]
 use crate::estimate::search::{ROTATING, SpeedSearch};
 #[cfg(feature = "restart")]
@@ -81,6 +83,9 @@ const SEEN: f64 = 0.3;
 /// Flux that is multiplied by [`SCALE`] before its direction is taken: [`Rotator::of`] takes that of a vector near zero as 0.
 const FAINT: f64 = 0.1;
 const SCALE: f64 = 16.0;
+/// Part of the leakage flux of the current that counts as the flux to follow where that is small. Allowance: twice the tolerance of `L_σ`.
+#[cfg(feature = "restart")]
+const STAYS: f64 = 0.2;
 /// Standard deviation of a flux that builds up behind a small one, per unit, when it is first corrected: as long as it is below
 /// a tenth the filter integrates what the voltage of a current that jumps to its direction, and the leakage, have of errors.
 /// Allowance: 0.02 to 0.08 were seen at 160 kW.
@@ -133,7 +138,10 @@ impl<R: Real> EnhancedEstimators<R> {
             return if searching || faint { c.magnetising_current(stage) } else { Dq::new(c.i_quick, R::ZERO) };
         }
         let mut i_ref = c.magnetising_current(stage);
-        if !self.search.found_rotation() {
+        if cfg!(feature = "restart") && self.is_searching() {
+            // Of the boosted current until it is decided, however long the circle takes.
+            i_ref = c.magnetising_current(0);
+        } else if !self.search.found_rotation() {
             i_ref = match c.enhanced.levels.at(stage, (c.magnetise_periods / 16).max(1)) {
                 Level::Full => i_ref,
                 Level::Part(part) => i_ref * part,
@@ -385,16 +393,30 @@ impl<R: Real> EnhancedEstimators<R> {
     /// After the catch, a period of the search for the speed; returns what [`Self::build_up`] does.
     #[cold]
     #[inline(never)]
-    pub(super) fn search_speed(&mut self, c: &DriveConfig<R>, stage: u32) -> (Rotator<R>, Dq<R>, bool) {
+    pub(super) fn search_speed(
+        &mut self,
+        c: &DriveConfig<R>,
+        stage: u32,
+        #[cfg(feature = "restart")] loss: R,
+    ) -> (Rotator<R>, Dq<R>, bool) {
         let (i_s, psi_r) = (self.filter.i_s(), self.filter.rotor_flux(&c.enhanced.filter));
         let (r_r, before) = (c.speed.r_r * self.rotor, self.speed.psi_r);
         self.speed.psi_r = psi_r;
         let ahead = Rotator::default().to_field(&i_s);
+        #[cfg(feature = "legs")]
+        let turns = self.progress.have_compared() && !self.at_rest;
+        #[cfg(all(feature = "restart", not(feature = "legs")))]
+        let turns = false;
+        let (config, fluxes) = (&c.enhanced.search, (before, psi_r));
+        #[cfg(feature = "restart")]
+        let found = self.probe.orbit(|orbit| self.search.by_circle(config, (orbit, turns), stage, r_r, fluxes, &i_s));
+        #[cfg(not(feature = "restart"))]
+        let found = self.search.by_search(config, stage, r_r, fluxes, &i_s);
         #[cfg_attr(not(feature = "legs"), allow(unused_mut))]
-        if let Some((mut omega, flux)) = self.search.step(&c.enhanced.search, stage, r_r, (before, psi_r), &i_s) {
+        if let Some(mut found) = found {
             // In a machine that turns what is left of a flux may cancel what the search builds up: once it has decayed.
             #[cfg(feature = "legs")]
-            if omega == R::ZERO && self.progress.have_compared() && !self.at_rest && !self.searched_again {
+            if found.omega == R::ZERO && turns && !self.searched_again {
                 self.searched_again = true;
                 self.search = SpeedSearch::new();
                 self.progress.wait(c.magnetise_periods / 4);
@@ -402,10 +424,10 @@ impl<R: Real> EnhancedEstimators<R> {
             }
             #[cfg(feature = "legs")]
             if self.at_rest {
-                if omega.within(R::from_f64(PREVAILS)) {
+                if !found.is_by_circle() && found.omega.within(R::from_f64(PREVAILS)) {
                     // The comparison of the legs has seen it for far longer.
                     self.search.reject();
-                    omega = R::ZERO;
+                    (found.omega, found.psi_r) = (R::ZERO, None);
                 } else {
                     // At a few speeds its mean passes zero, and what it found then are no legs.
                     self.legs = *c.inverter.legs();
@@ -414,14 +436,38 @@ impl<R: Real> EnhancedEstimators<R> {
             if self.search.found_rotation() {
                 self.filter.end_direct(&c.enhanced.filter);
             }
-            let flux = flux.filter(|_| self.search.found_rotation());
-            if let Some(psi_r) = flux {
-                self.filter.place(&c.enhanced.filter, psi_r, &i_s, R::from_f64(UNSEEN));
-            }
-            self.speed_estimator.start(&flux.unwrap_or(psi_r), omega);
-            self.speed.set_synchronous(omega);
+            #[cfg(feature = "restart")]
+            self.follow(c, (&i_s, psi_r), &found, loss, R::from_f64(UNSEEN));
+            #[cfg(not(feature = "restart"))]
+            self.follow(c, (&i_s, psi_r), &found, R::from_f64(UNSEEN));
         }
         (Rotator::default(), ahead, stage >= c.magnetise_periods)
+    }
+
+    /// After a search: the filter begins at the flux that it has found, known to a standard deviation, with the resistance and the
+    /// inverter model that explain the error of the voltage, and the estimate of the speed at the speed found. Where the error
+    /// was looked for, the build-up begins.
+    #[cfg_attr(feature = "restart", cold, inline(never))]
+    #[cfg_attr(not(feature = "restart"), inline(always))]
+    fn follow(
+        &mut self,
+        c: &DriveConfig<R>,
+        (i_s, psi_r): (&AlphaBeta<R>, AlphaBeta<R>),
+        found: &search::Found<R>,
+        #[cfg(feature = "restart")] loss: R,
+        deviation: R,
+    ) {
+        let config = &c.enhanced.filter;
+        if let Some(psi_r) = found.psi_r {
+            self.filter.place(config, psi_r, i_s, deviation);
+        }
+        #[cfg(feature = "restart")]
+        if let Some(error) = found.error {
+            self.filter.explain(config, error, loss);
+            self.progress.build_up_after(DRIVEN);
+        }
+        self.speed_estimator.start(&found.psi_r.unwrap_or(psi_r), found.omega);
+        self.speed.set_synchronous(found.omega);
     }
 
     /// At the settled flux of the direct current, where the filter has not followed it there or something turns the shaft: begins
@@ -459,7 +505,7 @@ impl<R: Real> EnhancedEstimators<R> {
     #[cfg(feature = "restart")]
     #[cold]
     #[inline(never)]
-    pub(super) fn watch_for_rotation(&mut self, c: &DriveConfig<R>, stage: u32) {
+    pub(super) fn watch_for_rotation(&mut self, c: &DriveConfig<R>, stage: u32, loss: &AlphaBeta<R>) {
         if stage <= DRIVEN {
             self.slow_turn = SlowTurn::default();
         }
@@ -473,17 +519,19 @@ impl<R: Real> EnhancedEstimators<R> {
             return;
         }
         let (filter, config) = (&self.filter, &c.enhanced.filter);
-        let found = self.slow_turn.step(&c.enhanced.slow_turn, &filter.u_i(), &filter.i_s(), filter.sigma_l_s(config));
+        let u_i = filter.u_i() + filter.explained(loss);
+        let sigma_l_s = filter.sigma_l_s(config);
+        let found = self.slow_turn.step(&c.enhanced.slow_turn, stage, &u_i, &filter.i_s(), sigma_l_s);
         if self.search.is_searching() {
             return;
         }
-        if let Some((psi_r, omega)) = found {
-            let i_s = self.filter.i_s();
-            self.filter.place(config, psi_r, &i_s, R::from_f64(DRAGGED));
-            self.speed_estimator.start(&psi_r, omega);
-            self.speed.set_synchronous(omega);
+        if let Some(mut found) = found {
             self.search.turns();
             self.progress.build_up_after(DRIVEN);
+            // A smaller machine's flux saturates by then, which the rotor equation here does not contain.
+            found.error = found.error.filter(|_| c.enhanced.search.is_large());
+            let (i_s, psi_r) = (self.filter.i_s(), self.filter.rotor_flux(config));
+            self.follow(c, (&i_s, psi_r), &found, loss.re(), R::from_f64(DRAGGED));
         }
     }
 
@@ -515,7 +563,7 @@ impl<R: Real> EnhancedEstimators<R> {
                 self.start = Start::Caught;
             }
             if self.follows_flux() {
-                field = direction(&psi_r);
+                field = self.direction(c, &psi_r);
             }
             if stage >= c.boost_periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
                 // No flux after the time that it takes: nothing that was assumed holds.
@@ -525,7 +573,7 @@ impl<R: Real> EnhancedEstimators<R> {
             }
             return (field, field.to_field(&i_s), built_up || at_limit || stage >= c.boost_periods);
         } else if self.search.found_rotation() {
-            field = direction(&psi_r);
+            field = self.direction(c, &psi_r);
             periods = c.boost_periods;
             // Without flux by then the current did not follow it: the rotation was an error of the voltage.
             if stage >= periods && self.filter.magnitude() < c.flux_control.psi_rated.half() {
@@ -538,6 +586,16 @@ impl<R: Real> EnhancedEstimators<R> {
             }
         }
         (field, field.to_field(&i_s), at_limit || stage >= periods)
+    }
+
+    /// Direction that the current takes in following the flux.
+    #[cfg_attr(feature = "restart", cold, inline(never))]
+    #[cfg_attr(not(feature = "restart"), allow(unused_variables, clippy::unused_self), inline(always))]
+    fn direction(&self, c: &DriveConfig<R>, psi_r: &AlphaBeta<R>) -> Rotator<R> {
+        #[cfg(feature = "restart")]
+        return direction(psi_r, || self.filter.i_s() * self.filter.sigma_l_s(&c.enhanced.filter));
+        #[cfg(not(feature = "restart"))]
+        direction(psi_r)
     }
 
     /// Whether the current follows the direction of the flux.
@@ -595,14 +653,20 @@ impl<R: Real> EnhancedEstimators<R> {
         self.filter.rest(&i_s);
         let i = c.magnetising_current(0).re();
         let [i_a, i_b, i_c] = x.i_abc;
-        let Alternation { axis, part } = self.legs_probe.step(config, period - 1, &x.u_s, &i_s, i_a + i_b + i_c);
-        *i_dq_ref = Dq::new(i * part, R::ZERO);
         let [all, first] = config.periods();
-        let mut turns = period == first && self.legs_probe.rotates();
+        let (alternation, rotates, result) = self.probe.legs(|probe| {
+            let alternation = probe.step(config, period - 1, &x.u_s, &i_s, i_a + i_b + i_c);
+            let rests = period == all && probe.is_at_rest(R::from_f64(ROTATING));
+            let result = rests.then(|| probe.result(config, &self.legs, &self.balance, i, x.u_dc));
+            (alternation, period == first && probe.rotates(), result)
+        });
+        let Alternation { axis, part } = alternation;
+        *i_dq_ref = Dq::new(i * part, R::ZERO);
+        let mut turns = rotates;
         if period == all {
-            self.at_rest = self.legs_probe.is_at_rest(R::from_f64(ROTATING));
-            if self.at_rest {
-                self.legs = self.legs_probe.result(config, &self.legs, &self.balance, i, x.u_dc);
+            self.at_rest = result.is_some();
+            if let Some(legs) = result {
+                self.legs = legs;
                 self.knee.set_legs(&self.legs, x.u_dc);
             }
             turns = !self.at_rest;
@@ -631,23 +695,48 @@ fn settled<R: Real>(c: &DriveConfig<R>) -> u32 {
 }
 
 /// Direction of a flux that may be small: as much as a direct current of the search builds up in a large machine that turns
-/// fast, `2 r_R i/ω`, 0.007 pu at 160 kW and rated speed.
-#[cold]
-#[inline(never)]
-fn direction<R: Real>(psi_r: &AlphaBeta<R>) -> Rotator<R> {
+/// fast, `2 r_R i/ω`, 0.007 pu at 160 kW and rated speed. The current follows it, and with a leakage `σl_s` that is told too large a small
+/// flux `ψ_R - Δσl_s i` would point away from the current and turn it to and fro: with the feature
+/// `restart` a part of the `leakage` flux `σl_s i` stays.
+#[cfg_attr(not(feature = "restart"), cold, inline(never))]
+fn direction<R: Real>(
+    psi_r: &AlphaBeta<R>,
+    #[cfg(feature = "restart")] leakage: impl Fn() -> AlphaBeta<R>,
+) -> Rotator<R> {
     let small = psi_r.norm_sq() < R::from_f64(FAINT * FAINT);
-    Rotator::of(&if small { *psi_r * R::from_f64(SCALE) } else { *psi_r }).0
+    #[cfg(feature = "restart")]
+    let follows = || *psi_r + leakage() * R::from_f64(STAYS);
+    #[cfg(not(feature = "restart"))]
+    let follows = || *psi_r;
+    Rotator::of(&if small { follows() * R::from_f64(SCALE) } else { *psi_r }).0
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "restart"))]
 mod tests {
     use super::*;
 
     #[test]
     fn a_flux_that_a_large_machine_has_at_first_has_a_direction() {
         for psi in [0.002, 0.007, 0.05, 0.5, 3.0] {
-            let e = direction(&AlphaBeta::new(-0.6 * psi, 0.8 * psi)).axis();
+            let e = direction(&AlphaBeta::new(-0.6 * psi, 0.8 * psi), AlphaBeta::default).axis();
             assert!((e.re() + 0.6_f64).abs() < 1e-9 && (e.im() - 0.8).abs() < 1e-9, "{psi}: {e:?}");
+        }
+    }
+
+    /// A current that follows a flux which turns by 0.08 rad in a period, with what the error of the leakage leaves of its own.
+    #[test]
+    fn a_current_follows_a_small_flux_although_the_leakage_is_told_too_large() {
+        let leakage = 0.1;
+        for (psi, told) in [(0.007, 0.15), (0.03, 0.15), (0.03, -0.2), (0.09, 0.15)] {
+            let mut current = Rotator::<f64>::default();
+            let mut angle = 0.0f64;
+            for _ in 0..400 {
+                angle += 0.08;
+                let flux = AlphaBeta::new(psi * angle.cos(), psi * angle.sin());
+                current = direction(&(flux - current.axis() * (told * leakage)), || current.axis() * leakage);
+            }
+            let along = current.cos * angle.cos() + current.sin * angle.sin();
+            assert!(along > 0.8, "{psi}, {told}: {along}");
         }
     }
 }

@@ -18,6 +18,8 @@ use super::covariance::{Column, Covariance};
 use super::intermediate::Intermediate;
 use super::learned::Learned;
 use super::model::{B, C, GAMMA, KNEE, LEAKAGE, M, PSI, RS, SCALE_GAMMA, SCALE_PSI, V, reciprocal};
+#[cfg(feature = "restart")]
+use super::model::{SCALE_R, SCALE_V};
 use super::noise::SIGMA_AGAIN;
 use super::{B_MAX, Filter, FilterConfig, GAMMA_RANGE, KNEE_RANGE, LEAKAGE_RANGE, R_S_RANGE, V_MAX};
 #[cfg(feature = "supervision")]
@@ -154,6 +156,39 @@ impl<R: Real> Filter<R> {
     pub fn catch(&mut self, c: &FilterConfig<R>, psi_r: AlphaBeta<R>, i_s: &AlphaBeta<R>, deviation: R) {
         self.keep_variances(c);
         self.place(c, psi_r, i_s, deviation);
+    }
+
+    /// What resistance and inverter model have been changed by since the start takes off the present voltage; `loss`: of the model.
+    #[cfg(feature = "restart")]
+    #[cold]
+    #[inline(never)]
+    pub fn explained(&self, loss: &AlphaBeta<R>) -> AlphaBeta<R> {
+        let Learned { r_s, v, .. } = self.initial.learned;
+        self.i_s * (self.r_s() - r_s) + *loss * ((self.v() - v) * (R::ONE + self.v()).recip())
+    }
+
+    /// Takes a constant error of the voltage along the present current, which is known to a `deviation` and of which the inverter
+    /// model takes `loss` off, for errors of resistance and inverter model, by their variances.
+    #[cfg(feature = "restart")]
+    #[cold]
+    #[inline(never)]
+    pub fn explain(&mut self, c: &FilterConfig<R>, (error, deviation): (R, R), loss: R) {
+        let r = R::from_f64;
+        let r_s = c.model.r_s;
+        // In units of what both deviations make.
+        let (by_r, by_v) = (r_s * self.i_s.norm_sq().sqrt() * r(SCALE_R), loss.abs() * r(SCALE_V));
+        let inv = (by_r + by_v).max(r(1e-3)).recip();
+        let h = [by_r * inv, by_v * inv];
+        let p = [self.p.get(RS, RS), self.p.get(RS, V), self.p.get(V, V)];
+        let ph = [p[0] * h[0] + p[1] * h[1], p[1] * h[0] + p[2] * h[1]];
+        let deviation = (deviation * inv).min(R::from_f64(8.0));
+        let gain = (deviation * deviation + R::dot(ph, h)).max(r(0.02)).recip();
+        let x = error * inv * gain;
+        self.r_s.add_clamped(ph[0] * x, r_s * r(SCALE_R), r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));
+        self.v.add_clamped(ph[1] * x, (R::ONE + self.v()) * r(SCALE_V), r(-V_MAX), r(V_MAX));
+        for (i, j, x) in [(RS, RS, ph[0] * ph[0]), (RS, V, ph[0] * ph[1]), (V, V, ph[1] * ph[1])] {
+            self.p.add_at(i, j, -(x * gain));
+        }
     }
 
     /// Begins anew, before anything has been corrected, at a rotor flux whose standard deviation is [`CAUGHT`] times its
