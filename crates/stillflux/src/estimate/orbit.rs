@@ -1,6 +1,6 @@
 //! Speed and flux of a large machine that turns, from what its rotor flux does under a direct current. Per unit.
 //!
-//! Where [`super::search`] has found that the machine turns, the current along the a-axis goes on. The rotor flux goes round a
+//! While and after [`super::search`] looks for a rotation the current along the a-axis goes on. The rotor flux goes round a
 //! circle, and the integral of the voltage shows it with all that the voltage model does not explain of a direct current, which is
 //! constant: errors `e` of resistance and bridge, as large as `r_R i` at 160 kW.
 //!
@@ -9,16 +9,17 @@
 //! ψ̂_R = ψ_R + ψ_0 + e τ
 //! ```
 //!
-//! Means `M_k` of equal blocks `T`: their second differences contain neither the constant nor the drift,
+//! Means `M_k` of equal blocks `T`, in each of which the circle turns by `φ = ωT` and decays: their second differences contain neither
+//! the constant nor the drift,
 //!
 //! ```text
-//! g_k = M_k+1 - 2 M_k + M_k-1 = -2 (1 - cos φ) a_k,     a_k = A e^(jωτ_k) sin(φ/2)/(φ/2),     φ = ωT
+//! g_k = M_k+1 - 2 M_k + M_k-1 = a_k (z - 1)²/z,     z = e^((jω - 1/τ_r)T),     a_k: mean of the circle in the block
 //! φ = arg Σ g_k+1 g_k*
 //! e = (M_5 - M_1 - a_5 + a_1)/4T
+//! in the end:  A e^(jωτ) = g_5 (jω - 1/τ_r)T (z/(z - 1))³
 //! ```
 //!
-//! Seven blocks; where the flux has turned by less than [`SEEN`] in one they are taken anew, twice as long. The decay of the
-//! circle is neglected, a twentieth in a block at most.
+//! Seven blocks; where the flux has turned by less than 26° in one they are taken anew, twice as long.
 //!
 //! **Validity.** A speed that stays; a rotor flux below the knee of saturation.
 
