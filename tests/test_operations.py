@@ -44,7 +44,7 @@ from stillflux.options import DriveSettings
         ("restart-1ms", "2.2kW"),
         ("restart-300ms", "11kW"),
         ("start-turned", "45kW"),
-        ("start-coasting", "160kW"),
+        ("start-turned-large", "160kW"),
         ("supply-back", "2.2kW"),
         ("temperature-regenerating", "45kW"),
         pytest.param("temperature-torque", "11kW", marks=pytest.mark.slow),

@@ -439,7 +439,7 @@ def test_estimate_is_as_consistent_as_in_the_committed_table(machine: str) -> No
 @pytest.mark.slow
 def test_a_flux_on_the_other_side_of_the_current_is_found_by_trying_it() -> None:
     """A light load at rest at 48 V, without dither, with which few fields stay, and at 1.5 times the
-    tolerances. Some installations are saved; that as few would be lost by it were chance is below 1 %."""
+    tolerances. Sign test of the installations that are lost in one of the two alone, at 1 %."""
 
     def lost(realignment: bool) -> set[int]:
         found = set()

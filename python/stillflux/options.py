@@ -170,9 +170,9 @@ class DriveSettings(TypedDict, total=False):
     """Measure at each start at standstill how the legs of the bridge differ, in the first 0.2 s of its
     magnetisation (0.74 s at 160 kW)."""
     find_slow_rotation: bool
-    """Look at each start for a shaft that something else turns slowly, and in a large machine that turns for
-    the circle of its flux; without it a slow shaft is taken to stand still, and the field is off by
-    arctan ω τ_r, and large machines may be lost that turn without flux."""
+    """Look at each start for a shaft that something else turns slowly, and in a machine that turns without
+    flux for the circle of the flux that builds up; without it a slow shaft is taken to stand still, the
+    field is off by arctan ω τ_r, and large machines may be lost that turn without flux."""
     hold_inductances: bool
     """Correct leakage and magnetising inductance while the load changes alone, since a steady load does not
     tell them from the resistance; otherwise always, by which minutes of steady load carry them away."""

@@ -8,6 +8,8 @@
 pub mod balance;
 #[cfg(feature = "enhanced")]
 pub(crate) mod catch;
+#[cfg(all(feature = "enhanced", feature = "restart"))]
+pub(crate) mod circle;
 pub mod confidence;
 #[cfg(feature = "encoder")]
 pub mod encoder;
@@ -24,8 +26,6 @@ pub mod limiter;
 #[cfg(feature = "variants")]
 pub mod lowpass;
 pub mod offset;
-#[cfg(all(feature = "enhanced", feature = "restart"))]
-pub(crate) mod orbit;
 pub mod pair;
 pub mod priors;
 #[cfg(feature = "weakening")]

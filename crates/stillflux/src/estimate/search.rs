@@ -39,7 +39,7 @@
 //! **Validity.** A constant voltage `e` across the current, of legs with unequal delays, is taken for `ω = 3e/x` at the end.
 
 #[cfg(feature = "restart")]
-use super::orbit::{DEVIATION, Orbit, OrbitConfig, OrbitProbe};
+use super::circle::{Circle, CircleConfig, CircleProbe, DEVIATION};
 use crate::base::{PerUnit, rounded};
 use crate::scalar::Real;
 use crate::space::AlphaBeta;
@@ -79,15 +79,15 @@ pub(crate) struct SearchConfig<R: Real> {
     /// Least `Σ |ψ_R|² dτ`.
     floor: R,
     #[cfg(feature = "restart")]
-    orbit: OrbitConfig<R>,
+    circle: CircleConfig<R>,
 }
-words!(SearchConfig: t_s, least, most, inv_most, turn, across, floor, #[cfg(feature = "restart")] orbit);
+words!(SearchConfig: t_s, least, most, inv_most, turn, across, floor, #[cfg(feature = "restart")] circle);
 
 impl<R: Real> SearchConfig<R> {
     /// Whether the errors of the voltage are as large as what builds up the flux.
     #[cfg(feature = "restart")]
     pub fn is_large(&self) -> bool {
-        self.orbit.shows_slow_speeds()
+        self.circle.shows_slow_speeds()
     }
 
     /// For a current `i` along the a-axis and a control frequency `f_c`, Hz; `circle`: in large machines that of the flux counts.
@@ -109,7 +109,7 @@ impl<R: Real> SearchConfig<R> {
             across: rounded(HIDDEN * pu.sigma_l_s * i + pu.dead_time * pu.u_dc * pu.t_s / libm::sqrt(3.0)),
             floor: rounded(FLOOR * built_up * built_up * tau / 3.0),
             #[cfg(feature = "restart")]
-            orbit: OrbitConfig::new(pu, circle),
+            circle: CircleConfig::new(pu, circle),
         }
     }
 }
@@ -222,18 +222,18 @@ impl<R: Real> SpeedSearch<R> {
     pub fn by_circle(
         &mut self,
         c: &SearchConfig<R>,
-        (orbit, turns): (&mut OrbitProbe<R>, bool),
+        (circle, turns): (&mut CircleProbe<R>, bool),
         period: u32,
         r_r: R,
         fluxes: (AlphaBeta<R>, AlphaBeta<R>),
         i_s: &AlphaBeta<R>,
     ) -> Option<Found<R>> {
         let found = if self.searched.is_some() { None } else { self.by_search(c, period, r_r, fluxes, i_s) };
-        if !c.orbit.is_on() || period < *RISEN.end() {
+        if !c.circle.is_on() || period < *RISEN.end() {
             return found;
         }
         if period == *RISEN.end() {
-            orbit.begin();
+            circle.begin();
         }
         match found {
             // Of a machine that is known to turn the circle has the last word.
@@ -241,11 +241,11 @@ impl<R: Real> SpeedSearch<R> {
             Some(found) => self.searched = Some(found.omega),
             None => {}
         }
-        let found = match orbit.step(&c.orbit, r_r * i_s.re(), &fluxes.1) {
-            Some(Orbit { omega, psi_r, error }) => {
+        let found = match circle.step(&c.circle, r_r * i_s.re(), &fluxes.1) {
+            Some(Circle { omega, psi_r, error }) => {
                 Some(Found { omega, psi_r: Some(psi_r), error: Some((error.re(), R::from_f64(DEVIATION))) })
             }
-            None if orbit.is_running() => None,
+            None if circle.is_running() => None,
             None => self.searched.map(|omega| Found::by_search(omega, None)),
         };
         self.found = found.map(|found| found.omega != R::ZERO);
@@ -352,9 +352,9 @@ pub(super) mod tests {
     /// The same, in a large machine by the circle of the flux.
     #[cfg(feature = "restart")]
     fn circle<R: Real>(machine: (Machine, Inverter), turns: bool, omega: f64, along: f64) -> (f64, f64) {
-        let (mut state, mut orbit) = (SpeedSearch::<R>::new(), OrbitProbe::default());
+        let (mut state, mut circle) = (SpeedSearch::<R>::new(), CircleProbe::default());
         let found = decided(machine, omega, along, 0.0, |c, k, r_r, fluxes, i_s| {
-            state.by_circle(c, (&mut orbit, turns), k, r_r, fluxes, i_s)
+            state.by_circle(c, (&mut circle, turns), k, r_r, fluxes, i_s)
         });
         assert_eq!(state.found_rotation(), found.0 != 0.0);
         found

@@ -44,6 +44,8 @@ const FAR: f64 = 1.0;
 const FASTEST: f64 = 40.0;
 /// Standard deviation of the flux along the current by the rotor equation. Allowance: rotor resistance and inductance off by a tenth.
 const UNKNOWN: f64 = 0.05;
+/// Largest integral of the voltage along the current, per unit: some fluxes more than its errors make of it.
+const INTEGRAL_MOST: f64 = 40.0;
 /// Least `∫ψ_Rα`.
 const FLOOR: f64 = 0.01;
 
@@ -107,7 +109,7 @@ impl<R: Real> SlowTurn<R> {
     ) -> Option<Found<R>> {
         let r = R::from_f64;
         let part = |x: R| x * r(1.0 / 64.0);
-        let integral = self.psi_s[0].add_limited(c.t_s, u_i.re(), r(FASTEST)) - sigma_l_s * i_s.re();
+        let integral = self.psi_s[0].add_limited(c.t_s, u_i.re(), r(INTEGRAL_MOST)) - sigma_l_s * i_s.re();
         let across = self.psi_s[1].add_limited(c.t_s, u_i.im(), R::TWO) - sigma_l_s * i_s.im();
         let swept = across + self.sum_across.add_limited(c.part, part(across), r(FASTEST));
         let x = (swept * self.sum_along.value().max(r(FLOOR)).recip()).limit(r(FASTEST));

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from stillflux.evidence.drives import DRIVES
 from stillflux.evidence.operation import Control, Operation, asked, magnetised
 from stillflux.evidence.tolerance import LOST_ANGLE
 from stillflux.metrics import faulted
+from stillflux.options import PlantOptions
 from stillflux.result import Result
 from stillflux.scenario import Scenario
 from stillflux.status import StatusCode
@@ -156,26 +158,42 @@ _DRAGGED, _TURNED = 1.3, 0.045
 """Product of speed and rotor time constant, which turns the field by 52°, at a speed of at most this, pu."""
 
 
-def _turned(machine: str, scheme: str, arithmetic: str) -> Scenario:
+def _held(
+    what: str,
+    machine: str,
+    scheme: str,
+    arithmetic: str,
+    omega: float,
+    plant: PlantOptions | None = None,
+    **fields: Any,
+) -> Scenario:
     """Something else turns the shaft at the speed that is asked for; 0.5 s after the start it lets go, then
     half of rated torque comes."""
     motor = DRIVES[machine].motor
-    base = motor.base
     begin = magnetised(machine)
-    omega = min(_DRAGGED / (base["omega"] * motor.tau_r), _TURNED) * base["omega_m"]
+    load = math.copysign(0.5 * motor.T_N, omega)
     return asked(
-        "start while the shaft is turned",
+        what,
         machine,
         scheme,
         arithmetic,
-        plant={"speed": omega},
+        plant={**(plant or {}), "speed": omega},
         omega_ref=omega,
-        load_torque=[(0.0, 0.0), (begin + 1.0, 0.0), (begin + 1.5, 0.5 * motor.T_N)],
+        load_torque=[(0.0, 0.0), (begin + 1.0, 0.0), (begin + 1.5, load)],
         changes=[(begin + 0.5, {"speed": None})],
         duration=begin + 3.0,
         record_every=5,
         signals=_SIGNALS,
+        **fields,
     )
+
+
+def _turned(machine: str, scheme: str, arithmetic: str) -> Scenario:
+    """So slowly that the search does not find it."""
+    motor = DRIVES[machine].motor
+    base = motor.base
+    omega = min(_DRAGGED / (base["omega"] * motor.tau_r), _TURNED) * base["omega_m"]
+    return _held("start while the shaft is turned", machine, scheme, arithmetic, omega)
 
 
 def _angle_at_first(result: Result) -> float:
@@ -203,30 +221,23 @@ def _taken_to_stand(scenario: Scenario) -> Scenario:
     return scenario.with_settings(find_slow_rotation=False)
 
 
-_COASTING, _INSTALLATIONS = -0.1, {"45kW": 22, "160kW": 2}
+_UNMAGNETISED, _INSTALLATIONS = -0.1, {"45kW": 22, "160kW": 2}
 """Speed, pu, and installations whose voltage is off by as much as builds up the flux of the drive."""
 
 
-def _coasting(machine: str, scheme: str, arithmetic: str) -> Scenario:
-    """As `_turned`, in a large machine without flux and with every parameter off."""
-    motor = DRIVES[machine].motor
-    omega = _COASTING * motor.base["omega_m"]
-    begin = magnetised(machine)
+def _turned_large(machine: str, scheme: str, arithmetic: str) -> Scenario:
+    """A large machine with every parameter off."""
+    omega = _UNMAGNETISED * DRIVES[machine].motor.base["omega_m"]
     real = drawn(DRIVES[machine], _INSTALLATIONS[machine])
-    scenario = asked(
-        "start of a large machine that coasts",
+    scenario = _held(
+        "start while a large machine is turned",
         machine,
         scheme,
         arithmetic,
-        plant={**real.plant, "speed": omega},
+        omega,
+        plant=real.plant,
         plant_motor=real.motor,
         plant_inverter=real.inverter,
-        omega_ref=omega,
-        load_torque=[(0.0, 0.0), (begin + 1.0, 0.0), (begin + 1.5, -0.5 * motor.T_N)],
-        changes=[(begin + 0.5, {"speed": None})],
-        duration=begin + 3.0,
-        record_every=5,
-        signals=_SIGNALS,
     )
     return scenario.replace(inverter=real.told)
 
@@ -262,10 +273,10 @@ OPERATIONS = (
         shown=_SHOWN,
     ),
     Operation(
-        "start-coasting",
+        "start-turned-large",
         85,
-        "A start of a large machine that coasts at 0.1 pu without flux, every parameter off",
-        _coasting,
+        "A start while something else turns a large machine at 0.1 pu, every parameter off",
+        _turned_large,
         _check_turned,
         Control("the circle of the flux", _taken_to_stand, _lost_once_running),
         machines=tuple(_INSTALLATIONS),

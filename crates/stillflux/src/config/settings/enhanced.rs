@@ -23,8 +23,8 @@ pub struct EnhancedParams {
     /// 0.2 s of its magnetisation, 0.74 s at 160 kW; not without `inverter_model` and `calibrate_offset`, nor with a `current_bandwidth`
     /// below `7.6 R_R/L_M`, in Hz.
     pub identify_legs: bool,
-    /// Look at each start for a shaft that something else turns slowly ([`crate::estimate`]'s `slow_turn`), and in a large machine
-    /// that turns for the circle of its flux (`orbit`); without it a slow shaft is taken to stand still, and the field is off by
+    /// Look at each start for a shaft that something else turns slowly ([`crate::estimate`]'s `slow_turn`), and in a machine that
+    /// turns without flux for the circle of the flux that builds up (`circle`); without it a slow shaft is taken to stand still, and the field is off by
     /// `arctan ω τ_r`, and large machines may be lost that turn without flux. Needs the feature `restart`.
     pub find_slow_rotation: bool,
     /// Correct the inductances while the load changes alone ([`crate::estimate::kalman`]); otherwise always, by which a

@@ -1,9 +1,9 @@
 //! State of what a start-up measures in one of its steps: the comparison of the legs, or the circle of the flux. They share memory.
 
+#[cfg(feature = "restart")]
+use crate::estimate::circle::CircleProbe;
 #[cfg(feature = "legs")]
 use crate::estimate::legs::LegsProbe;
-#[cfg(feature = "restart")]
-use crate::estimate::orbit::OrbitProbe;
 use crate::scalar::Real;
 
 /// What is measured at present.
@@ -19,7 +19,7 @@ pub(super) enum Probe<R: Real> {
     Legs(LegsProbe<R>),
     /// The circle of the flux.
     #[cfg(feature = "restart")]
-    Orbit(OrbitProbe<R>),
+    Circle(CircleProbe<R>),
 }
 
 impl<R: Real> Probe<R> {
@@ -34,10 +34,10 @@ impl<R: Real> Probe<R> {
 
     /// A period of the circle of the flux, likewise.
     #[cfg(feature = "restart")]
-    pub fn orbit<T>(&mut self, period: impl FnOnce(&mut OrbitProbe<R>) -> T) -> T {
-        let mut probe = if let Self::Orbit(probe) = *self { probe } else { OrbitProbe::default() };
+    pub fn circle<T>(&mut self, period: impl FnOnce(&mut CircleProbe<R>) -> T) -> T {
+        let mut probe = if let Self::Circle(probe) = *self { probe } else { CircleProbe::default() };
         let result = period(&mut probe);
-        *self = Self::Orbit(probe);
+        *self = Self::Circle(probe);
         result
     }
 }

@@ -19,7 +19,7 @@
 //!    would hold against the dead time, up to half of its loss.
 //! 2. Speed search ([`crate::estimate::search`]), 10 ms, longer in large machines at rest. A current along the a-axis
 //!    builds up `ψ_R`, which the rotor turns. The filter integrates without corrections, from the first voltage that drives the
-//!    current on. The circle of the flux of a machine that turns ([`crate::estimate`]'s `orbit`, with the feature `restart`)
+//!    current on. The circle of the flux of a machine that turns ([`crate::estimate`]'s `circle`, with the feature `restart`)
 //!    shows the error of the voltage as well, which the filter takes for resistance and inverter model.
 //! 3. Rotating: the current follows the direction of `ψ̂_R` for the time in which the boosted current builds up rated
 //!    flux, or until `|ω_s ψ_s|` is 0.9 of the largest voltage, then control begins. If `|ψ̂_s|` is below half of rated then, the rotation is rejected: the voltage error
@@ -409,7 +409,8 @@ impl<R: Real> EnhancedEstimators<R> {
         let turns = false;
         let (config, fluxes) = (&c.enhanced.search, (before, psi_r));
         #[cfg(feature = "restart")]
-        let found = self.probe.orbit(|orbit| self.search.by_circle(config, (orbit, turns), stage, r_r, fluxes, &i_s));
+        let found =
+            self.probe.circle(|circle| self.search.by_circle(config, (circle, turns), stage, r_r, fluxes, &i_s));
         #[cfg(not(feature = "restart"))]
         let found = self.search.by_search(config, stage, r_r, fluxes, &i_s);
         #[cfg_attr(not(feature = "legs"), allow(unused_mut))]
@@ -437,6 +438,10 @@ impl<R: Real> EnhancedEstimators<R> {
                 self.filter.end_direct(&c.enhanced.filter);
             }
             #[cfg(feature = "restart")]
+            if found.error.is_some() {
+                self.progress.build_up_after(DRIVEN);
+            }
+            #[cfg(feature = "restart")]
             self.follow(c, (&i_s, psi_r), &found, loss, R::from_f64(UNSEEN));
             #[cfg(not(feature = "restart"))]
             self.follow(c, (&i_s, psi_r), &found, R::from_f64(UNSEEN));
@@ -445,8 +450,7 @@ impl<R: Real> EnhancedEstimators<R> {
     }
 
     /// After a search: the filter begins at the flux that it has found, known to a standard deviation, with the resistance and the
-    /// inverter model that explain the error of the voltage, and the estimate of the speed at the speed found. Where the error
-    /// was looked for, the build-up begins.
+    /// inverter model that explain the error of the voltage, and the estimate of the speed at the speed found.
     #[cfg_attr(feature = "restart", cold, inline(never))]
     #[cfg_attr(not(feature = "restart"), inline(always))]
     fn follow(
@@ -464,7 +468,6 @@ impl<R: Real> EnhancedEstimators<R> {
         #[cfg(feature = "restart")]
         if let Some(error) = found.error {
             self.filter.explain(config, error, loss);
-            self.progress.build_up_after(DRIVEN);
         }
         self.speed_estimator.start(&found.psi_r.unwrap_or(psi_r), found.omega);
         self.speed.set_synchronous(found.omega);

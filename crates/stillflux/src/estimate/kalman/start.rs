@@ -158,7 +158,8 @@ impl<R: Real> Filter<R> {
         self.place(c, psi_r, i_s, deviation);
     }
 
-    /// What resistance and inverter model have been changed by since the start takes off the present voltage; `loss`: of the model.
+    /// Voltage that the changes of the resistance and of the inverter model since the start take off the present one; `loss`: loss of the
+    /// bridge by the model.
     #[cfg(feature = "restart")]
     #[cold]
     #[inline(never)]
@@ -175,13 +176,13 @@ impl<R: Real> Filter<R> {
     pub fn explain(&mut self, c: &FilterConfig<R>, (error, deviation): (R, R), loss: R) {
         let r = R::from_f64;
         let r_s = c.model.r_s;
-        // In units of what both deviations make.
+        // Voltages of both scales, and everything in units of their sum; the reciprocals fit fixed point.
         let (by_r, by_v) = (r_s * self.i_s.norm_sq().sqrt() * r(SCALE_R), loss.abs() * r(SCALE_V));
         let inv = (by_r + by_v).max(r(1e-3)).recip();
         let h = [by_r * inv, by_v * inv];
         let p = [self.p.get(RS, RS), self.p.get(RS, V), self.p.get(V, V)];
         let ph = [p[0] * h[0] + p[1] * h[1], p[1] * h[0] + p[2] * h[1]];
-        let deviation = (deviation * inv).min(R::from_f64(8.0));
+        let deviation = (deviation * inv).min(r(8.0));
         let gain = (deviation * deviation + R::dot(ph, h)).max(r(0.02)).recip();
         let x = error * inv * gain;
         self.r_s.add_clamped(ph[0] * x, r_s * r(SCALE_R), r_s * r(R_S_RANGE.0), r_s * r(R_S_RANGE.1));

@@ -32,27 +32,28 @@ use crate::words::words;
 const BLOCKS: u32 = 7;
 /// Normalised time of the shortest block: 1.5 rad at 1.5 pu.
 const SHORTEST: f64 = 1.0;
-/// Length of the longest block in units of the shortest, from a rotor time constant on which the circle outlasts all blocks: with 16
-/// they take 217 and show 0.03 pu, with one 7 and 0.45 pu. Machines between the two build up more flux by the end of the search than the
-/// errors of the voltage do, but a fast flux may have come back to zero by then.
+/// Rotor time constant, per unit, and length of the longest block in units of the shortest that a machine above it has: with 16 all blocks
+/// take 217 of normalised time and show 0.03 pu, with one 7 and 0.45 pu. At the end of the last block a third of the circle is left, or three
+/// quarters. A machine between the two builds up more flux by the end of the search than the errors of the voltage do, but a fast flux may
+/// have come back to zero by then. Allowances: with longer blocks from 100 on slow rotations of 11 and 15 kW were lost more often.
 const OUTLASTS: [(f64, u32); 2] = [(200.0, 16), (25.0, 1)];
-/// Least and largest cosine of `φ`: what noise makes of second differences turns by more.
+/// Largest and least cosine of `φ`: a flux that has turned by 26°; and 127°, since second differences of white noise alternate, `φ` = 180°.
 const SEEN: f64 = 0.9;
 const NOISE: f64 = -0.6;
-/// Least square of the coherence of the second differences, `|Σ g_k+1 g_k*|/Σ |g_k|²`.
+/// Least square of the coherence of the second differences, `|Σ g_k+1 g_k*|/Σ |g_k|²`, which is one without noise. Allowance.
 const COHERENT: f64 = 0.64;
-/// Least magnitude of them, relative to what a machine without flux has.
+/// Least magnitude of them, relative to that of a machine without flux at the beginning. Allowance: what is left of a flux may make it less.
 const LARGE: f64 = 0.25;
 /// Standard deviation of the error that is found, per unit. Allowance: the loss of the bridge is not quite the same along another axis.
 pub(super) const DEVIATION: f64 = 3e-4;
-/// Least unit of the flux.
+/// Least unit of the flux: its reciprocal fits fixed point.
 const UNIT_LEAST: f64 = 0.01;
 
 /// Settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub(crate) struct OrbitConfig<R: Real> {
+pub(crate) struct CircleConfig<R: Real> {
     /// Periods of the shortest block, and length of the longest in units of it; 0: the search is enough.
     block: u32,
     longest: u32,
@@ -63,11 +64,11 @@ pub(crate) struct OrbitConfig<R: Real> {
     /// `1/τ_r`.
     inv_tau_r: R,
 }
-words!(OrbitConfig: block, longest, weight, inv_block, t_block, inv_tau_r);
+words!(CircleConfig: block, longest, weight, inv_block, t_block, inv_tau_r);
 
-impl<R: Real> OrbitConfig<R> {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+impl<R: Real> CircleConfig<R> {
     /// For a machine; not `on`: the search is enough.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     pub fn new(pu: &PerUnit, on: bool) -> Self {
         let block = libm::round(SHORTEST / pu.t_s).max(1.0);
         let t_block = block * pu.t_s;
@@ -98,7 +99,7 @@ impl<R: Real> OrbitConfig<R> {
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Orbit<R: Real> {
+pub(crate) struct Circle<R: Real> {
     /// Speed.
     pub omega: R,
     /// Rotor flux at the end.
@@ -111,7 +112,7 @@ pub(crate) struct Orbit<R: Real> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(bound = ""))]
-pub(crate) struct OrbitProbe<R: Real> {
+pub(crate) struct CircleProbe<R: Real> {
     /// Blocks so far, periods of the present one, and the length of a block in units of the shortest; 0: it does not run.
     blocks: u32,
     period: u32,
@@ -129,7 +130,7 @@ pub(crate) struct OrbitProbe<R: Real> {
     square: R,
 }
 
-impl<R: Real> OrbitProbe<R> {
+impl<R: Real> CircleProbe<R> {
     /// Begins.
     pub fn begin(&mut self) {
         *self = Self { length: 1, ..Self::default() };
@@ -141,11 +142,11 @@ impl<R: Real> OrbitProbe<R> {
         self.length > 0
     }
 
-    /// One period, with `r_R i` and the integrated rotor flux. What was found, or nothing as long as it runs; nothing in the end in a machine that does not
-    /// turn.
+    /// One period, with `r_R i` and the integrated rotor flux. What was found; nothing while it runs, nor in the end in a machine that
+    /// does not turn.
     #[cold]
     #[inline(never)]
-    pub fn step(&mut self, c: &OrbitConfig<R>, driven: R, psi_r: &AlphaBeta<R>) -> Option<Orbit<R>> {
+    pub fn step(&mut self, c: &CircleConfig<R>, driven: R, psi_r: &AlphaBeta<R>) -> Option<Circle<R>> {
         if !self.is_running() {
             return None;
         }
@@ -190,11 +191,11 @@ impl<R: Real> OrbitProbe<R> {
     /// What seven blocks show; `middle`: `M_5`.
     fn found(
         &self,
-        c: &OrbitConfig<R>,
+        c: &CircleConfig<R>,
         (driven, t_block, unit): (R, R, R),
         inv_block: R,
         middle: AlphaBeta<R>,
-    ) -> Option<Orbit<R>> {
+    ) -> Option<Circle<R>> {
         let r = R::from_f64;
         let coherence = self.turn * self.square.max(r(1e-3)).recip();
         let square = coherence.norm_sq();
@@ -229,7 +230,7 @@ impl<R: Real> OrbitProbe<R> {
         // r_R i/(1/τ_r - jω); eight times both fit fixed point.
         let rate = AlphaBeta::new(c.inv_tau_r, omega) * r(8.0);
         let centre = rate * (driven * r(8.0) * rate.norm_sq().recip());
-        Some(Orbit { omega, psi_r: centre + circle, error })
+        Some(Circle { omega, psi_r: centre + circle, error })
     }
 }
 
@@ -252,12 +253,12 @@ mod tests {
         omega: f64,
         begin: (f64, f64),
         error: (f64, f64),
-    ) -> Option<(Orbit<R>, [f64; 2])> {
+    ) -> Option<(Circle<R>, [f64; 2])> {
         let pu = PerUnit::new(&machine, &inverter).unwrap();
-        let c = OrbitConfig::<R>::new(&pu, true);
+        let c = CircleConfig::<R>::new(&pu, true);
         assert!(c.is_on());
         let driven = pu.r_r * 1.2 / pu.l_s;
-        let mut probe = OrbitProbe::default();
+        let mut probe = CircleProbe::default();
         probe.begin();
         let derivative = |[x, y]: [f64; 2]| [driven - x / pu.tau_r - omega * y, omega * x - y / pu.tau_r];
         let forward = |[x, y]: [f64; 2], [dx, dy]: [f64; 2], h: f64| [x + h * dx, y + h * dy];
@@ -269,7 +270,7 @@ mod tests {
             let integral = [psi[0] - begin.0 + error.0 * tau, psi[1] - begin.1 + error.1 * tau].map(R::from_f64);
             let end = probe.step(&c, R::from_f64(driven), &AlphaBeta::new(integral[0], integral[1]));
             if !probe.is_running() {
-                return end.map(|orbit| (orbit, psi));
+                return end.map(|circle| (circle, psi));
             }
         }
         panic!("never ends");
@@ -280,12 +281,12 @@ mod tests {
     }
 
     fn check_at<R: Real>(machine: (Machine, Inverter), omega: f64, begin: (f64, f64), error: (f64, f64)) {
-        let (orbit, psi) = found::<R>(machine, omega, begin, error).expect("it turns");
+        let (circle, psi) = found::<R>(machine, omega, begin, error).expect("it turns");
         let x = |v: R| v.to_f64();
-        assert!((x(orbit.omega) / omega - 1.0).abs() < 0.01, "{omega}: {orbit:?}");
-        let away = (x(orbit.psi_r.re()) - psi[0]).hypot(x(orbit.psi_r.im()) - psi[1]);
+        assert!((x(circle.omega) / omega - 1.0).abs() < 0.01, "{omega}: {circle:?}");
+        let away = (x(circle.psi_r.re()) - psi[0]).hypot(x(circle.psi_r.im()) - psi[1]);
         assert!(away < 0.001, "{omega}: {away}");
-        let of_error = (x(orbit.error.re()) - error.0).hypot(x(orbit.error.im()) - error.1);
+        let of_error = (x(circle.error.re()) - error.0).hypot(x(circle.error.im()) - error.1);
         assert!(of_error < 5e-5, "{omega}: {of_error}");
     }
 
@@ -319,6 +320,6 @@ mod tests {
         }
         assert!(found::<f64>((medium, Inverter::preset_11k()), 0.1, (0.0, 0.0), (0.0, 0.0)).is_none());
         let pu = PerUnit::new(&small, &Inverter::preset_2k2()).unwrap();
-        assert!(!OrbitConfig::<f64>::new(&pu, true).is_on());
+        assert!(!CircleConfig::<f64>::new(&pu, true).is_on());
     }
 }
