@@ -22,6 +22,8 @@ from stillflux.options import DriveSettings
         ("small-step-light", "45kW"),
         ("small-step-heavy", "0.37kW"),
         ("inductance", "48V"),
+        ("light-shaft", "2.2kW"),
+        ("light-shaft", "45kW"),
         ("ramp", "2.2kW"),
         ("limits-by-direction", "4kW"),
         ("overload", "2.2kW"),

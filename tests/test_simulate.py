@@ -475,12 +475,14 @@ def test_what_runs_away_after_a_fault_is_told_of_the_fault(
 
 
 def test_a_summary_says_how_far_the_speed_swings(scenario: sf.Scenario) -> None:
-    """A shaft of a quarter of the inertia that the drive was told of swings, and the drive runs."""
+    """A shaft of a quarter of the inertia that the drive was told of swings, and the drive runs; by default it
+    reduces its gains."""
     loaded = scenario.replace(
         duration=2.5, omega_ref=[(0.0, 0.0), (1.0, 0.0), (1.2, 15.0)], load_torque=3.0, plant={}, changes=[]
     )
-    light = loaded.replace(plant_motor=scenario.motor.replace(J=0.25 * scenario.motor.J))
-    for asked, least, most in ((loaded, 0.0, 0.001), (light, 0.1, 1.0)):
+    steady = loaded.replace(plant_motor=scenario.motor.replace(J=0.25 * scenario.motor.J))
+    light = steady.with_settings(reduce_gain=False)
+    for asked, least, most in ((loaded, 0.0, 0.001), (steady, 0.0, 0.001), (light, 0.1, 1.0)):
         result = sf.simulate(asked)
         assert result.status == "running"
         assert least <= sf.metrics.speed_swing(result) <= most
@@ -488,6 +490,8 @@ def test_a_summary_says_how_far_the_speed_swings(scenario: sf.Scenario) -> None:
             re.findall(r"speed error at the end: .*, ±(.*) pu in the last 0.5 s", result.summary())[0]
         )
         assert said == pytest.approx(sf.metrics.speed_swing(result), rel=0.1)
+        reduced = "speed control: reduced to 0." in result.summary()
+        assert reduced == (asked is steady)
 
 
 def test_a_result_is_a_mapping_with_a_summary(scenario: sf.Scenario) -> None:

@@ -164,7 +164,7 @@ pub fn blocks<R: Real>() -> [(&'static str, Call); 11] {
                 config.speed_control_config(),
                 black_box(r(0.01)),
                 R::ZERO,
-                R::ONE,
+                (R::ONE, R::ONE),
                 (-R::ONE, R::ONE),
             ));
         }),

@@ -166,6 +166,7 @@ class Estimate:
         nis: float,
         angle_deviation: float,
         confidence: float,
+        speed_gain: float,
     ) -> Estimate: ...
     @property
     def psi_s(self) -> complex:
@@ -239,6 +240,10 @@ class Estimate:
     @property
     def confidence(self) -> float:
         """Confidence in the field angle, 0 to 1."""
+    @property
+    def speed_gain(self) -> float:
+        """Part of the gains of the speed controller that a swing has left, 1 without one: the shaft has about
+        this part of the inertia told."""
     def __getnewargs__(self) -> tuple[complex, ...]: ...
     def __copy__(self) -> Self: ...
     def __deepcopy__(self, memo: dict[int, Any], /) -> Self: ...

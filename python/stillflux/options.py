@@ -83,6 +83,9 @@ class DriveSettings(TypedDict, total=False):
     also at half of the torque: the way out of a false equilibrium. In the enhanced scheme it is tried on the
     other side of the current as well, where the field stands at light load and its angle is not known. On by
     default."""
+    reduce_gain: bool
+    """Reduce the gains of the speed controller until the next start where the speed swings between the limits
+    of the torque, as with a shaft that is far lighter than told. On by default."""
     discontinuous_above: float | None
     """Discontinuous modulation (60° clamp) from this voltage on, in parts of u_dc/√3, 0.3 to 1; None:
     continuous at every voltage."""

@@ -186,6 +186,9 @@ class Result:
         facts.extend(self._encoder())
         if "estimate.confidence" in self:
             facts.append(("confidence", f"{metrics.least_confidence(self):.2f} at least"))
+        if "estimate.speed_gain" in self and (gain := float(self["estimate.speed_gain"][-1])) < 1.0:
+            text = f"reduced to {gain:.2g} after a swing: J is about that part of the one told"
+            facts.append(("speed control", text))
         if "estimate.R_s" in self and "R_s" in self:
             facts.append(("R_s at the end", f"{100 * metrics.last_resistance_error(self):+.2g} %"))
         return facts

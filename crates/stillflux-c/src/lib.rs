@@ -232,6 +232,9 @@ pub struct stillflux_telemetry {
     pub angle_deviation: f32,
     /// Confidence, 0 to 1.
     pub confidence: f32,
+    /// Part of the gains of the speed controller that a swing has left, 1 without one: the shaft has about this part of the
+    /// inertia told.
+    pub speed_gain: f32,
 }
 const _: () = assert!(size_of::<stillflux_telemetry>() == size_of::<Telemetry>());
 
@@ -378,6 +381,9 @@ pub struct stillflux_settings {
     /// 1: the flux is taken to lie along the current where the torque is at its limit and the field stands still, also at
     /// half of the torque (feature `supervision`).
     pub realignment: u32,
+    /// 1: the gains of the speed controller are reduced until the next start where the speed swings between the limits of the
+    /// torque, as with a shaft that is far lighter than told (feature `supervision`).
+    pub reduce_gain: u32,
     /// Stator frequency that is kept under load, electrical rad/s: where it would be smaller the flux is lowered; 0: it is not
     /// (enhanced scheme).
     pub omega_s_min: f64,
@@ -716,6 +722,7 @@ pub extern "C" fn stillflux_telemetry_read(drive: &stillflux_drive, telemetry: &
         R_s,
         angle_deviation,
         confidence,
+        speed_gain,
         ..
     } = drive.get().map_or(Telemetry::default(), CountsDrive::telemetry);
     *telemetry = stillflux_telemetry {
@@ -731,6 +738,7 @@ pub extern "C" fn stillflux_telemetry_read(drive: &stillflux_drive, telemetry: &
         R_s,
         angle_deviation,
         confidence,
+        speed_gain,
     };
 }
 
@@ -871,7 +879,7 @@ settings! {
         u_dc_chopper, current_bandwidth, flux_bandwidth, speed_bandwidth, set_point_weight, pll_bandwidth,
         offset_time, magnetise_time, shunt_window, shunt_settling, field_weakening, overmodulation,
         discontinuous_above, acceleration, jerk, machine_overload, bridge_overload, fresh_time, supervision,
-        stall_time, realignment, encoder_lines, encoder_states, encoder_deviation, encoder_fault;
+        stall_time, realignment, reduce_gain, encoder_lines, encoder_states, encoder_deviation, encoder_fault;
     enhanced: omega_s_min, dither, cage_constant, rotor_rise, winding_heat;
     number: scheme of SCHEMES, low_confidence of REACTIONS, encoder_mode of ENCODER_MODES;
     limits: torque_limits within torque_max, speed_limits within omega_max

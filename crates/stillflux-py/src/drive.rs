@@ -267,6 +267,9 @@ estimate! {
     angle_deviation,
     /// Confidence in the field angle, 0 to 1.
     confidence,
+    /// Part of the gains of the speed controller that a swing has left, 1 without one: the shaft has about this part of the
+    /// inertia told.
+    speed_gain,
 }
 
 /// What a drive stores at a stop, as dict.

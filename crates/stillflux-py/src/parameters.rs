@@ -302,7 +302,7 @@ drive_settings! {
     psi_ref, i_max, torque_max, omega_max, i_trip, i_range, u_dc_min, u_dc_max,
     current_bandwidth, flux_bandwidth, speed_bandwidth, set_point_weight, pll_bandwidth,
     inverter_model, calibrate_offset, offset_time, current_sensors, shunt_window, shunt_settling, magnetise_time, fresh_time, supervision, stall_time,
-    realignment, discontinuous_above, field_weakening, overmodulation, acceleration, jerk, torque_limits,
+    realignment, reduce_gain, discontinuous_above, field_weakening, overmodulation, acceleration, jerk, torque_limits,
     speed_limits, machine_overload, bridge_overload,
     u_dc_brake, u_dc_buffer, u_dc_chopper, encoder_lines, encoder_states, encoder_deviation, encoder_fault;
     paper:

@@ -276,7 +276,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (
             "speed_control",
             operations(|| {
-                speed_control.step(config.speed_control_config(), r(0.001), r(0.0), r(1.0), (r(-1.0), r(1.0)))
+                speed_control.step(config.speed_control_config(), r(0.001), r(0.0), (r(1.0), r(1.0)), (r(-1.0), r(1.0)))
             }),
         ),
         (

@@ -244,6 +244,7 @@ signals! {
     "estimate.nis", "", Real, |m| m.estimate.nis;
     "estimate.angle_deviation", "rad", Real, |m| m.estimate.angle_deviation;
     "estimate.confidence", "", Real, |m| m.estimate.confidence;
+    "estimate.speed_gain", "", Real, |m| m.estimate.speed_gain;
     "encoder.omega_m", "rad/s", Real, |m| m.drive.encoder().unwrap_or_default().omega_m;
     "encoder.difference", "rad/s", Real, |m| m.drive.encoder().unwrap_or_default().difference;
     "encoder.state", "", Real, |m| f64::from(m.drive.encoder().unwrap_or_default().state.code());

@@ -33,6 +33,8 @@ use crate::control::realign::RealignConfig;
 #[cfg(feature = "shunt")]
 use crate::control::shunt::ShuntConfig;
 use crate::control::speed::SpeedControlConfig;
+#[cfg(feature = "supervision")]
+use crate::control::swing::SwingConfig;
 use crate::control::weakening::WeakeningConfig;
 #[cfg(feature = "enhanced")]
 use crate::estimate::balance::BalanceConfig;
@@ -125,6 +127,8 @@ pub struct DriveConfig<R: Real> {
     pub(crate) overload: [OverloadConfig<R>; 2],
     #[cfg(feature = "supervision")]
     pub(crate) realign: RealignConfig<R>,
+    #[cfg(feature = "supervision")]
+    pub(crate) swing: SwingConfig<R>,
     #[cfg(feature = "dclink")]
     pub(crate) dclink: DcLinkConfig<R>,
     /// Counter of an encoder, `None` without one, and what its speed is used for.
@@ -161,6 +165,7 @@ words! {
     speed, current, flux_control, weakening, speed_control, supervision, low_confidence, t_ahead, part_ahead, omega_apart, i_range, i_plain_sq,
     i_trip, i_max_sq, i_q_max, pull_out_use, u_limit, u_use, u_dc_min, u_dc_max, omega_least, omega_most, ramp, overload,
     #[cfg(feature = "supervision")] realign,
+    #[cfg(feature = "supervision")] swing,
     #[cfg(feature = "dclink")] dclink,
     #[cfg(feature = "encoder")] encoder,
     #[cfg(feature = "encoder")] hand_over,
@@ -373,6 +378,8 @@ impl<R: Real> DriveConfig<R> {
             overload: x.overload(),
             #[cfg(feature = "supervision")]
             realign: x.realign(),
+            #[cfg(feature = "supervision")]
+            swing: x.swing(),
             #[cfg(feature = "dclink")]
             dclink: x.dclink(),
             #[cfg(feature = "encoder")]

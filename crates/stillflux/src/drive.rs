@@ -158,6 +158,7 @@ impl<R: Real> Drive<R> {
             nis: estimated.nis,
             angle_deviation: if running { estimated.angle_deviation } else { R::from_f64(core::f64::consts::PI) },
             confidence: if running { confidence } else { R::ZERO },
+            speed_gain: self.common.control.speed_gain(),
         }
     }
 

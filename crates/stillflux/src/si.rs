@@ -111,6 +111,8 @@ pub struct EstimateSi {
     pub angle_deviation: f64,
     /// Confidence, 0 to 1.
     pub confidence: f64,
+    /// Part of the gains of the speed controller that a swing has left ([`crate::drive::Estimate::speed_gain`]).
+    pub speed_gain: f64,
 }
 
 /// What the encoder of a drive says, SI ([`crate::drive::EncoderReading`]).
@@ -286,6 +288,7 @@ impl SiUnits {
             nis: e.nis.to_f64(),
             angle_deviation: e.angle_deviation.to_f64(),
             confidence: e.confidence.to_f64(),
+            speed_gain: e.speed_gain.to_f64(),
         }
     }
 

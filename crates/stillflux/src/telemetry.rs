@@ -60,6 +60,9 @@ pub struct Telemetry {
     pub angle_deviation: f32,
     /// Confidence, 0 to 1.
     pub confidence: f32,
+    /// Part of the gains of the speed controller that a swing has left, 1 without one: the shaft has about this part of the
+    /// inertia told.
+    pub speed_gain: f32,
 }
 
 impl Telemetry {
@@ -77,6 +80,7 @@ impl Telemetry {
         R_s: 0.0,
         angle_deviation: 0.0,
         confidence: 0.0,
+        speed_gain: 0.0,
     };
 }
 
@@ -213,6 +217,7 @@ impl Units {
             R_s: e.r_s.to_f32() * self.z,
             angle_deviation: e.angle_deviation.to_f32(),
             confidence: e.confidence.to_f32(),
+            speed_gain: e.speed_gain.to_f32(),
         }
     }
 }

@@ -207,6 +207,7 @@ fn settings(rng: &mut Rng, machine: &Machine, inverter: &Inverter) -> DriveParam
         discontinuous_above: (cfg!(feature = "modes") && rng.chance(3)).then(|| rng.within(0.3, 1.0)),
         field_weakening: !rng.chance(4),
         realignment: !rng.chance(4),
+        reduce_gain: !rng.chance(4),
         overmodulation: rng.chance(4),
         acceleration,
         jerk: (acceleration.is_some() && rng.chance(2)).then(|| rng.ratio(1e-2 * omega_n, 1e5 * omega_n)),
@@ -390,6 +391,7 @@ fn check<R: Real>(drive: &Drive<R>, out: &Output<R>, seed: u64, k: u32) {
         e.torque,
         e.r_s,
         e.confidence,
+        e.speed_gain,
         e.flux.magnitude,
         e.flux.psi_s.re(),
         e.flux.psi_s.im(),
@@ -428,6 +430,7 @@ fn check<R: Real>(drive: &Drive<R>, out: &Output<R>, seed: u64, k: u32) {
         assert!(x.is_finite(), "{} seed {seed} period {k}: number {n} is {x:?}\n{e:?}\n{m:?}", R::NAME);
     }
     assert!(e.confidence >= R::ZERO && e.confidence <= R::ONE, "{} seed {seed} period {k}", R::NAME);
+    assert!(e.speed_gain > R::ZERO && e.speed_gain <= R::ONE, "{} seed {seed} period {k}", R::NAME);
 }
 
 /// So many drives from `first` on, each for so many periods: how many came to run, and how often each field was

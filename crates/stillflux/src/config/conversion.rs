@@ -16,6 +16,8 @@ use crate::control::realign::RealignConfig;
 #[cfg(feature = "shunt")]
 use crate::control::shunt::ShuntConfig;
 use crate::control::speed::SpeedControlConfig;
+#[cfg(feature = "supervision")]
+use crate::control::swing::SwingConfig;
 use crate::control::weakening::{self, WeakeningConfig};
 #[cfg(feature = "encoder")]
 use crate::estimate::encoder::count_angle;
@@ -431,6 +433,12 @@ impl<'a> Conversion<'a> {
             relative_test: rounded((test / REALIGN).min(50.0)),
             low_pass: rounded((self.slow() / REALIGN_LOW_PASS).min(1.0)),
         }
+    }
+
+    #[cfg(feature = "supervision")]
+    pub fn swing<R: Real>(&self) -> SwingConfig<R> {
+        let found = SwingConfig::new(self.speed_gain, self.omega_n, self.time(self.slow_periods));
+        if self.p.reduce_gain { found } else { SwingConfig { calls: 0, ..found } }
     }
 
     #[cfg(feature = "dclink")]

@@ -1,5 +1,5 @@
 //! Stator-flux-oriented control: current, flux and speed controllers, flux shift, dither, currents of a start, field weakening, ramp, derating,
-//! way out of a false equilibrium, hand-over between measured and estimated speed, control of the dc link, modulator, pulses for a single shunt.
+//! way out of a false equilibrium, gain of a shaft lighter than told, hand-over between measured and estimated speed, control of the dc link, modulator, pulses for a single shunt.
 
 pub mod current;
 #[cfg(feature = "dclink")]
@@ -30,6 +30,8 @@ pub mod shunt;
 #[cfg(all(feature = "enhanced", feature = "supervision"))]
 pub(crate) mod sides;
 pub mod speed;
+#[cfg(feature = "supervision")]
+pub mod swing;
 #[cfg(feature = "weakening")]
 pub mod weakening;
 #[cfg(not(feature = "weakening"))]

@@ -107,13 +107,20 @@ impl<R: Real> SpeedController<R> {
         self.omega_ref.set(reference - change);
     }
 
-    /// One period with the speed's `reference`, the speed, the `part` of the gains that counts, and the limits `lo` and `hi` of the
-    /// torque. Returns the torque reference.
+    /// One period with the speed's `reference`, the speed, and the limits `lo` and `hi` of the torque. `part`: of the bandwidth, for the
+    /// inertia told; `inertia`: of the inertia, both gains fall with it. Returns the torque reference.
     #[inline(always)]
-    pub fn step(&mut self, c: &SpeedControlConfig<R>, reference: R, omega_m: R, part: R, (lo, hi): (R, R)) -> R {
+    pub fn step(
+        &mut self,
+        c: &SpeedControlConfig<R>,
+        reference: R,
+        omega_m: R,
+        (part, inertia): (R, R),
+        (lo, hi): (R, R),
+    ) -> R {
         let change = reference - self.omega_ref.value();
         let omega_ref = self.omega_ref.add(c.per_t * part, change);
-        let error = (omega_ref + change * c.weight - omega_m) * part;
+        let error = (omega_ref + change * c.weight - omega_m) * part * inertia;
         let p = error * c.k_p;
         #[cfg(feature = "weakening")]
         {
@@ -161,7 +168,7 @@ mod tests {
         for k in 0..200_000 {
             let load = if k > 1000 { 0.7 } else { 0.0 };
             let reference = if k > 60_000 { 0.5 } else { 0.0 };
-            let t = ctrl.step(&c, reference, omega, 1.0, (-1.0, 1.0));
+            let t = ctrl.step(&c, reference, omega, (1.0, 1.0), (-1.0, 1.0));
             assert!(t.abs() <= 1.0);
             omega += t_s * (t - load) / j;
             assert!(omega < 0.501, "neither by a wound-up integrator nor by the zero of the controller: {omega}");
@@ -187,9 +194,9 @@ mod tests {
             for (available, limit) in [(0.4, 0.4), (5.0, 1.0)] {
                 let mut ctrl = SpeedController::default();
                 for _ in 0..1000 {
-                    assert!(ctrl.step(&CONFIG, 0.0, -sign, 1.0, CONFIG.limits(available)) * sign <= limit);
+                    assert!(ctrl.step(&CONFIG, 0.0, -sign, (1.0, 1.0), CONFIG.limits(available)) * sign <= limit);
                 }
-                assert_eq!(ctrl.step(&CONFIG, 0.0, -sign, 1.0, CONFIG.limits(available)) * sign, limit);
+                assert_eq!(ctrl.step(&CONFIG, 0.0, -sign, (1.0, 1.0), CONFIG.limits(available)) * sign, limit);
             }
         }
     }
@@ -200,7 +207,7 @@ mod tests {
         assert_eq!((c.limits(2.0), c.limits(0.5)), ((-0.3, 0.8), (-0.3, 0.5)));
         for (sign, most) in [(1.0, 0.8), (-1.0, 0.3)] {
             let mut ctrl = SpeedController::default();
-            let torque = (0..1000).map(|_| ctrl.step(&c, 0.0, -sign, 1.0, c.limits(2.0))).last();
+            let torque = (0..1000).map(|_| ctrl.step(&c, 0.0, -sign, (1.0, 1.0), c.limits(2.0))).last();
             assert_eq!(torque, Some(sign * most));
         }
     }
@@ -209,7 +216,7 @@ mod tests {
     fn a_limit_beyond_zero_is_kept() {
         let mut ctrl = SpeedController::default();
         for _ in 0..100 {
-            assert_eq!(ctrl.step(&CONFIG, 0.0, -1.0, 1.0, (-1.0, -0.4)), -0.4);
+            assert_eq!(ctrl.step(&CONFIG, 0.0, -1.0, (1.0, 1.0), (-1.0, -0.4)), -0.4);
         }
     }
 
@@ -218,14 +225,14 @@ mod tests {
         for sign in [1.0, -1.0] {
             let mut ctrl = SpeedController::default();
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, 0.0, -sign, 1.0, (-1.0, 1.0));
+                ctrl.step(&CONFIG, 0.0, -sign, (1.0, 1.0), (-1.0, 1.0));
             }
             // Proportional part and limit are equal at an error of 1/3: nothing is left for the integrator.
-            assert!(ctrl.step(&CONFIG, 0.0, 0.0, 1.0, (-1.0, 1.0)).abs() < 1e-12);
+            assert!(ctrl.step(&CONFIG, 0.0, 0.0, (1.0, 1.0), (-1.0, 1.0)).abs() < 1e-12);
             for _ in 0..10_000 {
-                ctrl.step(&CONFIG, 0.0, -0.1 * sign, 1.0, (-1.0, 1.0));
+                ctrl.step(&CONFIG, 0.0, -0.1 * sign, (1.0, 1.0), (-1.0, 1.0));
             }
-            assert!((ctrl.step(&CONFIG, 0.0, 0.0, 1.0, (-1.0, 1.0)) * sign - 0.7).abs() < 1e-12);
+            assert!((ctrl.step(&CONFIG, 0.0, 0.0, (1.0, 1.0), (-1.0, 1.0)) * sign - 0.7).abs() < 1e-12);
         }
     }
 
@@ -240,7 +247,7 @@ mod tests {
         }
         // As well damped, by k_p²/(J k_i): the integral part falls with the square of the proportional one.
         let mut ctrl = SpeedController::<f64>::default();
-        let torque = [(); 3].map(|()| ctrl.step(&CONFIG, 0.0, -0.1, 0.5, (-1.0, 1.0)));
+        let torque = [(); 3].map(|()| ctrl.step(&CONFIG, 0.0, -0.1, (0.5, 1.0), (-1.0, 1.0)));
         assert!((torque[0] - 0.05 * (CONFIG.k_p + 0.5 * CONFIG.k_i)).abs() < 1e-12);
         assert!((torque[2] - torque[1] - 0.025 * CONFIG.k_i).abs() < 1e-12);
     }
@@ -262,7 +269,7 @@ mod tests {
         let (mut omega, mut omega_m, mut angle) = (0.0_f64, 0.0, 0.0);
         let (mut most, mut settled) = (0.0_f64, 0);
         for k in 0..60_000 {
-            let torque = ctrl.step(&c, step, omega_m, 1.0, (-1.0, 1.0));
+            let torque = ctrl.step(&c, step, omega_m, (1.0, 1.0), (-1.0, 1.0));
             angle += t_s * (omega - omega_m - 2.0 * omega_n * angle);
             omega_m += t_s * omega_n * omega_n * angle;
             omega += t_s * torque / j;
@@ -293,9 +300,17 @@ mod tests {
     }
 
     #[test]
+    fn both_gains_fall_with_the_inertia() {
+        let mut ctrl = SpeedController::<f64>::default();
+        let torque = [(); 3].map(|()| ctrl.step(&CONFIG, 0.0, -0.1, (1.0, 0.5), (-1.0, 1.0)));
+        assert!((torque[0] - 0.05 * (CONFIG.k_p + CONFIG.k_i)).abs() < 1e-12);
+        assert!((torque[2] - torque[1] - 0.05 * CONFIG.k_i).abs() < 1e-12);
+    }
+
+    #[test]
     fn begins_with_the_torque_in_force() {
         let mut ctrl = SpeedController::default();
         ctrl.start(0.6, 0.8);
-        assert_eq!(ctrl.step(&CONFIG, 0.8, 0.8, 1.0, (-1.0, 1.0)), 0.6);
+        assert_eq!(ctrl.step(&CONFIG, 0.8, 0.8, (1.0, 1.0), (-1.0, 1.0)), 0.6);
     }
 }

@@ -29,6 +29,8 @@ use crate::control::ramp::Ramp;
 #[cfg(feature = "supervision")]
 use crate::control::realign::Realign;
 use crate::control::speed::SpeedController;
+#[cfg(feature = "supervision")]
+use crate::control::swing::Swing;
 use crate::control::weakening::{FREE, LAG_ALLOWED, Weakening};
 #[cfg(feature = "encoder")]
 use crate::estimate::encoder::Encoder;
@@ -67,6 +69,8 @@ pub(super) struct Control<R: Real> {
     overload: Overload<R>,
     #[cfg(feature = "supervision")]
     realign: Realign<R>,
+    #[cfg(feature = "supervision")]
+    swing: Swing<R>,
     pub voltage: Voltage<R>,
     #[cfg(feature = "encoder")]
     pub encoder: Encoder<R>,
@@ -92,6 +96,8 @@ impl<R: Real> Control<R> {
             overload: Overload::default(),
             #[cfg(feature = "supervision")]
             realign: Realign::default(),
+            #[cfg(feature = "supervision")]
+            swing: Swing::default(),
             voltage: Voltage::new(),
             #[cfg(feature = "encoder")]
             encoder: Encoder::default(),
@@ -127,6 +133,7 @@ impl<R: Real> Control<R> {
         #[cfg(feature = "supervision")]
         {
             self.realign = Realign::default();
+            self.swing = Swing::default();
         }
         #[cfg(feature = "encoder")]
         self.hand_over.start(&c.hand_over);
@@ -182,6 +189,16 @@ impl<R: Real> Control<R> {
             return R::ZERO;
         }
         confidence()
+    }
+
+    /// Part of the gains of the speed controller that a swing has left.
+    #[inline(always)]
+    #[cfg_attr(not(feature = "supervision"), allow(clippy::unused_self))]
+    pub fn speed_gain(&self) -> R {
+        #[cfg(feature = "supervision")]
+        return self.swing.part();
+        #[cfg(not(feature = "supervision"))]
+        R::ONE
     }
 
     /// Whether the field has just been realigned, and whether the drive takes torque away to see if it has to be.
@@ -323,7 +340,10 @@ impl<R: Real> Control<R> {
                 } else {
                     c.speed_control.part(psi_weak * c.flux_control.inv_psi_rated)
                 };
+                let part = (part, self.speed_gain());
                 let torque = self.speed.step(&c.speed_control, omega, omega_m, part, (lo, hi));
+                #[cfg(feature = "supervision")]
+                self.swing.step(&c.swing, torque, hi - lo, omega - omega_m);
                 let at_limit = (hi - lo).times(AT_LIMIT);
                 // Where no torque is allowed there is none that could be lacking.
                 limited = if torque >= hi - at_limit {
@@ -497,8 +517,11 @@ mod tests {
         for omega_s in [0.61, -0.61, 2.0] {
             assert_eq!(at(&weakening, omega_s), between, "{omega_s}");
         }
-        weakening.follow_flux();
-        assert_eq!(at(&weakening, 0.0), between, "flux that builds up");
+        // In the published scheme without field weakening nothing asks for it.
+        if cfg!(any(feature = "enhanced", feature = "weakening")) {
+            weakening.follow_flux();
+            assert_eq!(at(&weakening, 0.0), between, "flux that builds up");
+        }
     }
 
     /// Heat may lower the limit below the direct current that the flux controller asks for.

@@ -184,4 +184,7 @@ pub struct Estimate<R: Real> {
     pub angle_deviation: R,
     /// Confidence in the field angle, 0 to 1; below 0.5 an error of 15° must be expected.
     pub confidence: R,
+    /// Part of the gains of the speed controller that a swing has left, 1 without one ([`crate::control::swing`]): the shaft has about
+    /// this part of the inertia told.
+    pub speed_gain: R,
 }

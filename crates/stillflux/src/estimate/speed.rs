@@ -150,6 +150,7 @@ mod tests {
         assert!((out.omega_m - (0.8 - out.omega_r)).abs() < 1e-6);
     }
 
+    #[cfg(feature = "enhanced")]
     #[test]
     fn follows_a_field_that_turns_by_0_84_rad_between_two_calls() {
         // Every fourth of 30 periods a turn: 267 Hz at 8 kHz, a base of 100 Hz.

@@ -221,7 +221,7 @@ fn confidence<R: Word>(s: &mut Confidence<R>, c: &DriveConfig<R>, omega_s: R, u_
 }
 #[inline(never)]
 fn speed_control<R: Word>(s: &mut SpeedController<R>, c: &DriveConfig<R>, omega_ref: R, omega_m: R) -> R {
-    s.step(c.speed_control_config(), omega_ref, omega_m, R::ONE, c.speed_control_config().limits(R::ONE))
+    s.step(c.speed_control_config(), omega_ref, omega_m, (R::ONE, R::ONE), c.speed_control_config().limits(R::ONE))
 }
 #[inline(never)]
 fn flux_control<R: Word>(s: &mut FluxController<R>, c: &DriveConfig<R>, x: &[R; 4]) -> R {

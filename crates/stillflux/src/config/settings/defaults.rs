@@ -91,6 +91,7 @@ impl DriveParams {
             supervision: SUPERVISED,
             stall_time: if SUPERVISED { 0.35 } else { 0.0 },
             realignment: SUPERVISED,
+            reduce_gain: SUPERVISED,
             discontinuous_above: None,
             field_weakening: WEAKENED,
             overmodulation: false,

@@ -127,6 +127,9 @@ pub struct DriveParams {
     /// current where the field stands without load and its angle is not known ([`crate::control::sides`]). Feature
     /// `supervision`.
     pub realignment: bool,
+    /// Reduce the gains of the speed controller until the next start where the speed swings between the limits of the
+    /// torque, as with a shaft that is far lighter than told ([`crate::control::swing`]). Feature `supervision`.
+    pub reduce_gain: bool,
     /// Discontinuous modulation from this voltage on, in parts of the largest that continuous modulation makes,
     /// `u_dc/√3`; 0.3 to 1 ([`crate::control::modulator`]); `None`: continuous at every voltage.
     pub discontinuous_above: Option<f64>,

@@ -93,6 +93,7 @@ impl DriveParams {
             ("supervision", f64::from(u8::from(self.supervision))),
             ("stall_time", self.stall_time),
             ("realignment", f64::from(u8::from(self.realignment))),
+            ("reduce_gain", f64::from(u8::from(self.reduce_gain))),
         ] {
             if value != 0.0 && !SUPERVISED {
                 return Err(refuse(field, value, "", "needs the feature `supervision`"));
