@@ -172,6 +172,20 @@ def test_channels_that_end_below_the_largest_current_are_refused_before_any_flow
         sf.commission(sf.Nameplate.of(motor), inverter, plant_motor=motor, adc_range=5.0)
 
 
+def test_a_shaft_that_is_said_to_be_locked_stands_still_unless_its_speed_is_given() -> None:
+    motor, inverter = sf.Motor.preset("2.2kW"), sf.Inverter.preset("2.2kW")
+    # Switches with other delays drive a current across the axis, by which a shaft without friction turns.
+    late = [(300e-9, 0.0), (0.0, 0.0), (0.0, 150e-9)]
+    turned = []
+    for how in ({}, {"speed": None}, {"shaft": "free"}, {"speed": 0.5}):
+        plant: Any = {"plant_motor": motor, "turn_on_delay": late, "only": "legs", **how}
+        extremes = sf.commission(sf.Nameplate.of(motor), inverter, **plant).extremes
+        assert extremes is not None
+        turned.append(extremes[1])
+    assert turned[0] == 0.0
+    assert min(turned[1:]) > 1e-6
+
+
 @pytest.mark.parametrize("f_s", [4e3, 6e3, 16e3])
 @pytest.mark.parametrize("name", ["2.2kW", "0.75kW"])
 def test_a_small_motor_is_found_at_any_switching_frequency(name: str, f_s: float) -> None:

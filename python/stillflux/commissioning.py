@@ -242,8 +242,11 @@ def commission(
 
     Parameters
     ----------
-    plate, inverter, shaft, arithmetic, only, current_sensors
+    plate, inverter, arithmetic, only, current_sensors
         As of `Commissioning`.
+    shaft
+        "locked": the plant's shaft stands still as well, unless its option `speed` says otherwise (None: the
+        procedures at standstill alone, on a shaft that nothing holds). "free": J is found, too.
     plant_motor, plant_inverter
         The real ones; `plant_inverter` is `inverter` if it is not given.
     channels, channel_factor
@@ -278,6 +281,8 @@ def commission(
                 f"go up to {COMMISSIONING_TRIP:g} times the rated peak; a channel that ends before lets them "
                 "grow on"
             )
+    if shaft == "locked":
+        plant.setdefault("speed", 0.0)
     run = CommissioningRun(
         plate,
         inverter,

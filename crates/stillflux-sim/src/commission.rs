@@ -40,7 +40,8 @@ pub struct CommissioningRun {
 }
 
 impl CommissioningRun {
-    /// Before the first period.
+    /// Before the first period. `shaft` is what the commissioning is told; the plant's own is that of `plant.mechanics`, whose
+    /// `speed` is `Some(0.0)` where it is locked.
     ///
     /// # Errors
     /// The first value outside its admissible range, and what a commissioning cannot do with a plant: a single shunt, calls
