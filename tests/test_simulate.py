@@ -169,6 +169,7 @@ def test_torque_reference_and_imposed_speed(scenario: sf.Scenario) -> None:
     assert result["torque"][-1] == pytest.approx(5.0, abs=0.5)
 
 
+@pytest.mark.filterwarnings("ignore::stillflux.ScenarioWarning")
 def test_the_summary_names_a_speed_reference_that_is_cut(scenario: sf.Scenario) -> None:
     # 1500 r/min taken for rad/s.
     result = sf.simulate(scenario.replace(omega_ref=1500.0, duration=1.8, changes=[]))
@@ -176,6 +177,44 @@ def test_the_summary_names_a_speed_reference_that_is_cut(scenario: sf.Scenario) 
     assert "cut to" not in sf.simulate(scenario.replace(duration=1.8, changes=[])).summary()
 
 
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"omega_ref": 1500.0}, r"omega_ref: 1500 … 1500 rad/s, cut to -345\.6 … 345\.6 rad/s"),
+        ({"omega_ref": [(0, 0), (1, -400), (1, 0)]}, r"omega_ref: -400 … 0 rad/s, cut to -345\.6"),
+        ({"omega_ref": [(0, 0), (4, 800)]}, r"omega_ref: 0 … 400 rad/s, cut to -345\.6"),
+        (
+            {"omega_ref": 0.0, "torque_ref": 10.0, "settings": {"torque_limits": (-20.0, 5.0)}},
+            r"torque_ref: 10 … 10 N·m, cut to -20 … 5 N·m \(torque_max, torque_limits\)",
+        ),
+    ],
+)
+def test_a_reference_that_the_drive_cuts_is_warned_of_where_the_scenario_is_made(
+    scenario: sf.Scenario, change: dict[str, Any], text: str
+) -> None:
+    with pytest.warns(sf.ScenarioWarning, match=text) as caught:
+        scenario.replace(**change)
+    assert [one.filename for one in caught] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scenario.replace(omega_ref=[(0, 0), (2, 345.5), (2.1, 345.5), (8, 345.5)])
+        scenario.replace(omega_ref=[(0, 0), (6, 900)])
+
+
+def test_channels_that_end_below_the_over_current_level_are_refused(scenario: sf.Scenario) -> None:
+    trip = sf.Drive(scenario.motor, scenario.inverter).settings["i_trip"]
+    text = rf"adc_range = 16 A is outside the admissible range {trip:.5g}\d* to 1000000 A: .* i_trip"
+    with pytest.raises(ValueError, match=text):
+        scenario.replace(plant={"adc_range": 16.0})
+    scenario.replace(plant={"adc_range": 1.001 * trip})
+    higher: Any = {"i_trip": 20.0, "i_range": 20.0}
+    with pytest.raises(ValueError, match=r"adc_range = 17 A is outside the admissible range 20 to"):
+        scenario.replace(plant={"adc_range": 17.0}, settings=higher)
+    # What is not given is that of the real motor, which may be smaller than the drive believes.
+    scenario.replace(plant={"adc_range": None}, settings=higher)
+
+
+@pytest.mark.filterwarnings("ignore::stillflux.ScenarioWarning")
 def test_the_summary_names_a_torque_reference_that_is_cut(scenario: sf.Scenario) -> None:
     asked = scenario.replace(omega_ref=0.0, torque_ref=60.0, duration=1.8, plant={"speed": 0.0}, changes=[])
     most = sf.Drive(asked.motor, asked.inverter).settings["torque_max"]
@@ -390,6 +429,8 @@ def test_plain_data_that_are_no_space_vector_are_named() -> None:
         ({"changes": [(0.1, {"speed": 1e5})]}, "speed = 100000"),
         ({"plant": {"seed": 1 << 64}}, "seed = "),
         ({"plant": {"adc_bits": -1}}, "adc_bits = -1 bit is outside the admissible range 0 to 32"),
+        ({"plant": {"adc_bits": 33}}, "adc_bits = 33 bit is outside the admissible range 0 to 32 bit"),
+        ({"plant": {"current_offset": [0.1, 0.2]}}, "current_offset has 2 values, .* or one complex number"),
         ({"plant": {"encoder_lines": -1}}, "plant encoder_lines = -1 is outside the admissible range 1 to"),
         ({"duration": 0.0}, "duration = 0 s is outside .* 0.0001 to 100000 s: one control period at least"),
         ({"changes": 3}, "changes = 3 is not a list"),

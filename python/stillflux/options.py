@@ -244,11 +244,14 @@ class PlantOptions(TypedDict, total=False):
     adc_bits: int
     """Resolution of the current channels, bit; 0: no quantisation."""
     adc_range: float | None
-    """Full scale of the current channels, ±A; None: 2.5 √2 I_N."""
+    """Full scale of the current channels, ±A; None: 2.5 √2 I_N of the real motor. One that is given is at
+    least `i_trip` of the drive in a scenario: a channel that ends below hides an over-current."""
     adc_noise: float
     """White noise of the current channels, A rms."""
     current_offset: complex | Sequence[float]
-    """Offset of the current channels, A: space vector or three values."""
+    """Offset of the current channels, A: a space vector, which is one complex number and in plain data (TOML,
+    JSON) the pair [re, im], or three values, those of the phases. A pair in Python is refused: it could be
+    either."""
     current_offset_drift: complex | Sequence[float]
     """Its drift, A/s."""
     current_gain: Sequence[float]

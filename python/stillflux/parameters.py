@@ -268,6 +268,9 @@ class Motor:
 class Inverter:
     """Two-level inverter.
 
+    The defaults are the inverter of the 2.2-kW motor. A motor file, which may be of any motor, takes for what
+    it does not say what suits it (`machine_file.typical_inverter`): `r_d` is a twentieth of its R_s there.
+
     Raises ValueError naming field, value and admissible range.
     """
 

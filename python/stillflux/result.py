@@ -208,18 +208,10 @@ class Result:
 
     def _cut(self) -> list[tuple[str, str]]:
         """The limits to which the drive has cut its reference, of speed or torque, if it was beyond them."""
-        s, asked = self.scenario, self["reference"]
-        options: dict[str, Any] = {"scheme": s.scheme, "arithmetic": s.arithmetic, **s.settings}
-        settings: Any = _core.Drive(s.motor, s.inverter, **options).settings
-        what, unit, most, limits = ("speed", "rad/s", "omega_max", "speed_limits")
-        if s.torque_ref is not None:
-            what, unit, most, limits = ("torque", "N·m", "torque_max", "torque_limits")
-        low, high = settings[limits] or (-settings[most], settings[most])
-        # A ulp of single precision is no excess.
-        if asked.min() >= 1.000001 * low and asked.max() <= 1.000001 * high:
-            return []
-        text = f"{asked.min():.4g} … {asked.max():.4g} {unit}, cut to {low:.4g} … {high:.4g} {unit}"
-        return [(f"{what} reference", f"{text} ({most}, {limits})")]
+        asked = self["reference"]
+        text = self.scenario.cut(asked.min(), asked.max())
+        what = "speed" if self.scenario.torque_ref is None else "torque"
+        return [(f"{what} reference", text)] if text else []
 
     def __repr__(self) -> str:
         name = f" {self.scenario.name!r}" if self.scenario.name else ""

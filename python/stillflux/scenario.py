@@ -49,7 +49,8 @@ class Scenario:
 
     Raises ValueError naming field, value and admissible range, TypeError for unknown names. What only comes
     after the end of the run, a change or points of a profile, is a `ScenarioWarning`: a scenario may be cut
-    short; and so is an encoder of the drive that the plant does not have, or has with other lines.
+    short; and so is an encoder of the drive that the plant does not have, or has with other lines, and a
+    reference beyond the limits to which the drive cuts it.
     """
 
     motor: Motor
@@ -113,7 +114,7 @@ class Scenario:
                 f"{_RECORD_LIMIT:.0e}: raise record_every or choose signals"
             )
         _core.Run(self)
-        said = [self._encoder()]
+        said = [self._encoder(), self._cut()]
         if texts := self.unreached():
             said.append(f"{'; '.join(texts)}: duration = {self.duration:g} s")
         for text in filter(None, said):
@@ -128,6 +129,32 @@ class Scenario:
         if not real:
             return f"{text}there is no encoder to read, the drive is sensorless"
         return f"{text}the drive reads {real / told:.3g} of the speed"
+
+    def _cut(self) -> str | None:
+        """Where the reference goes beyond what the drive follows, before the end of the run."""
+        name = "omega_ref" if self.torque_ref is None else "torque_ref"
+        profile = getattr(self, name)
+        asked = [profile]
+        if isinstance(profile, tuple):
+            t, values = zip(*profile, strict=True)
+            asked = [value for t, value in profile if t <= self.duration]
+            asked.append(float(np.interp(self.duration, t, values)))
+        text = self.cut(min(asked), max(asked))
+        return text and f"{name}: {text}"
+
+    def cut(self, least: float, most: float) -> str | None:
+        """The limits, in words, to which the drive cuts references of speed or torque from `least` to `most`;
+        None where it follows them."""
+        options: dict[str, Any] = {"scheme": self.scheme, "arithmetic": self.arithmetic, **self.settings}
+        settings: Any = _core.Drive(self.motor, self.inverter, **options).settings
+        unit, largest, limits = "rad/s", "omega_max", "speed_limits"
+        if self.torque_ref is not None:
+            unit, largest, limits = "N·m", "torque_max", "torque_limits"
+        low, high = settings[limits] or (-settings[largest], settings[largest])
+        # A ulp of single precision is no excess.
+        if least >= 1.000001 * low and most <= 1.000001 * high:
+            return None
+        return f"{least:.4g} … {most:.4g} {unit}, cut to {low:.4g} … {high:.4g} {unit} ({largest}, {limits})"
 
     def unreached(self) -> list[str]:
         """What would only come after the end of the run, in words: changes, and points of a profile with
@@ -319,14 +346,14 @@ class Scenario:
     def from_dict(cls, data: dict[str, Any]) -> Self:
         """From plain data, as `to_dict` gives it or a TOML file holds it.
 
-        Motors and inverters are a preset's name, a motor file (see `stillflux.machine_file`), or a table of
-        fields, in which `preset` may name a preset to change. Without an inverter, that of the motor's
-        preset or file is taken, and of a file also what it simulates and the settings that follow from how
-        well it knows its values, unless they are given. A table of an inverter that names no preset changes
-        that inverter, or for a motor without preset and file the one that suits it
-        (`machine_file.typical_inverter`); those of `plant_motor` and `plant_inverter` change what the drive
-        knows, and a `plant_motor` with an equivalent circuit of its own has the drive's rating where it has
-        none.
+        Motors and inverters are a preset's name, a motor file (see `stillflux.machine_file`; relative to the
+        current folder here, to their own in the files of the commands), or a table of fields, in which
+        `preset` may name a preset to change. Without an inverter, that of the motor's preset or file is
+        taken, and of a file also what it simulates and the settings that follow from how well it knows its
+        values, unless they are given. A table of an inverter that names no preset changes that inverter, or
+        for a motor without preset and file the one that suits it (`machine_file.typical_inverter`); those of
+        `plant_motor` and `plant_inverter` change what the drive knows, and a `plant_motor` with an equivalent
+        circuit of its own has the drive's rating where it has none.
         """
         known = {f.name for f in fields(cls)}
         if not isinstance(data, Mapping):

@@ -295,9 +295,10 @@ pub struct stillflux_inverter {
     pub leg_delay: [[f64; 2]; 3],
     /// Current sensors: 3, or 2 in phases a and b (feature `modes`), or 1, a single shunt in the dc link (feature `shunt`).
     pub current_sensors: u32,
-    /// Current that a current channel reads as full scale, A.
+    /// Current that a current channel reads as full scale, A: more than `i_range` of the settings by a thousandth, so that
+    /// a saturated channel, which reads up to so much less, is a fault.
     pub i_full: f64,
-    /// Voltage that the dc-link channel reads as full scale, V.
+    /// Voltage that the dc-link channel reads as full scale, V: more than `u_dc_max` by a thousandth.
     pub u_full: f64,
 }
 
@@ -316,7 +317,7 @@ pub struct stillflux_settings {
     pub omega_max: f64,
     /// Over-current trip level, A peak of the space vector.
     pub i_trip: f64,
-    /// Current at which a channel is taken for saturated, A.
+    /// Full scale of the current sensors, A: a reading at or beyond it is a fault.
     pub i_range: f64,
     /// Smallest dc-link voltage, V; below 1/32 of the base voltage it is that.
     pub u_dc_min: f64,

@@ -78,6 +78,15 @@ fn what_no_drive_can_take_is_refused_by_its_field() {
 }
 
 #[test]
+fn full_scale_is_a_thousandth_above_the_range_of_the_sensors() {
+    // Of the page, 17.7 A.
+    let range = |part: f64| page_of(|settings| settings.i_range = part * 17.7, |_| {}).err();
+    assert_eq!(range(1.0), Some("i_full".into()));
+    assert_eq!(range(0.9991), Some("i_full".into()));
+    assert_eq!(range(0.9989), None);
+}
+
+#[test]
 fn an_error_has_its_unit_and_what_does_not_fit_is_cut() {
     let error = error_of(&ParamError {
         field: "the name of a field that is longer than the text",

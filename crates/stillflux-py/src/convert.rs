@@ -344,6 +344,9 @@ pub fn offsets(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
     }
     match value.extract::<Complex64>() {
         Ok(o) => Ok(AlphaBeta::new(o.re, o.im).to_phases()),
+        Err(_) if value.len().is_ok_and(|n| n == 2) => Err(PyValueError::new_err(format!(
+            "{name} has 2 values, three are needed, those of the phases, or one complex number, the space vector"
+        ))),
         Err(_) => three(name, value),
     }
 }
