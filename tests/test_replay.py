@@ -541,6 +541,62 @@ def test_the_header_is_found_where_programs_write_it(run: sf.Result, tmp_path: P
         sf.replay(path, MOTOR, INVERTER)
 
 
+def test_a_row_of_units_below_the_header_is_read_whatever_other_columns_the_log_has(
+    run: sf.Result, tmp_path: Path
+) -> None:
+    log = {k: v[:2000] for k, v in terminals(run).items()}
+    want = sf.replay(log, MOTOR, INVERTER)
+    path = tmp_path / "log.csv"
+    milli = {"t": 1e3 * log["t"], "Iu": 1e3 * log["i_a"], **{k: v for k, v in log.items() if k[0] != "t"}}
+    del milli["i_a"]
+    write_csv(path, {**milli, "case": np.full(2000, 40.0), "speed": np.zeros(2000), "n": np.zeros(2000)})
+    names, _, rows = path.read_text().partition("\n")
+    for units in (
+        "ms,mA,A,A,V,V,V,°C,r/min,-",
+        "[ms],[mA],[A],[A],[V],[V],[V],[K],[1/min],[]",
+        "# ms,mA,A,A,V,V,V,degC,rpm,",
+    ):
+        path.write_text(f"{names}\n{units}\n{rows}")
+        found = sf.replay(path, MOTOR, INVERTER, columns={"i_a": "Iu"})
+        assert np.abs(found.psi_s - want.psi_s).max() < 1e-9, units
+    for head, text in (
+        (
+            f"{names}\nms,V,A,A,V,V,V,°C,r/min,-\n",
+            r"column 'Iu \[V\]': unit 'V' is none of i_a, .* A, mA, kA",
+        ),
+        (f"{names}\nmsec,Amp,Amp,Amp,Volt,Volt,Volt,°C,r/min,-\n", r"line 2, column 't': 'msec' is not a"),
+        (
+            f"{names.replace('i_b', 'i_b [A]')}\nms,mA,mA,A,V,V,V,°C,r/min,-\n",
+            r"log\.csv, line 2: the unit of column 'i_b \[A\]' is 'mA' here",
+        ),
+    ):
+        path.write_text(head + rows)
+        with pytest.raises(ValueError, match=text):
+            sf.replay(path, MOTOR, INVERTER, columns={"i_a": "Iu"})
+
+
+def test_a_rate_beside_the_time_has_to_agree(run: sf.Result) -> None:
+    log = {k: v[:2000] for k, v in terminals(run).items()}
+    want = sf.replay(log, MOTOR, INVERTER)
+    assert np.array_equal(sf.replay(log, MOTOR, INVERTER, rate=10.05e3).psi_s, want.psi_s)
+    with pytest.raises(
+        ValueError, match=r"rate = 12000 Hz, but the rows of .*column 't' are 0\.0001 s apart"
+    ):
+        sf.replay(log, MOTOR, INVERTER, rate=12e3)
+
+
+def test_a_replay_gives_its_signals_by_name_as_a_result_does(run: sf.Result) -> None:
+    found = sf.replay({k: v[:2000] for k, v in terminals(run).items()}, MOTOR, INVERTER)
+    assert found["omega_m"] is found.omega_m
+    assert list(found) == list(found.keys()) == list(found.units) == [name for name, _ in found.items()]
+    assert len(found) == len(found.keys())
+    assert found.units["torque"] == "N m"
+    assert "psi_s" in found
+    assert "motor" not in found
+    with pytest.raises(KeyError, match="'speed' is no signal of a replay; there are psi_s, "):
+        found["speed"]
+
+
 def test_a_time_of_too_few_digits_needs_the_rate(run: sf.Result) -> None:
     log = terminals(run)
     want, coarse = sf.replay(log, MOTOR, INVERTER).R_s, log | {"t": np.round(log["t"], 3)}

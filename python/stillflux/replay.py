@@ -23,6 +23,7 @@ import dataclasses
 import html
 import math
 import os
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -65,7 +66,10 @@ Voltage: TypeAlias = Literal["terminal", "bridge", "compensated"]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Replay:
-    """What the estimators made of a log: arrays over `t`, SI, space vectors complex in stator coordinates."""
+    """What the estimators made of a log: arrays over `t`, SI, space vectors complex in stator coordinates.
+
+    `found["omega_m"]` is `found.omega_m`; `keys()` has the names of all signals.
+    """
 
     t: NDArray[np.float64]
     """Time, s: of the log's rows, or of every `f_s` of the inverter where the log is faster."""
@@ -102,6 +106,38 @@ class Replay:
     """Where the log came from."""
     notes: tuple[str, ...] = field(default=())
     """What was found in the log and dealt with."""
+
+    def __contains__(self, name: object) -> bool:
+        return name in _UNITS
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_UNITS)
+
+    def __len__(self) -> int:
+        """Number of signals."""
+        return len(_UNITS)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in _UNITS:
+            raise KeyError(f"{name!r} is no signal of a replay; there are {', '.join(_UNITS)}")
+        values: NDArray[Any] = getattr(self, name)
+        return values
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of the signals."""
+        return tuple(_UNITS)
+
+    def items(self) -> Iterable[tuple[str, NDArray[Any]]]:
+        """Names and arrays of the signals."""
+        return ((name, self[name]) for name in _UNITS)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(_UNITS)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each signal."""
+        return dict(_UNITS)
 
     @property
     def angle(self) -> NDArray[np.float64]:
@@ -228,7 +264,8 @@ def replay(
     ----------
     log
         A file (.csv, .parquet, .npz, .mat), a mapping of names to arrays (a pandas frame is one), or a
-        `Result` of a simulation with `record_every=1`.
+        `Result` of a simulation with `record_every=1`. Below the header of a text file may stand a row of
+        units.
     motor, inverter
         As a drive on this machine would know them.
     scheme
@@ -243,7 +280,8 @@ def replay(
         dc link, or a reference to which the loss of the bridge is added; "compensated", a reference without
         that. None: "bridge" for duties, "terminal" for voltages.
     rate
-        Sampling rate in Hz, 1 kHz or more, for a log without `t`.
+        Sampling rate in Hz, 1 kHz or more, for a log without `t`. Beside a `t` it has to agree within 1 %,
+        and replaces times that were written with too few digits.
     delay
         Rows from the one that holds a voltage or duty to the one at whose sample its interval ends. None: 0
         for voltages (mean up to the sample), 2 for duties (computed at the sample, applied in the next

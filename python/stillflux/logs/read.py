@@ -29,6 +29,7 @@ Columns: TypeAlias = Mapping[str, "str | tuple[str, str | float] | Mapping[str, 
 _UNITS: dict[str, tuple[str, float]] = {
     "": ("", 1.0),
     "1": ("", 1.0),
+    "-": ("", 1.0),
     "%": ("", 1e-2),
     "s": ("time", 1.0),
     "ms": ("time", 1e-3),
@@ -187,6 +188,10 @@ def _assigned(source: str, table: Mapping[str, Any], columns: Columns) -> dict[s
         if quantity not in QUANTITIES:
             raise ValueError(f"columns: {quantity!r} is not one of {', '.join(QUANTITIES)}")
         name, unit, scale = _column(quantity, given)
+        # Named without the unit that stands beside it or in a row below the header.
+        same = [column for column in table if _header(column)[0] == name]
+        if name not in table and len(same) == 1:
+            name = same[0]
         if name not in table:
             raise ValueError(f"{source}: column {name!r} is missing; there are {', '.join(map(repr, table))}")
         unit = _header(name)[1] if unit is None else unit
@@ -328,8 +333,8 @@ def _optional(module: str, path: Path, extra: str) -> Any:
 
 def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
     """Delimiter by the first row of numbers, decimal comma by all rows. The header is the line before the
-    first row of numbers, between which a row of units may stand, also where it begins with #; other lines
-    before it and comments are passed over. An empty cell is NaN."""
+    first row of numbers, between which a row of units may stand, both also where they begin with #; other
+    lines before it and comments are passed over. An empty cell is NaN."""
     content = io.StringIO(_decoded(path.read_bytes()), newline="")
     lines = [(number, line.rstrip("\r\n")) for number, line in enumerate(content, 1) if line.strip()]
     if not lines:
@@ -341,16 +346,17 @@ def _read_text(path: Path) -> tuple[dict[str, Any], NDArray[np.int64]]:
         raise ValueError(f"{path}, line {first}: no header, a line with the names of the columns")
     if len(set(header)) < len(header):
         raise ValueError(f"{path}, line {first}: a column's name stands twice in {', '.join(header)}")
-    body = [(number, line) for number, line in lines[at + 1 :] if not line.lstrip().startswith("#")]
-    if body:
-        units = _units_of(_cells(body[0][1], delimiter))
+    begin = at + 1
+    if begin < len(lines):
+        units = _units_of(_cells(lines[begin][1].lstrip("# \t"), delimiter))
         if len(units) == len(header):
-            header = [f"{name} [{unit}]" if unit else name for name, unit in zip(header, units, strict=True)]
-            body = body[1:]
+            header = _with_units(f"{path}, line {lines[begin][0]}", header, units)
+            begin += 1
+    body = [(number, line) for number, line in lines[begin:] if not line.lstrip().startswith("#")]
     # The rows before the bridge switches may be whole numbers, without any decimal comma. Beside points a
     # comma that comes later is none.
-    begin = body if not any("." in line for _, line in body) else body[:5]
-    comma = delimiter != "," and any("," in line for _, line in begin)
+    early = body if not any("." in line for _, line in body) else body[:5]
+    comma = delimiter != "," and any("," in line for _, line in early)
     rows = np.empty((len(body), len(header)))
     for k, (number, line) in enumerate(body):
         cells = _values(line, delimiter, comma)
@@ -384,15 +390,17 @@ def _header_line(lines: Sequence[tuple[int, str]]) -> tuple[int, str | None]:
         cells = _cells(line, delimiter)
         if len(cells) < 2 or not all(_is_value(cell) for cell in cells):
             continue
-        # The nearest line above with as many cells; a row of units is passed over.
-        above = (
-            j
+        # The nearest line above with as many cells that has the name of a quantity; where none has one, and
+        # `columns` assigns other names, the nearest that is no row of units.
+        above = {
+            j: names
             for j in range(k - 1, -1, -1)
-            if not _units_of(names := _cells(lines[j][1].lstrip("# \t"), delimiter))
-            and len(names) == len(cells)
+            if len(names := _cells(lines[j][1].lstrip("# \t"), delimiter)) == len(cells)
             and all(_number(name) is None for name in names)
-        )
-        at = next(above, plain)
+        }
+        known = (j for j, names in above.items() if any(_header(name)[0] in QUANTITIES for name in names))
+        other = (j for j, names in above.items() if not _units_of(names))
+        at = next(known, next(other, next(iter(above), plain)))
         return at, delimiter if at < k else _delimiter(lines[at][1])
     return plain, _delimiter(lines[plain][1])
 
@@ -422,10 +430,23 @@ def _is_value(cell: str) -> bool:
 
 
 def _units_of(cells: Sequence[str]) -> list[str]:
-    """The units of a row of units; empty if it is none."""
+    """The units of a row of units; empty if it is none. Half of them are known at least: a log also has
+    columns that are no quantities of a replay, as a temperature."""
     units = [re.sub(r"^[\[(]|[\])]$", "", cell.strip()) for cell in cells]
-    named = any(unit and _number(unit) is None for unit in units)
-    return units if named and all(unit in _UNITS for unit in units) else []
+    named = [unit for unit in units if unit and _number(unit) is None]
+    return units if named and 2 * sum(unit in _UNITS for unit in named) >= len(named) else []
+
+
+def _with_units(where: str, header: Sequence[str], units: Sequence[str]) -> list[str]:
+    """The names of a header with the units of the row below it. Raises ValueError where they differ from
+    those that the header has."""
+    names = []
+    for name, unit in zip(header, units, strict=True):
+        own = _header(name)[1]
+        if own and unit and unit != own:
+            raise ValueError(f"{where}: the unit of column {name!r} is {unit!r} here")
+        names.append(f"{name} [{unit}]" if unit and not own else name)
+    return names
 
 
 def _decoded(content: bytes) -> str:
