@@ -159,6 +159,44 @@ def test_a_scenario_of_a_motor_file(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "none.toml" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("command", "table", "field", "text"),
+    [
+        ("simulate", "", "motor", "{}\nduration = 0.01\n"),
+        ("simulate", "", "plant_inverter", 'motor = "2.2kW"\n{}\nduration = 0.01\n'),
+        ("sweep", "[scenario] ", "motor", "[scenario]\n{}\nduration = 0.01\n[grid]\nload_torque = [0]\n"),
+        ("commission --only wiring", "", "motor", "{}\n"),
+        ("commission --only wiring", "[plant] ", "inverter", '[plant]\n{}\n[motor]\npreset = "2.2kW"\n'),
+    ],
+)
+def test_a_file_names_a_motor_file_relative_to_itself(
+    command: str,
+    table: str,
+    field: str,
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "runs" / "machines").mkdir(parents=True)
+    (tmp_path / "runs" / "machines" / "own.toml").write_text('[motor]\npreset = "2.2kW"\n')
+    # The one in the current folder is another file.
+    (tmp_path / "machines").mkdir()
+    (tmp_path / "machines" / "own.toml").write_text("[no]\n")
+    monkeypatch.chdir(tmp_path)
+    name, *options = command.split()
+    file = Path("runs") / "task.toml"
+    file.write_text(text.format(f'{field} = "machines/own.toml"'))
+    assert main([name, str(file), *options]) == 0, capsys.readouterr().err
+    file.write_text(text.format(f'{field} = "machines/none.toml"'))
+    capsys.readouterr()
+    assert main([name, str(file), *options]) == 2
+    assert capsys.readouterr().err == (
+        f"stillflux: {file}: {table}{field} = 'machines/none.toml' is neither a preset (2.2kW, 11kW) nor a "
+        f"motor file: there is no {Path('runs/machines/none.toml')}\n"
+    )
+
+
 def test_the_bridge_of_the_paper_is_clamped_whatever_the_file_of_the_motor_simulates() -> None:
     pump = sf.load_machine(PUMP)
     found = replace(pump, plant_inverter=replace(pump.inverter, c_out=1e-9, dead_time=2.1e-6))

@@ -325,6 +325,28 @@ def test_the_command_writes_rows_plot_and_journal_and_names_what_is_wrong(
         assert expected in capsys.readouterr().err
 
 
+def test_a_sweep_that_is_interrupted_prints_the_rows_that_no_file_keeps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out, journal = tmp_path / "sweep.toml", tmp_path / "x.csv", tmp_path / "x.jsonl"
+    text = '[scenario]\nmotor = "2.2kW"\nduration = 0.01\n[grid]\nload_torque = [0.0, 1.0]\n'
+    file.write_text(f'metrics = ["fault_time"]\n{text}')
+    monkeypatch.setattr(
+        "stillflux.cli.sweep",
+        lambda points, metrics, **how: sf.sweep(
+            points, metrics, "serial", resume=how["resume"], progress=interrupt
+        ),
+    )
+    rows = "load_torque,status,fault_time,error\n0.0,"
+    for kept in ([], ["--out", str(out)], ["--resume", str(journal)]):
+        assert main(["sweep", str(file), *kept]) == 130
+        said = capsys.readouterr()
+        assert said.err == "stillflux: interrupted after 1 of 2 scenarios\n"
+        assert said.out.startswith("1 rows, 0 ended with a fault")
+        assert (rows in said.out) == (not kept)
+    assert out.read_text().startswith(rows)
+
+
 def test_the_example_on_a_dask_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     example = runpy.run_path(str(EXAMPLES / "sweep_dask.py"), run_name="example")

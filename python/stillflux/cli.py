@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stillflux import __version__, sweep_file
-from stillflux.machine_file import in_file, load_machine, read_toml, simulated_guess, with_machine
+from stillflux.machine_file import beside, in_file, load_machine, read_toml, simulated_guess, with_machine
 from stillflux.messages import MachineWarning
 from stillflux.outputs import apart, check_file, keep
 from stillflux.parallel import EndedEarlyError, undisturbed
@@ -170,7 +170,9 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
         metavar="QUANTITY=NAME[:UNIT]",
         help="a quantity's column in the log, such as i_a=Iu:mA",
     )
-    log.add_argument("--rate", type=float, metavar="HZ", help="sampling rate of a log without t")
+    log.add_argument(
+        "--rate", type=float, metavar="HZ", help="sampling rate of a log without t, or to check it"
+    )
     log.add_argument(
         "--voltage",
         choices=["terminal", "bridge", "compensated"],
@@ -190,7 +192,9 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
     )
     many.add_argument("file", type=Path, help="a sweep file, see stillflux.sweep_file")
     _motor_option(many, None)
-    many.add_argument("--out", type=Path, help="write the rows there (CSV)")
+    many.add_argument(
+        "--out", type=Path, help="write the rows there (CSV); without it an interrupted sweep prints them"
+    )
     many.add_argument("--plot", type=Path, help="write the map of [plot], or the distributions, there")
     many.add_argument("--resume", type=Path, metavar="FILE", help="keep rows there; if killed, go on with it")
     many.set_defaults(run=_sweep)
@@ -207,6 +211,8 @@ def _motor_option(parser: argparse.ArgumentParser, default: str | None) -> None:
     )
 
 
+_MACHINES = ("motor", "inverter", "plant_motor", "plant_inverter")
+"""Fields of a scenario that may name a motor file."""
 _PLOTS = (".png", ".svg", ".pdf")
 
 
@@ -220,11 +226,11 @@ def _simulate(options: argparse.Namespace) -> int:
     check_file(options.plot, *_PLOTS)
     apart({"file": options.file, "--save": options.save, "--plot": options.plot})
     data = read_toml(options.file)
-    found = _with_motor(data, options.motor)
+    found = beside(options.file, _with_motor(data, options.motor), _MACHINES)
     with in_file(options.file):
         scenario = Scenario.from_dict(found)
     if scenario.plant_motor is None:
-        _say_guess(options.motor or data.get("motor"))
+        _say_guess(options.motor or found["motor"])
     ended = ""
     try:
         result = simulate(scenario, progress=True)
@@ -289,10 +295,12 @@ def _sweep(options: argparse.Namespace) -> int:
     apart({"file": options.file, "--resume": options.resume, "--out": options.out, "--plot": options.plot})
     data = read_toml(options.file)
     tables = _with_motor(data, options.motor, "scenario")
+    if "scenario" in tables:
+        tables = {**tables, "scenario": beside(options.file, tables["scenario"], _MACHINES, "scenario")}
     with in_file(options.file):
         asked = sweep_file.parse(tables)
     if not any(point.scenario and point.scenario.plant_motor for point in asked.points):
-        _say_guess(options.motor or data["scenario"].get("motor"))
+        _say_guess(options.motor or tables["scenario"]["motor"])
     ended = ""
     try:
         found = sweep(asked.points, list(asked.metrics), resume=options.resume, progress=True)
@@ -303,6 +311,9 @@ def _sweep(options: argparse.Namespace) -> int:
         if ended:
             print(ended, file=sys.stderr)
         said = "\n".join([found.summary(), *(f"failed: {row['error']}" for row in found.failed[:5])])
+        # What an interruption leaves is in no file then, and took the time of its runs.
+        if ended and options.out is None and options.resume is None and len(found):
+            said = f"{said}\n{found.to_csv().rstrip()}"
         figure = partial(found.map, **asked.plot) if asked.plot else found.spread
         keep(said, rows=(options.out, found.save), plot=(options.plot if len(found) else None, _plot(figure)))
     return status

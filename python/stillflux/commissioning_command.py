@@ -1,7 +1,8 @@
 """`stillflux commission`: from a nameplate to a motor file, on a simulated motor, with a report.
 
 ```toml
-[nameplate]                    # or [motor], or a preset's name instead of a file: the plate is then its own
+[nameplate]                    # or [motor], or a preset's name instead of a file: the plate is then its own;
+                               # motor = "FILE" names a motor file beside this one
 P_N = 4000.0
 U_N = 400.0
 I_N = 8.2
@@ -46,6 +47,7 @@ from stillflux.commissioning import PROCEDURES, Commissioned, CommissioningInter
 from stillflux.commissioning import commission as run_commissioning
 from stillflux.html_page import page, svg
 from stillflux.machine_file import (
+    beside,
     check_tables,
     checked,
     checked_name,
@@ -115,7 +117,10 @@ def commission(parser: argparse.ArgumentParser) -> None:
     )
     source.add_argument("--motor", metavar="FILE", help="the same, as the other commands call it")
     parser.add_argument(
-        "--shaft", choices=["locked", "free"], default="locked", help="free: J is found as well"
+        "--shaft",
+        choices=["locked", "free"],
+        default="locked",
+        help="locked: it stands still; free: J is found as well",
     )
     parser.add_argument(
         "--only",
@@ -197,7 +202,8 @@ def _of_file(path: Path, data: Mapping[str, Any]) -> _Task:
     check_tables(path, data, "commissioning", named=("motor", "inverter"))
     # What is found has its own; those of the file are only what a motor file may have.
     deviation_of(path, data)
-    plant = dict(data.get("plant", {}))
+    data = beside(path, data, ("motor", "inverter"))
+    plant = beside(path, data.get("plant", {}), ("motor", "inverter"), "plant")
     for key in plant:
         if key not in _PLANT:
             raise ValueError(f"[plant] {key} is not known{meant(key, _PLANT)}")

@@ -37,6 +37,9 @@ dead_time = 2.1e-6
 that of the inverter of the motor's preset, or for a motor without one what suits it (`typical_inverter`). A
 file with a `[nameplate]` table (`P_N`, `U_N`, `I_N`, `f_N`, `n_N`, `cos_phi`; W, V, A, Hz, r/min) instead of
 `[motor]` gets the parameters that follow from the rated point.
+
+Files in which a motor file may stand in place of a preset (scenarios, sweeps, commissionings) name it
+relative to their own folder.
 """
 
 from __future__ import annotations
@@ -67,6 +70,7 @@ else:
 __all__ = [
     "NOTES",
     "Machine",
+    "beside",
     "check_tables",
     "checked",
     "checked_name",
@@ -174,7 +178,7 @@ def load_machine(source: str | os.PathLike[str]) -> Machine:
         path, "inverter", lambda t: inverter_of(t, motor, data.get("motor")), data.get("inverter")
     )
     name = checked_name(path, data.get("name", path.stem))
-    real = dict(data.get("plant", {}))
+    real = beside(path, data.get("plant", {}), ("inverter",), "plant")
     plant_motor = None
     if "motor" in real:
         plant_motor = checked(path, "plant.motor", lambda t: _motor(t, motor), real.pop("motor"))
@@ -248,6 +252,25 @@ def motor_file(source: str | os.PathLike[str]) -> Path:
 def simulated_guess(path: str | os.PathLike[str]) -> str:
     """What is said where the plant is no motor of its own but the one that the drive is told."""
     return f"{path} has no [plant.motor]: the motor that follows from the plate is simulated"
+
+
+def beside(path: str | os.PathLike[str], table: Any, fields: Sequence[str], title: str = "") -> Any:
+    """A table of a file, in which a motor file that a field names is the one beside the file, wherever the
+    command was given. Raises ValueError naming file, table and field where there is none."""
+    if not isinstance(table, Mapping):
+        return table
+    found = dict(table)
+    for name in fields:
+        value = found.get(name)
+        if not isinstance(value, str) or value in PRESETS:
+            continue
+        named = Path(path).parent / value
+        if named.is_dir() or not named.exists():
+            where = f"{path}: {title and f'[{title}] '}{name} = {value!r}"
+            known = ", ".join(PRESETS)
+            raise ValueError(f"{where} is neither a preset ({known}) nor a motor file: there is no {named}")
+        found[name] = str(named)
+    return found
 
 
 @contextmanager

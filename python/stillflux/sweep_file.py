@@ -4,7 +4,7 @@
 metrics = ["angle_max", "confidence_min"]
 
 [scenario]                            # fields of stillflux.Scenario
-motor = "2.2kW"                       # a preset, a motor file, or a table
+motor = "2.2kW"                       # a preset, a motor file (relative to this one), or a table
 duration = 3.0
 omega_ref = [[0.0, 0.0], [1.8, 0.0], [2.3, 15.0]]
 
