@@ -516,8 +516,8 @@ def test_what_runs_away_after_a_fault_is_told_of_the_fault(
 
 
 def test_a_summary_says_how_far_the_speed_swings(scenario: sf.Scenario) -> None:
-    """A shaft of a quarter of the inertia that the drive was told of swings, and the drive runs; by default it
-    reduces its gains."""
+    """A shaft of a quarter of the inertia that the drive was told of swings, and the drive runs; by default
+    it reduces its gains."""
     loaded = scenario.replace(
         duration=2.5, omega_ref=[(0.0, 0.0), (1.0, 0.0), (1.2, 15.0)], load_torque=3.0, plant={}, changes=[]
     )

@@ -108,8 +108,9 @@ impl<R: Real> SpeedController<R> {
     }
 
     /// One period with the speed's `reference`, the speed, and the limits `lo` and `hi` of the torque. `part`: of the bandwidth, for the
-    /// inertia told; `inertia`: of the inertia, both gains fall with it. Returns the torque reference.
+    /// inertia told; `inertia`: part of that, with which both gains fall (feature `supervision`). Returns the torque reference.
     #[inline(always)]
+    #[cfg_attr(not(feature = "supervision"), allow(unused_variables))]
     pub fn step(
         &mut self,
         c: &SpeedControlConfig<R>,
@@ -120,7 +121,10 @@ impl<R: Real> SpeedController<R> {
     ) -> R {
         let change = reference - self.omega_ref.value();
         let omega_ref = self.omega_ref.add(c.per_t * part, change);
-        let error = (omega_ref + change * c.weight - omega_m) * part * inertia;
+        let error = (omega_ref + change * c.weight - omega_m) * part;
+        // Nothing else than a swing changes it, and a product with one costs fixed point as much as any other.
+        #[cfg(feature = "supervision")]
+        let error = error * inertia;
         let p = error * c.k_p;
         #[cfg(feature = "weakening")]
         {
@@ -299,6 +303,7 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "supervision")]
     #[test]
     fn both_gains_fall_with_the_inertia() {
         let mut ctrl = SpeedController::<f64>::default();

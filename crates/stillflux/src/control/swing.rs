@@ -16,11 +16,11 @@
 //!
 //! ```text
 //! swing: the torque goes four times from half of its one limit to half of the other, not later than 2π/ω_n after the time before
-//! d, a: half of what torque and deviation from the reference go through in the last two of them, a at least 0.02
+//! d, a, r: half of what torque, deviation from the reference and reference go through in the last two of them;  a > 0.02, a > 2r
 //! ```
 //!
-//! A shaft of the inertia told does not follow its torque so fast; a reference that steps to and fro takes the torque from limit to limit as
-//! often as it steps. What is found counts until the next start.
+//! A shaft of the inertia told does not follow its torque so fast, and of a reference that goes to and fro a stable loop makes no deviation
+//! of twice its amplitude. What is found counts until the next start.
 //!
 //! Validity: speed control. Between instability and a swing of the torque to half of its limits, and with a load beyond these, nothing is
 //! found.
@@ -100,6 +100,7 @@ pub struct Swing<R: Real> {
     calls: u32,
     torque: Range<R>,
     deviation: Range<R>,
+    reference: Range<R>,
     /// Part of the inertia told.
     part: R,
 }
@@ -107,7 +108,15 @@ pub struct Swing<R: Real> {
 impl<R: Real> Default for Swing<R> {
     fn default() -> Self {
         let nothing = Range::default();
-        Self { changes: 0, side: R::ONE, calls: 0, torque: nothing, deviation: nothing, part: R::ONE }
+        Self {
+            changes: 0,
+            side: R::ONE,
+            calls: 0,
+            torque: nothing,
+            deviation: nothing,
+            reference: nothing,
+            part: R::ONE,
+        }
     }
 }
 
@@ -118,31 +127,33 @@ impl<R: Real> Swing<R> {
         self.part
     }
 
-    /// One call, with the reference of the torque, the `room` between its two limits and the deviation of the speed from its reference.
+    /// One call, with the reference of the torque, the `room` between its two limits, and the `reference` and the speed.
     #[inline(always)]
-    pub fn step(&mut self, c: &SwingConfig<R>, torque: R, room: R, deviation: R) {
+    pub fn step(&mut self, c: &SwingConfig<R>, torque: R, room: R, reference: R, omega_m: R) {
         let changed = torque * self.side < -room.times(0.25);
         if !likely(!changed && self.changes == 0) {
-            self.advance(c, changed, torque, deviation);
+            self.advance(c, changed, torque, reference, omega_m);
         }
     }
 
     #[cold]
     #[inline(never)]
-    fn advance(&mut self, c: &SwingConfig<R>, changed: bool, torque: R, deviation: R) {
+    fn advance(&mut self, c: &SwingConfig<R>, changed: bool, torque: R, reference: R, omega_m: R) {
+        let deviation = reference - omega_m;
         self.calls = self.calls.saturating_add(1);
         if self.calls > c.calls {
             self.changes = 0;
         }
         self.torque.extend(torque);
         self.deviation.extend(deviation);
+        self.reference.extend(reference);
         if !changed {
             return;
         }
         (self.side, self.calls, self.changes) = (-self.side, 0, self.changes + 1);
         if self.changes == SHOWN {
             let amplitude = self.deviation.amplitude();
-            if amplitude > R::from_f64(LEAST) {
+            if amplitude > R::from_f64(LEAST) && self.reference.amplitude() < amplitude.half() {
                 let part = self.torque.amplitude() * c.per_gain * amplitude.recip();
                 self.part = self.part.min(part.max(R::from_f64(PART_LEAST)));
             }
@@ -150,6 +161,7 @@ impl<R: Real> Swing<R> {
         }
         if self.changes <= FROM {
             (self.torque, self.deviation) = (Range::of(torque), Range::of(deviation));
+            self.reference = Range::of(reference);
         }
     }
 }
@@ -183,7 +195,7 @@ mod tests {
         let (mut omega, mut omega_m, mut angle, mut torque) = (0.0_f64, 0.0, 0.0, 0.0);
         let (mut least, mut most) = (f64::MAX, f64::MIN);
         for k in 0..200_000 {
-            swing.step(&c, torque, 0.2, 0.5 - omega_m);
+            swing.step(&c, torque, 0.2, 0.5, omega_m);
             torque = control.step(&CONTROL, 0.5, omega_m, (1.0, swing.part()), (-0.1, 0.1));
             angle += T_S * (omega - omega_m - 2.0 * OMEGA_N * angle);
             omega_m += T_S * OMEGA_N * OMEGA_N * angle;
@@ -222,7 +234,9 @@ mod tests {
         let mut swing = Swing::default();
         for k in half / 2..half * changes + half {
             let x = libm::sin(core::f64::consts::PI * f64::from(k) / f64::from(half));
-            swing.step(&c, torque * (x + 0.1), room, 0.1 + speed * x);
+            // A ramp of the reference, and its deviation.
+            let reference = 0.1 + 1e-4 * f64::from(k);
+            swing.step(&c, torque * (x + 0.1), room, reference, reference - speed * x);
         }
         swing.part()
     }
@@ -243,6 +257,19 @@ mod tests {
         assert_eq!(to_and_fro(40, (1.5, 0.019), room, 40), 1.0, "noise, of a small torque");
         assert_eq!(to_and_fro(40, swing, 7.0, 40), 1.0, "far from the limits");
         assert_eq!(to_and_fro(40, swing, room, 3), 1.0, "a step of the reference with its overshoot");
+    }
+
+    #[test]
+    fn a_reference_that_goes_to_and_fro_is_no_swing() {
+        for (amplitude, reduced) in [(0.2, false), (0.101, false), (0.099, true), (0.0, true)] {
+            let c = SwingConfig { calls: 50, per_gain: 0.01 };
+            let mut swing = Swing::default();
+            for k in 0..1000 {
+                let x = libm::sin(core::f64::consts::PI * f64::from(k) / 40.0);
+                swing.step(&c, 1.5 * x, 3.0, amplitude * x, amplitude * x - 0.2 * x);
+            }
+            assert_eq!(swing.part() < 1.0, reduced, "{amplitude}");
+        }
     }
 
     #[test]

@@ -343,7 +343,7 @@ impl<R: Real> Control<R> {
                 let part = (part, self.speed_gain());
                 let torque = self.speed.step(&c.speed_control, omega, omega_m, part, (lo, hi));
                 #[cfg(feature = "supervision")]
-                self.swing.step(&c.swing, torque, hi - lo, omega - omega_m);
+                self.swing.step(&c.swing, torque, hi - lo, omega, omega_m);
                 let at_limit = (hi - lo).times(AT_LIMIT);
                 // Where no torque is allowed there is none that could be lacking.
                 limited = if torque >= hi - at_limit {

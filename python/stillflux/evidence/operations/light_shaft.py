@@ -65,7 +65,8 @@ OPERATIONS = (
     Operation(
         "light-shaft",
         17,
-        f"A shaft with 1/{_LIGHTER:g} of the inertia told: a step of the reference to 0.5 pu, then half of rated load",
+        f"A shaft with 1/{_LIGHTER:g} of the inertia told: a step of the reference to {_SPEED:g} pu, "
+        "then half of rated load",
         _scenario,
         _check,
         Control(
