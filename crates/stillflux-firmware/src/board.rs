@@ -101,11 +101,20 @@ impl<C> Interrupt<C> {
 }
 
 /// Instructions by SysTick: with `-icount shift=0` one instruction is a nanosecond, a tick is 40.
-pub struct Clock;
+///
+/// Read 40 times, every 7 instructions, the counter is seen once in each fortieth of a tick, as 7 and 40 have no common divisor, and the
+/// sum of what it counts is exact to the instruction: with `t` in instructions `floor(t/40) + floor((t + 1)/40) + ... = t` (Hermite).
+#[derive(Clone, Copy)]
+pub struct Clock {
+    /// The counter as first read; it counts down.
+    first: u32,
+    /// Ticks since then in each of the readings, their sum.
+    later: u32,
+}
 
 impl Clock {
     /// Instructions per tick.
-    pub const TICK: u32 = 40;
+    const TICK: u32 = 40;
     /// SysTick's current value.
     const CURRENT: u32 = 0xE000_E018;
 
@@ -117,33 +126,28 @@ impl Clock {
         syst.enable_counter();
     }
 
-    /// Waits for the edge of a tick: its count.
+    /// The time now, which takes the same number of instructions in each call.
     #[inline(always)]
-    pub fn edge() -> u32 {
-        let (from, now): (u32, u32);
+    pub fn now() -> Self {
+        let (first, later): (u32, u32);
         // SAFETY: reads SysTick's current value. Clobbers memory: no call is moved across.
         unsafe {
             core::arch::asm!(
-                "ldr {from}, [{at}]", "2:", "ldr {now}, [{at}]", "cmp {now}, {from}", "beq 2b",
-                at = in(reg) Self::CURRENT, from = out(reg) from, now = out(reg) now,
+                "ldr {first}, [{at}]",
+                // Of differences the 24 bits that the counter has.
+                "2:", "ldr {x}, [{at}]", "subs {x}, {first}, {x}", "lsls {x}, {x}, #8", "adds {later}, {later}, {x}",
+                "nop", "subs {n}, {n}, #1", "bne 2b",
+                at = in(reg) Self::CURRENT, n = inout(reg) Self::TICK => _, x = out(reg) _,
+                first = out(reg) first, later = inout(reg) 0 => later,
             );
         }
-        let _ = from;
-        now
+        Self { first, later: later >> 8 }
     }
 
-    /// Count now, and the instructions from now to the next edge.
-    #[inline(always)]
-    pub fn until_edge() -> (u32, u32) {
-        let (begin, loops): (u32, u32);
-        // SAFETY: as in `edge`.
-        unsafe {
-            core::arch::asm!(
-                "ldr {begin}, [{at}]", "2:", "adds {loops}, #1", "ldr {now}, [{at}]", "cmp {now}, {begin}", "beq 2b",
-                at = in(reg) Self::CURRENT, begin = out(reg) begin, now = out(reg) _, loops = inout(reg) 0 => loops,
-            );
-        }
-        (begin.wrapping_sub(1), 4 * loops)
+    /// Instructions since an earlier time, with those of reading the clock once.
+    pub fn since(self, earlier: Self) -> u32 {
+        let ticks = earlier.first.wrapping_sub(self.first) & 0x00FF_FFFF;
+        (ticks * Self::TICK + self.later).wrapping_sub(earlier.later)
     }
 }
 

@@ -108,9 +108,13 @@ fn record<R: Word>(scheme: Scheme, to: &[&str]) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+/// Words of a command and of a telemetry.
+const COMMAND: usize = 4;
+const TELEMETRY: usize = size_of::<Telemetry>() / 4;
+
 /// Command and telemetry as they lie in memory in C.
 #[allow(non_snake_case)]
-fn read(command: &Command, t: &Telemetry) -> [u32; 16] {
+fn read(command: &Command, t: &Telemetry) -> [u32; COMMAND + TELEMETRY] {
     let [a, b, c] = command.compare;
     let Telemetry {
         status,
@@ -125,10 +129,11 @@ fn read(command: &Command, t: &Telemetry) -> [u32; 16] {
         R_s,
         angle_deviation,
         confidence,
+        speed_gain,
         ..
     } = *t;
-    let [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence] =
-        [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence].map(f32::to_bits);
+    let [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence, speed_gain] =
+        [omega_m, omega_s, torque, psi_s, i_d, i_q, R_s, angle_deviation, confidence, speed_gain].map(f32::to_bits);
     let gates_on = u32::from(command.gates_on);
     [
         a,
@@ -147,5 +152,6 @@ fn read(command: &Command, t: &Telemetry) -> [u32; 16] {
         R_s,
         angle_deviation,
         confidence,
+        speed_gain,
     ]
 }

@@ -273,17 +273,17 @@ impl<R: Real> Common<R> {
             &seen
         };
         let bridged;
-        let measured = if likely(self.sequence.accepts(c, measured)) {
-            measured
+        // The currents in either branch: in the likely one the check of the measurement has them already.
+        let (measured, i_abc, u_dc) = if likely(self.sequence.accepts(c, measured)) {
+            (measured, self.sequence.currents(c, measured, estimators), measured.u_dc)
         } else {
             let Some(instead) = self.bridge(c, estimators, measured) else {
                 return self.blocked();
             };
             bridged = instead;
-            &bridged
+            (&bridged, self.sequence.currents(c, &bridged, estimators), bridged.u_dc)
         };
-        let u_dc = measured.u_dc;
-        let (i_abc, i_s) = self.sequence.currents(c, measured, estimators);
+        let i_s = AlphaBeta::from_phases(i_abc);
         // Before the state of the sequence is asked for: with nothing between the questions about it the compiler asks once.
         let u_s = self.control.voltage.applied(period, u_dc);
         let mut start_up = None;

@@ -157,16 +157,10 @@ impl<R: Real> Sequence<R> {
         likely(sum <= c.i_plain_sq && m.u_dc >= c.u_dc_min && m.u_dc <= c.u_dc_max) || self.examine(c, m).is_none()
     }
 
-    /// Phase currents without their offsets, and the current vector.
+    /// Phase currents without their offsets.
     #[inline(always)]
-    pub fn currents<E: Estimators<R>>(
-        &self,
-        c: &DriveConfig<R>,
-        m: &Measurement<R>,
-        estimators: &E,
-    ) -> ([R; 3], AlphaBeta<R>) {
-        let i = self.without_offset(c, m, || estimators.half_difference());
-        (i, AlphaBeta::from_phases(i))
+    pub fn currents<E: Estimators<R>>(&self, c: &DriveConfig<R>, m: &Measurement<R>, estimators: &E) -> [R; 3] {
+        self.without_offset(c, m, || estimators.half_difference())
     }
 
     /// The full check of a measurement: what is wrong with it.

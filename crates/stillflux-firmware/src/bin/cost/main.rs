@@ -40,12 +40,9 @@ impl Cost {
     /// Times one call.
     #[inline(never)]
     fn call<T>(&mut self, f: impl FnOnce() -> T) -> T {
-        let begin = Clock::edge();
+        let begin = Clock::now();
         let result = f();
-        let (end, rest) = Clock::until_edge();
-        let ticks = begin.wrapping_sub(end) & 0x00FF_FFFF;
-        let n = (ticks * Clock::TICK).saturating_sub(rest);
-        self.add(n);
+        self.add(Clock::now().since(begin));
         result
     }
 
