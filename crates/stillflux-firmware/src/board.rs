@@ -102,52 +102,55 @@ impl<C> Interrupt<C> {
 
 /// Instructions by SysTick: with `-icount shift=0` one instruction is a nanosecond, a tick is 40.
 ///
-/// Read 40 times, every 7 instructions, the counter is seen once in each fortieth of a tick, as 7 and 40 have no common divisor, and the
-/// sum of what it counts is exact to the instruction: with `t` in instructions `floor(t/40) + floor((t + 1)/40) + ... = t` (Hermite).
+/// A loop of 4 instructions sees the edge of a tick up to 3 too late; how late, three readings show, 37 to 39 instructions after it: they
+/// see the next tick if it was 3, 2 or 1. So a time is exact to the instruction.
 #[derive(Clone, Copy)]
 pub struct Clock {
-    /// The counter as first read; it counts down.
-    first: u32,
-    /// Ticks since then in each of the readings, their sum.
-    later: u32,
+    /// The counter after the edge; it counts down.
+    count: u32,
+    /// Instructions after the edge at which it was seen.
+    late: u32,
+    /// Turns of the loop until then.
+    turns: u32,
 }
 
 impl Clock {
     /// Instructions per tick.
     const TICK: u32 = 40;
+    /// Bits of the counter.
+    const MASK: u32 = 0x00FF_FFFF;
     /// SysTick's current value.
     const CURRENT: u32 = 0xE000_E018;
 
     /// Starts it, without its interrupt.
     pub fn start(syst: &mut SYST) {
         syst.set_clock_source(SystClkSource::Core);
-        syst.set_reload(0x00FF_FFFF);
+        syst.set_reload(Self::MASK);
         syst.clear_current();
         syst.enable_counter();
     }
 
-    /// The time now, which takes the same number of instructions in each call.
+    /// The time now: as `since` an earlier one when it begins, as that earlier one when it ends.
     #[inline(always)]
     pub fn now() -> Self {
-        let (first, later): (u32, u32);
+        let (turns, count, a, b, c): (u32, u32, u32, u32, u32);
         // SAFETY: reads SysTick's current value. Clobbers memory: no call is moved across.
         unsafe {
             core::arch::asm!(
-                "ldr {first}, [{at}]",
-                // Of differences the 24 bits that the counter has.
-                "2:", "ldr {x}, [{at}]", "subs {x}, {first}, {x}", "lsls {x}, {x}, #8", "adds {later}, {later}, {x}",
-                "nop", "subs {n}, {n}, #1", "bne 2b",
-                at = in(reg) Self::CURRENT, n = inout(reg) Self::TICK => _, x = out(reg) _,
-                first = out(reg) first, later = inout(reg) 0 => later,
+                "ldr {c}, [{at}]", "2:", "adds {turns}, #1", "ldr {count}, [{at}]", "cmp {count}, {c}", "beq 2b",
+                ".rept 34", "nop", ".endr", "ldr {a}, [{at}]", "ldr {b}, [{at}]", "ldr {c}, [{at}]",
+                at = in(reg) Self::CURRENT, turns = inout(reg) 0 => turns, count = out(reg) count,
+                a = out(reg) a, b = out(reg) b, c = out(reg) c,
             );
         }
-        Self { first, later: later >> 8 }
+        let late = [a, b, c].into_iter().map(|x| count.wrapping_sub(x) & Self::MASK).sum();
+        Self { count, late, turns }
     }
 
-    /// Instructions since an earlier time, with those of reading the clock once.
+    /// Instructions since an earlier time, and a constant number more.
     pub fn since(self, earlier: Self) -> u32 {
-        let ticks = earlier.first.wrapping_sub(self.first) & 0x00FF_FFFF;
-        (ticks * Self::TICK + self.later).wrapping_sub(earlier.later)
+        let ticks = earlier.count.wrapping_sub(self.count) & Self::MASK;
+        (ticks * Self::TICK + self.late).wrapping_sub(earlier.late + 4 * self.turns)
     }
 }
 
