@@ -17,16 +17,19 @@ demo: build
 
 build: .venv/built
 
-.venv/installed: requirements.lock
+$(BIN)/python:
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check -r requirements.lock
+
+# Most of what is installed is never imported: compiled to bytecode is what is.
+.venv/installed: requirements.lock | $(BIN)/python
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile -r requirements.lock
 	touch $@
 
 .venv/built: .venv/installed $(SOURCES)
 	$(BIN)/maturin develop --release --locked --quiet >/dev/null
 	touch $@
 
-test-rust: .venv/installed
+test-rust: $(BIN)/python
 	cargo test --locked
 
 # One process a core; the tests of a file stay together, for the runs that they share. What is skipped is named.

@@ -234,6 +234,7 @@ def test_loaded_drive_leaves_zero_stator_frequency_by_itself(machine: str, torqu
     assert abs(result["estimate.psi_s"][-1]) > 0.97 * scenario.motor.base["psi"]
 
 
+@pytest.mark.slow
 def test_with_the_flux_kept_it_is_lost_there() -> None:
     # The field goes first. What is seen of that first, the speed or by the drive, is a matter of 0.1 s.
     # Most realisations of the noise are held for the two minutes: of ten of this machine two are lost.

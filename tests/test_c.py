@@ -62,7 +62,7 @@ def compiler(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-@pytest.fixture(scope="module", params=list(FEATURES))
+@pytest.fixture(scope="module", params=["f32", pytest.param("q", marks=pytest.mark.slow)])
 def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     """Arithmetic, and the folder of its library and header for the host."""
     to = tmp_path_factory.mktemp(request.param)
@@ -158,7 +158,6 @@ def test_the_header_declares_every_function_with_a_comment(library: tuple[str, P
     assert found == FUNCTIONS
 
 
-@pytest.mark.parametrize("library", ["f32", pytest.param("q", marks=pytest.mark.slow)], indirect=True)
 def test_the_target_computes_every_bit_in_c_at_the_cost_of_rust(
     library: tuple[str, Path],
 ) -> None:

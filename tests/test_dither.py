@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
 import stillflux as sf
 from stillflux.evidence import tolerance
 
-DRAWS = range(100, 140)
+#: Draws of the 48-V machine, and how many of them are lost without the oscillation at least. The few ones are
+#: chosen: each was lost without it.
+DRAWS = [
+    ((107, 108, 116, 118), 3),
+    pytest.param(range(100, 140), 6, marks=pytest.mark.slow),
+]
 
 
-def outcomes(**settings: float) -> list[tolerance.Outcome]:
-    given = tuple(settings.items())
-    return [tolerance.run("48V", "light-load", draw, settings=given)[0] for draw in DRAWS]
+@pytest.mark.parametrize(("draws", "least"), DRAWS, ids=["few", "many"])
+def test_of_light_loads_at_rest_most_that_are_lost_without_it_are_held(
+    draws: Sequence[int], least: int
+) -> None:
+    def lost(**settings: float) -> int:
+        given = tuple(settings.items())
+        return sum(bool(tolerance.run("48V", "light-load", draw, settings=given)[0].why) for draw in draws)
 
-
-def test_of_light_loads_at_rest_most_that_are_lost_without_it_are_held() -> None:
-    without, with_it = (sum(bool(x.why) for x in found) for found in (outcomes(dither=0.0), outcomes()))
-    assert without >= 6
-    assert with_it <= without / 3
+    without = lost(dither=0.0)
+    assert without >= least
+    assert lost() <= without / 3
 
 
 @pytest.mark.parametrize("machine", ["2.2kW", "11kW"])

@@ -57,7 +57,15 @@ def chain() -> Any:
         pytest.skip(str(missing))
 
 
-@pytest.fixture(scope="module", params=list(FEATURES))
+#: Images that the fast tests build: the enhanced scheme in both arithmetics, the published one in the one
+#: that its budget is for, with its additions and without.
+FAST = ("f32", "q", "paper f32", "plain paper f32")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[] if name in FAST else pytest.mark.slow) for name in FEATURES],
+)
 def built(chain: Any, request: pytest.FixtureRequest) -> tuple[str, Path]:
     """Scheme and arithmetic, and their release image."""
     return request.param, toolchain.build(chain, "drive", *FEATURES[request.param])
@@ -95,7 +103,8 @@ def test_target_computes_every_bit_as_the_host_does(built: tuple[str, Path]) -> 
     assert result.first is None, f"{result.different} words differ, first {result.first}"
 
 
-@pytest.mark.parametrize("arithmetic", ["f32", pytest.param("q", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("arithmetic", ["f32", "q"])
 def test_target_commissions_as_the_host_does_and_the_drive_starts_from_its_page(
     chain: Any, arithmetic: str
 ) -> None:
@@ -308,18 +317,9 @@ BUDGET = {
 }
 
 
-@pytest.mark.parametrize(
-    ("target", "features"),
-    [
-        ("thumbv6m-none-eabi", "paper,enhanced,defmt,serde"),
-        *(
-            pytest.param(target, features, marks=pytest.mark.slow)
-            for target in ("thumbv6m-none-eabi", "thumbv7m-none-eabi")
-            for features in ("paper", "enhanced", "paper,enhanced,defmt,serde")
-            if (target, features) != ("thumbv6m-none-eabi", "paper,enhanced,defmt,serde")
-        ),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("target", ["thumbv6m-none-eabi", "thumbv7m-none-eabi"])
+@pytest.mark.parametrize("features", ["paper", "enhanced", "paper,enhanced,defmt,serde"])
 def test_the_core_builds_without_fpu(chain: Any, target: str, features: str) -> None:
     if not chain.build_std:
         try:
@@ -328,11 +328,6 @@ def test_the_core_builds_without_fpu(chain: Any, target: str, features: str) -> 
             pytest.skip(str(missing))
     args = ["check", "-p", "stillflux", "--no-default-features", "--features", features]
     chain.cargo(*args, target=target, cwd=toolchain.ROOT)
-
-
-def test_the_core_builds_with_each_feature_alone() -> None:
-    for feature in _features("enhanced"):
-        _core_only("check", f"enhanced,{feature}")
 
 
 @pytest.mark.slow

@@ -102,4 +102,4 @@ def test_ci_brings_the_lists_of_packages_up_to_date_once_at_most(
         expected += ["qemu-system-arm", "gcc-arm-none-eabi", "clang"]
     assert installed == expected
     assert sum(line.startswith("apt-get update") for line in lines) == bool(expected)
-    assert lines[-3:] == ["make lint", "make test", "make test-builds"]
+    assert lines[-3:] == ["make test -j2", "make lint", "make test-builds"]

@@ -60,6 +60,50 @@ def test_agrees_with_solve_ivp(motor: sf.Motor, inverter: sf.Inverter, saturated
     assert state.omega_m > 50.0
 
 
+@pytest.mark.parametrize("backlash", [0.0, 0.02])
+def test_a_load_behind_a_coupling_agrees_with_solve_ivp(
+    motor: sf.Motor, inverter: sf.Inverter, backlash: float
+) -> None:
+    """Start-up at rated voltage, then a load: within what one torque a control period leaves."""
+    g = motor.to_gamma()
+    J_load = 2.0 * motor.J
+    resonance = 2.0 * math.pi * 25.0
+    reduced = motor.J * J_load / (motor.J + J_load)
+    stiffness, damping = resonance**2 * reduced, 0.1 * resonance * reduced
+
+    def load_torque(t: float) -> float:
+        return 8.0 if t >= 0.3 else 0.0
+
+    def slope(t: float, x: np.ndarray) -> list[float]:
+        psi_s, psi_r = complex(x[0], x[1]), complex(x[2], x[3])
+        i_r = (psi_s - psi_r) / g["L_l"]
+        d_s = 200.0 * cmath.exp(2j * math.pi * 30.0 * t) - motor.R_s * (psi_s / g["L_s"] + i_r)
+        d_r = g["R_r"] * i_r + 1j * motor.n_p * x[4] * psi_r
+        torque = 1.5 * motor.n_p * (psi_r.conjugate() * psi_s).imag / g["L_l"]
+        bent = x[6] - min(max(x[6], -backlash / 2), backlash / 2)
+        shaft = stiffness * bent + damping * (x[4] - x[5]) if bent else 0.0
+        speeds = [(torque - shaft) / motor.J, (shaft - load_torque(t)) / J_load, x[4] - x[5]]
+        return [d_s.real, d_s.imag, d_r.real, d_r.imag, *speeds]
+
+    plant = sf.Plant(
+        motor, inverter, saturation=False, J_load=J_load, coupling=(stiffness, damping, backlash)
+    )
+    dt, n = 1e-4, 6000
+    found = np.empty((n, 2))
+    for k in range(n):
+        # The mean of the voltage over the step.
+        middle = (k + 0.5) * dt
+        u = 200.0 * cmath.exp(2j * math.pi * 30.0 * middle) * np.sinc(30.0 * dt)
+        plant.step_voltage(u, dt, load_torque(k * dt))
+        found[k] = plant.state.omega_m, plant.state.omega_load
+    t = dt * np.arange(1, n + 1)
+    x = solve_ivp(slope, (0.0, n * dt), np.zeros(7), t_eval=t, max_step=dt, rtol=1e-7, atol=1e-9).y
+    # They differ from each other by far more than from the solution.
+    assert np.abs(found[:, 0] - found[:, 1]).max() > 5.0
+    assert np.abs(found[:, 0] - x[4]).max() < 0.1
+    assert np.abs(found[:, 1] - x[5]).max() < 0.1
+
+
 def test_leakage_and_slots_follow_from_the_energy_of_the_field(
     motor: sf.Motor, inverter: sf.Inverter
 ) -> None:

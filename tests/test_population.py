@@ -138,6 +138,7 @@ def test_a_drive_at_few_kilohertz_holds_any_speed(number: int) -> None:
     assert outcome.angle < 15.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "course", "most"),
     [

@@ -494,6 +494,7 @@ class PlantState:
         load_torque: float,
         R_s: float,
         u_dc: float,
+        omega_load: float,
     ) -> PlantState: ...
     @property
     def t(self) -> float:
@@ -531,6 +532,9 @@ class PlantState:
     @property
     def u_dc(self) -> float:
         """dc-link voltage, V."""
+    @property
+    def omega_load(self) -> float:
+        """Speed of the load, mechanical rad/s: omega_m without an elastic coupling."""
     def __getnewargs__(self) -> tuple[complex, ...]: ...
     def __copy__(self) -> Self: ...
     def __deepcopy__(self, memo: dict[int, Any], /) -> Self: ...

@@ -227,6 +227,9 @@ class PlantOptions(TypedDict, total=False):
     """Use the motor's saturation curve, if it has one."""
     J_load: float
     """Inertia added to the motor's, kg·m²."""
+    coupling: tuple[float, float, float] | None
+    """Elastic coupling between motor and J_load: stiffness in N·m/rad, damping in N·m·s/rad and backlash in
+    rad; the load torque acts on J_load then, friction on the motor. None: it is rigid."""
     viscous: float
     """Viscous friction, N·m·s."""
     coulomb: float

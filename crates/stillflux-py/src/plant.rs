@@ -8,8 +8,8 @@ use stillflux::control::shunt::Pulses;
 use stillflux::params::{self, Machine, check, check_resistance};
 use stillflux::si::MeasurementSi;
 use stillflux_sim::{
-    DcLink, DeepBar, Encoder, EncoderFault, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, Shunt, SlotRipple,
-    Thermal, Truth,
+    Coupling, DcLink, DeepBar, Encoder, EncoderFault, Grid, IronLoss, LeakageSaturation, Mode, PlantParams, Shunt,
+    SlotRipple, Thermal, Truth,
 };
 
 use crate::convert::{
@@ -45,6 +45,7 @@ const OPTIONS: &[&str] = &[
     "seed",
     "saturation",
     "J_load",
+    "coupling",
     "viscous",
     "coulomb",
     "stribeck",
@@ -78,6 +79,11 @@ fn set(p: &mut PlantParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<bo
         "seed" => p.seed = extract(name, value)?,
         "saturation" => p.saturation = extract(name, value)?,
         "J_load" => p.mechanics.J_load = extract(name, value)?,
+        "coupling" => {
+            p.mechanics.coupling =
+                parts::<(f64, f64, f64)>(name, value, "stiffness in N·m/rad, damping in N·m·s/rad, backlash in rad")?
+                    .map(|(stiffness, damping, backlash)| Coupling { stiffness, damping, backlash });
+        }
         "viscous" => p.mechanics.viscous = extract(name, value)?,
         "coulomb" => p.mechanics.coulomb = extract(name, value)?,
         "stribeck" => p.mechanics.stribeck = extract(name, value)?,
@@ -260,6 +266,8 @@ plant_state! {
     R_s,
     /// dc-link voltage, V.
     u_dc,
+    /// Speed of the load, mechanical rad/s: omega_m without an elastic coupling.
+    omega_load,
 }
 
 /// Induction machine, inverter, sensors and shaft, resolved at every switching edge.

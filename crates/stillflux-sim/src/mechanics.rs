@@ -1,9 +1,11 @@
 //! Shaft: inertia, friction with stiction, or a dynamometer that imposes the speed.
 //!
 //! `J omega' = T - T_load - b omega - sign(omega) (T_c + T_st exp(-(omega/omega_st)²))`; at standstill the
-//! shaft sticks while `|T - T_load| <= T_c + T_st`.
+//! shaft sticks while `|T - T_load| <= T_c + T_st`. With a [`Coupling`] `J` is the machine's own inertia, and the torque of the
+//! coupling takes the place of `T_load`.
 #![allow(non_snake_case)]
 
+use crate::coupling::Coupling;
 use stillflux::params::{Machine, ParamError, check};
 
 /// Friction and inertia beyond the machine's own `J`, or an imposed speed.
@@ -11,6 +13,8 @@ use stillflux::params::{Machine, ParamError, check};
 pub struct Mechanics {
     /// Inertia of the load, kg·m², added to the machine's.
     pub J_load: f64,
+    /// Between the machine and `J_load`; `None`: it is rigid. Friction is the machine's then, the load torque acts on the load.
+    pub coupling: Option<Coupling>,
     /// Viscous friction, N·m·s.
     pub viscous: f64,
     /// Coulomb friction, N·m.
@@ -25,19 +29,33 @@ pub struct Mechanics {
 
 impl Default for Mechanics {
     fn default() -> Self {
-        Self { J_load: 0.0, viscous: 0.0, coulomb: 0.0, stribeck: 0.0, stribeck_speed: 1.0, speed: None }
+        Self {
+            J_load: 0.0,
+            coupling: None,
+            viscous: 0.0,
+            coulomb: 0.0,
+            stribeck: 0.0,
+            stribeck_speed: 1.0,
+            speed: None,
+        }
     }
 }
 
 impl Mechanics {
-    /// Checks every field against its admissible range.
+    /// Inertia that turns with the machine's shaft, kg·m².
+    fn inertia(&self, machine: &Machine) -> f64 {
+        machine.J + if self.coupling.is_some() { 0.0 } else { self.J_load }
+    }
+
+    /// Checks every field against its admissible range, for a control period in s.
     ///
     /// # Errors
     /// The first field found outside its range. Viscous friction leaves the shaft a time constant of at least 100 µs: it is
     /// integrated with the machine.
-    pub fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
+    pub fn validate(&self, machine: &Machine, period: f64) -> Result<(), ParamError> {
         check("J_load", self.J_load, 0.0, 1e6, "kg m^2")?;
-        check("viscous", self.viscous, 0.0, 1e4 * (machine.J + self.J_load), "N m s")?;
+        self.coupling.map_or(Ok(()), |c| c.validate(machine, self.J_load, period))?;
+        check("viscous", self.viscous, 0.0, 1e4 * self.inertia(machine), "N m s")?;
         check("coulomb", self.coulomb, 0.0, 1e6, "N m")?;
         check("stribeck", self.stribeck, 0.0, 1e6, "N m")?;
         check("stribeck_speed", self.stribeck_speed, 1e-4, 1e4, "rad/s")?;
@@ -58,8 +76,8 @@ pub(crate) struct Shaft {
 }
 
 impl Shaft {
-    pub fn new(mechanics: Mechanics, J_machine: f64) -> Self {
-        let J = J_machine + mechanics.J_load;
+    pub fn new(mechanics: Mechanics, machine: &Machine) -> Self {
+        let J = mechanics.inertia(machine);
         let mut s = Self { mechanics, inv_J: 1.0 / J, J, load: 0.0, dir: 0.0, stuck: false };
         s.restart(mechanics.speed.unwrap_or(0.0));
         s

@@ -10,6 +10,7 @@ use self::tolerance::Tolerance;
 use crate::adc::{Adc, ChannelFault, Converter};
 use crate::branches::{DeepBar, IronLoss};
 use crate::bridge::{Bridge, Feed, GateDelays};
+use crate::coupling::Load;
 use crate::dclink::{DcLink, Link};
 use crate::encoder::{Counter, Encoder, EncoderFault};
 use crate::link_energy::LinkEnergy;
@@ -121,7 +122,7 @@ impl PlantParams {
         // Below 10 µs of stray time constant the sub-steps would no longer be few.
         check("(R_s + r_d + R_R)/L_sigma", stray_rate(&self.machine, &self.inverter), 0.0, 1e5, "1/s")?;
         self.gate_delays.with(&self.inverter).validate(&self.inverter)?;
-        self.mechanics.validate(&self.machine)?;
+        self.mechanics.validate(&self.machine, 1.0 / self.inverter.f_s)?;
         self.adc.validate()?;
         for skew in self.adc.skew {
             check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s.max(self.inverter.f_c()), "s")?;
@@ -219,7 +220,7 @@ pub struct Truth {
     pub i_s: [f64; 2],
     /// Voltage at the machine's terminals, mean of the last period, V.
     pub u_s: [f64; 2],
-    /// Mechanical speed, rad/s.
+    /// Mechanical speed of the machine's shaft, rad/s.
     pub omega_m: f64,
     /// Shaft angle, not wrapped, mechanical rad.
     pub theta_m: f64,
@@ -227,6 +228,8 @@ pub struct Truth {
     pub torque: f64,
     /// Load torque during the last period, N·m.
     pub load_torque: f64,
+    /// Mechanical speed of the load, rad/s: that of the shaft but for an elastic coupling.
+    pub omega_load: f64,
     /// Resistance of the winding as it is now, without the bridge's `r_d`, Ω.
     pub R_s: f64,
     /// Dc-link voltage, V.
@@ -244,6 +247,9 @@ pub struct Plant {
     /// Potentials of the legs' nodes, if these have capacitance.
     nodes: Option<Nodes>,
     shaft: Shaft,
+    /// What an elastic coupling drives, and the load torque of the present period.
+    load: Option<Load>,
+    load_torque: f64,
     adc: Converter,
     x: State,
     f: Field,
@@ -328,7 +334,12 @@ impl Plant {
             circuit,
             bridge: Bridge::new(&inv, &params.gate_delays),
             nodes,
-            shaft: Shaft::new(params.mechanics, m.J),
+            shaft: Shaft::new(params.mechanics, &m),
+            load: params
+                .mechanics
+                .coupling
+                .map(|c| Load::new(c, params.mechanics.J_load, params.mechanics.speed.unwrap_or(0.0))),
+            load_torque: 0.0,
             adc: Converter::new(adc, params.seed),
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
             f: Field::default(),
@@ -390,7 +401,8 @@ impl Plant {
             let middle = 0.5 * self.period;
             shunt.instants = active.sample.map(|s| middle + self.bridge.half_width(s));
         }
-        let begin = self.begin(load_torque);
+        let length = f64::from(self.stretches) * self.period;
+        let begin = self.begin(load_torque, length);
         let taken = self.taken();
         let averaged = self.params.mode == Mode::Averaged && gates_on;
         for _ in 0..self.stretches {
@@ -406,7 +418,6 @@ impl Plant {
             }
         }
         self.rising = self.rising.map(|rising| !rising);
-        let length = f64::from(self.stretches) * self.period;
         let drawn = self.taken() - taken;
         if let Some(link) = &mut self.link {
             self.bridge.u_dc = link.advance(self.bridge.u_dc, drawn, length);
@@ -426,18 +437,25 @@ impl Plant {
 
     /// Applies a constant voltage vector to the terminals for `dt` seconds, past the bridge (and its `r_d`).
     pub fn step_voltage(&mut self, u_s: [f64; 2], dt: f64, load_torque: f64) {
-        let begin = self.begin(load_torque);
+        // A coupling has one torque in a control period.
+        let parts = if self.load.is_some() { (dt * self.params.inverter.f_s).ceil().max(1.0) } else { 1.0 };
+        let h = dt / parts;
         let r_d = std::mem::replace(&mut self.circuit.r_d, 0.0);
         self.circuit.set_R_s(self.circuit.R_s);
-        match self.circuit.kind() {
-            LINEAR => self.smooth::<LINEAR>(Feed::Voltage(u_s), dt),
-            SATURATING => self.smooth::<SATURATING>(Feed::Voltage(u_s), dt),
-            BRANCHED => self.smooth::<BRANCHED>(Feed::Voltage(u_s), dt),
-            _ => self.smooth::<FULL>(Feed::Voltage(u_s), dt),
+        let mut done = 0.0;
+        while done < parts {
+            done += 1.0;
+            let begin = self.begin(load_torque, h);
+            match self.circuit.kind() {
+                LINEAR => self.smooth::<LINEAR>(Feed::Voltage(u_s), h),
+                SATURATING => self.smooth::<SATURATING>(Feed::Voltage(u_s), h),
+                BRANCHED => self.smooth::<BRANCHED>(Feed::Voltage(u_s), h),
+                _ => self.smooth::<FULL>(Feed::Voltage(u_s), h),
+            }
+            self.finish(begin, h);
         }
         self.circuit.r_d = r_d;
         self.circuit.set_R_s(self.circuit.R_s);
-        self.finish(begin, dt);
     }
 
     /// A reading at the present instant. Every call draws fresh noise.
@@ -595,6 +613,7 @@ impl Plant {
             .map_err(|e| e.with_note("so much flux saturates the iron"))?;
         self.x = x;
         self.shaft.restart(omega_m);
+        self.load = self.params.mechanics.coupling.map(|c| Load::new(c, self.params.mechanics.J_load, omega_m));
         self.stale = true;
         self.refresh();
         Ok(())
@@ -632,8 +651,10 @@ impl Plant {
         self.nodes.map(|n| n.v)
     }
 
-    fn begin(&mut self, load_torque: f64) -> V2 {
-        self.shaft.load = load_torque;
+    fn begin(&mut self, load_torque: f64, dt: f64) -> V2 {
+        self.load_torque = load_torque;
+        let omega = self.x.omega;
+        self.shaft.load = self.load.as_mut().map_or(load_torque, |load| load.begin(omega, dt));
         (self.int_i, self.int_i2) = ([0.0; 2], 0.0);
         // Steps turn it on: no rounding may pile up.
         self.x.slot = self.circuit.slot(self.x.theta);
@@ -656,7 +677,10 @@ impl Plant {
         let R_s = self.circuit.R_s;
         self.truth.u_s = [w * (now[0] - psi[0]) + R_s * mean_i[0], w * (now[1] - psi[1]) + R_s * mean_i[1]];
         self.truth.omega_s = w * angle(psi, now);
-        self.truth.load_torque = self.shaft.load;
+        self.truth.load_torque = self.load_torque;
+        if let Some(load) = &mut self.load {
+            load.finish(self.x.omega, self.load_torque, dt);
+        }
         if let Some(thermal) = &self.params.thermal {
             let m = &self.params.machine;
             let load = R_s / m.R_s * w * self.int_i2 / (2.0 * m.I_N * m.I_N);
@@ -687,6 +711,7 @@ impl Plant {
         let t = &mut self.truth;
         (t.t, t.psi_s, t.psi_r, t.i_s) = (self.t, self.x.psi_s, self.circuit.psi_R(&self.x), self.f.i);
         (t.omega_m, t.theta_m, t.torque) = (self.x.omega, self.x.theta, self.f.torque);
+        t.omega_load = self.load.map_or(self.x.omega, |load| load.omega);
         (t.R_s, t.u_dc) = (self.circuit.R_s, self.bridge.u_dc);
     }
 }

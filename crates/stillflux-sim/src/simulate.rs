@@ -104,7 +104,9 @@ impl Change {
             Self::CurrentOffset(offset) => plant.adc.check_offset(offset),
             Self::StatorResistance(value) => check_resistance(*value),
             Self::DcLink(value) => check("u_dc", *value, 0.0, 10e3, "V"),
-            Self::Speed(value) => Mechanics { speed: *value, ..plant.mechanics }.validate(&plant.machine),
+            Self::Speed(value) => {
+                Mechanics { speed: *value, ..plant.mechanics }.validate(&plant.machine, 1.0 / plant.inverter.f_s)
+            }
             Self::RotorResistance(value) => {
                 PlantParams { machine: Machine { R_R: *value, ..plant.machine }, ..*plant }.validate()
             }
@@ -218,6 +220,7 @@ signals! {
     "omega_s", "rad/s", Real, |m| m.plant.truth().omega_s;
     "torque", "N m", Real, |m| m.plant.truth().torque;
     "load_torque", "N m", Real, |m| m.plant.truth().load_torque;
+    "omega_load", "rad/s", Real, |m| m.plant.truth().omega_load;
     "R_s", "ohm", Real, |m| m.plant.truth().R_s;
     "u_dc", "V", Real, |m| m.plant.truth().u_dc;
     "angle_error", "rad", Real, |m| angle_between(&m.plant.truth().psi_s, &m.estimate.psi_s);
