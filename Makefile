@@ -17,11 +17,12 @@ demo: build
 
 build: .venv/built
 
-$(BIN)/python:
+.venv/made:
 	$(PYTHON) -m venv .venv
+	touch $@
 
-# Most of what is installed is never imported: compiled to bytecode is what is.
-.venv/installed: requirements.lock | $(BIN)/python
+# Without bytecode: most of what is installed is never imported.
+.venv/installed: requirements.lock | .venv/made
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile -r requirements.lock
 	touch $@
 
@@ -29,7 +30,7 @@ $(BIN)/python:
 	$(BIN)/maturin develop --release --locked --quiet >/dev/null
 	touch $@
 
-test-rust: $(BIN)/python
+test-rust: .venv/made
 	cargo test --locked
 
 # One process a core; the tests of a file stay together, for the runs that they share. What is skipped is named.

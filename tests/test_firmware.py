@@ -57,8 +57,8 @@ def chain() -> Any:
         pytest.skip(str(missing))
 
 
-#: Images that the fast tests build: the enhanced scheme in both arithmetics, the published one in the one
-#: that its budget is for, with its additions and without.
+#: Images that the fast tests build: the enhanced scheme in f32 and q, the published one in f32 with what it
+#: has beyond the paper's drive and without.
 FAST = ("f32", "q", "paper f32", "plain paper f32")
 
 

@@ -5,7 +5,7 @@
 //! coupling takes the place of `T_load`.
 #![allow(non_snake_case)]
 
-use crate::coupling::Coupling;
+use crate::coupling::{Coupling, ElasticLoad};
 use stillflux::params::{Machine, ParamError, check};
 
 /// Friction and inertia beyond the machine's own `J`, or an imposed speed.
@@ -42,19 +42,23 @@ impl Default for Mechanics {
 }
 
 impl Mechanics {
+    /// What the coupling drives, if there is one, turning with a shaft at `omega`.
+    pub(crate) fn elastic_load(&self, omega: f64) -> Option<ElasticLoad> {
+        self.coupling.map(|coupling| ElasticLoad::new(coupling, self.J_load, omega))
+    }
+
     /// Inertia that turns with the machine's shaft, kg·m².
     fn inertia(&self, machine: &Machine) -> f64 {
         machine.J + if self.coupling.is_some() { 0.0 } else { self.J_load }
     }
 
-    /// Checks every field against its admissible range, for a control period in s.
+    /// Checks every field but the coupling's against its admissible range.
     ///
     /// # Errors
     /// The first field found outside its range. Viscous friction leaves the shaft a time constant of at least 100 µs: it is
     /// integrated with the machine.
-    pub fn validate(&self, machine: &Machine, period: f64) -> Result<(), ParamError> {
+    pub fn validate(&self, machine: &Machine) -> Result<(), ParamError> {
         check("J_load", self.J_load, 0.0, 1e6, "kg m^2")?;
-        self.coupling.map_or(Ok(()), |c| c.validate(machine, self.J_load, period))?;
         check("viscous", self.viscous, 0.0, 1e4 * self.inertia(machine), "N m s")?;
         check("coulomb", self.coulomb, 0.0, 1e6, "N m")?;
         check("stribeck", self.stribeck, 0.0, 1e6, "N m")?;

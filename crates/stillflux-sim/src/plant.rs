@@ -10,7 +10,7 @@ use self::tolerance::Tolerance;
 use crate::adc::{Adc, ChannelFault, Converter};
 use crate::branches::{DeepBar, IronLoss};
 use crate::bridge::{Bridge, Feed, GateDelays};
-use crate::coupling::Load;
+use crate::coupling::ElasticLoad;
 use crate::dclink::{DcLink, Link};
 use crate::encoder::{Counter, Encoder, EncoderFault};
 use crate::link_energy::LinkEnergy;
@@ -122,7 +122,10 @@ impl PlantParams {
         // Below 10 µs of stray time constant the sub-steps would no longer be few.
         check("(R_s + r_d + R_R)/L_sigma", stray_rate(&self.machine, &self.inverter), 0.0, 1e5, "1/s")?;
         self.gate_delays.with(&self.inverter).validate(&self.inverter)?;
-        self.mechanics.validate(&self.machine, 1.0 / self.inverter.f_s)?;
+        self.mechanics.validate(&self.machine)?;
+        if let Some(coupling) = self.mechanics.coupling {
+            coupling.validate(&self.machine, self.mechanics.J_load, 1.0 / self.inverter.f_s)?;
+        }
         self.adc.validate()?;
         for skew in self.adc.skew {
             check("adc_skew", skew, 0.0, 0.5 / self.inverter.f_s.max(self.inverter.f_c()), "s")?;
@@ -247,9 +250,8 @@ pub struct Plant {
     /// Potentials of the legs' nodes, if these have capacitance.
     nodes: Option<Nodes>,
     shaft: Shaft,
-    /// What an elastic coupling drives, and the load torque of the present period.
-    load: Option<Load>,
-    load_torque: f64,
+    /// What an elastic coupling drives.
+    elastic: Option<ElasticLoad>,
     adc: Converter,
     x: State,
     f: Field,
@@ -335,11 +337,7 @@ impl Plant {
             bridge: Bridge::new(&inv, &params.gate_delays),
             nodes,
             shaft: Shaft::new(params.mechanics, &m),
-            load: params
-                .mechanics
-                .coupling
-                .map(|c| Load::new(c, params.mechanics.J_load, params.mechanics.speed.unwrap_or(0.0))),
-            load_torque: 0.0,
+            elastic: params.mechanics.elastic_load(params.mechanics.speed.unwrap_or(0.0)),
             adc: Converter::new(adc, params.seed),
             x: State { omega: params.mechanics.speed.unwrap_or(0.0), ..State::default() },
             f: Field::default(),
@@ -438,7 +436,7 @@ impl Plant {
     /// Applies a constant voltage vector to the terminals for `dt` seconds, past the bridge (and its `r_d`).
     pub fn step_voltage(&mut self, u_s: [f64; 2], dt: f64, load_torque: f64) {
         // A coupling has one torque in a control period.
-        let parts = if self.load.is_some() { (dt * self.params.inverter.f_s).ceil().max(1.0) } else { 1.0 };
+        let parts = if self.elastic.is_some() { (dt * self.params.inverter.f_s).ceil().max(1.0) } else { 1.0 };
         let h = dt / parts;
         let r_d = std::mem::replace(&mut self.circuit.r_d, 0.0);
         self.circuit.set_R_s(self.circuit.R_s);
@@ -613,7 +611,7 @@ impl Plant {
             .map_err(|e| e.with_note("so much flux saturates the iron"))?;
         self.x = x;
         self.shaft.restart(omega_m);
-        self.load = self.params.mechanics.coupling.map(|c| Load::new(c, self.params.mechanics.J_load, omega_m));
+        self.elastic = self.params.mechanics.elastic_load(omega_m);
         self.stale = true;
         self.refresh();
         Ok(())
@@ -652,9 +650,9 @@ impl Plant {
     }
 
     fn begin(&mut self, load_torque: f64, dt: f64) -> V2 {
-        self.load_torque = load_torque;
+        self.truth.load_torque = load_torque;
         let omega = self.x.omega;
-        self.shaft.load = self.load.as_mut().map_or(load_torque, |load| load.begin(omega, dt));
+        self.shaft.load = self.elastic.as_mut().map_or(load_torque, |elastic| elastic.begin(omega, dt));
         (self.int_i, self.int_i2) = ([0.0; 2], 0.0);
         // Steps turn it on: no rounding may pile up.
         self.x.slot = self.circuit.slot(self.x.theta);
@@ -677,9 +675,8 @@ impl Plant {
         let R_s = self.circuit.R_s;
         self.truth.u_s = [w * (now[0] - psi[0]) + R_s * mean_i[0], w * (now[1] - psi[1]) + R_s * mean_i[1]];
         self.truth.omega_s = w * angle(psi, now);
-        self.truth.load_torque = self.load_torque;
-        if let Some(load) = &mut self.load {
-            load.finish(self.x.omega, self.load_torque, dt);
+        if let Some(elastic) = &mut self.elastic {
+            elastic.finish(self.x.omega, self.truth.load_torque, dt);
         }
         if let Some(thermal) = &self.params.thermal {
             let m = &self.params.machine;
@@ -711,7 +708,7 @@ impl Plant {
         let t = &mut self.truth;
         (t.t, t.psi_s, t.psi_r, t.i_s) = (self.t, self.x.psi_s, self.circuit.psi_R(&self.x), self.f.i);
         (t.omega_m, t.theta_m, t.torque) = (self.x.omega, self.x.theta, self.f.torque);
-        t.omega_load = self.load.map_or(self.x.omega, |load| load.omega);
+        t.omega_load = self.elastic.map_or(self.x.omega, |elastic| elastic.omega);
         (t.R_s, t.u_dc) = (self.circuit.R_s, self.bridge.u_dc);
     }
 }

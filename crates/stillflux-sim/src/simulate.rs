@@ -104,9 +104,7 @@ impl Change {
             Self::CurrentOffset(offset) => plant.adc.check_offset(offset),
             Self::StatorResistance(value) => check_resistance(*value),
             Self::DcLink(value) => check("u_dc", *value, 0.0, 10e3, "V"),
-            Self::Speed(value) => {
-                Mechanics { speed: *value, ..plant.mechanics }.validate(&plant.machine, 1.0 / plant.inverter.f_s)
-            }
+            Self::Speed(value) => Mechanics { speed: *value, ..plant.mechanics }.validate(&plant.machine),
             Self::RotorResistance(value) => {
                 PlantParams { machine: Machine { R_R: *value, ..plant.machine }, ..*plant }.validate()
             }
