@@ -30,8 +30,9 @@ build: .venv/built
 	$(BIN)/maturin develop --release --locked --quiet >/dev/null
 	touch $@
 
+# Cargo has jobs of its own: those of make would only make rustdoc warn.
 test-rust: .venv/made
-	cargo test --locked
+	MAKEFLAGS= cargo test --locked
 
 # One process a core; the tests of a file stay together, for the runs that they share. What is skipped is named.
 PYTEST := $(BIN)/python -m pytest -q -rs -n auto --dist loadfile --no-loadscope-reorder < /dev/null
